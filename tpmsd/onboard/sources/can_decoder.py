@@ -57,7 +57,7 @@ four wheels at once: where all stopped harder than they can, frames were frozen,
 
 
 def _place(signal: SignalPlan) -> int | str:
-    """Where a signal's faults count: its wheel, or its role."""
+    """Return the key under which a signal's faults are counted: its wheel, or its role."""
     return signal.role if signal.wheel is None else signal.wheel
 
 
@@ -74,9 +74,9 @@ class Group:
             (field.min_bytes, field.big_endian, field.shift, field.mask, signal, trackers.get(signal.role))
             for signal, field in ((signal, signal.field) for signal in plan.signals)
         )
-        """What the loop over a frame's signals needs, without looking it up for each frame."""
+        """Values that the loop over a frame's signals needs, without looking them up for each frame."""
         self.places = tuple(_place(signal) for signal in plan.signals)
-        """Where faults of the message count: at each of its wheels and roles."""
+        """Keys under which faults of the message are counted: its wheels and roles."""
         # Counters tell two senders by their jumps; of speeds the steps from frame to frame are compared.
         steps = (
             signal.gain if isinstance(trackers.get(signal.role), WheelSpeedIntegrator) else None
@@ -97,7 +97,7 @@ class Group:
 
 
 class _Witness:
-    """What the other wheels had done when a wheel's value stopped changing."""
+    """State of the other wheels when a wheel's value stopped changing."""
 
     __slots__ = ("others", "since_s")
 
@@ -145,7 +145,7 @@ class CanDecoder:
     def decode(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Event]:
-        """Events of one data frame (remote and error frames carry no data: do not pass them).
+        """Return events of one data frame (remote and error frames carry no data: do not pass them).
 
         `time_s`: host time stamp. CAN FD frames are decoded like classic ones.
         `bus`: 0 for the bus of [can], else the number of the further bus.
@@ -179,7 +179,7 @@ class CanDecoder:
         return out
 
     def ignores(self, arbitration_id: int, is_extended: bool, bus: int = 0) -> bool:
-        """Whether a frame carries nothing that is decoded."""
+        """Return whether a frame carries nothing that is decoded."""
         key = arbitration_id | EXTENDED if is_extended else arbitration_id
         return (bus << BUS_SHIFT | key if bus else key) not in self.plans
 
@@ -189,7 +189,7 @@ class CanDecoder:
         self.counts["ignored"] += frames
 
     def is_calm(self, time_s: float) -> bool:
-        """Whether no message can be overdue at this time: `poll` would say nothing."""
+        """Return whether no message can be overdue at this time: `poll` would say nothing."""
         return self._polled_s <= time_s < self._calm_until_s
 
     def _compare(self, condition: ConditionPlan, size: int, little: int, big: int) -> None:
@@ -202,12 +202,12 @@ class CanDecoder:
 
     @property
     def rolls(self) -> bool:
-        """Whether the values of all wheels change."""
+        """True if the values of all wheels change."""
         return all(tracker.still_since is None and not tracker.stuck for tracker in self._wheels)
 
     @property
     def rests(self) -> bool:
-        """Whether all wheels are counted and stand, and none has rolled since another one stopped: nothing is
+        """True if all wheels are counted and stand, and none has rolled since another one stopped: nothing is
         judged of them as long as no value changes."""
         return all(
             isinstance(tracker, WheelCounter) and tracker.stands and self._alone(tracker)
@@ -215,7 +215,7 @@ class CanDecoder:
         )
 
     def _alone(self, tracker: WheelCounter) -> bool:
-        """Whether no other wheel has rolled since this one stopped."""
+        """Return whether no other wheel has rolled since this one stopped."""
         witness = self._witnesses.get(tracker.wheel)
         return (
             witness is not None
@@ -225,7 +225,7 @@ class CanDecoder:
 
     @property
     def shared_faults(self) -> Counter[str]:
-        """By how much `counts`, summed over places, exceed the number of faulty frames, by kind."""
+        """Excess of `counts`, summed over wheels and roles, over the number of faulty frames, by kind."""
         return self._faults.shared
 
     def forget_calm(self) -> None:
@@ -233,13 +233,13 @@ class CanDecoder:
         self._polled_s = self._calm_until_s = -math.inf
 
     def clock_stepped(self) -> None:
-        """The host's clock was set back, as the stamps of all inputs together have shown."""
+        """Make the next frame look at every message, after frames were taken without a poll."""
         for group in self._groups:
             if group.arrival is not None:
                 group.arrival.clock_stepped()
 
     def poll(self, time_s: float) -> list[Event]:
-        """Time-outs at this time; each is reported once, until the message is back."""
+        """Return the time-outs at this time; each is reported once, until the message is back."""
         out: list[Event] = []
         if self._polled_s <= time_s < self._calm_until_s:
             return out

@@ -22,7 +22,7 @@ class FaultLog:
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self.shared: Counter[str] = Counter()
-        """By how much the sum over the places exceeds the number of faulty frames, by kind."""
+        """Excess of the sum over wheels and roles over the number of faulty frames, by kind."""
         self.jumps = 0
         """Readings of all wheels that could not follow the ones before."""
         self._reported_s: dict[str, float] = {}

@@ -51,7 +51,7 @@ class CanDown(TpmsdError, OSError):  # noqa: N818  (a state of the bus that pass
 
 
 class _Bus(Protocol):
-    """What is used of a python-can bus."""
+    """Members of a python-can bus that are used."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None: ...
 
@@ -138,7 +138,8 @@ class LiveCan:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
     def fileno(self) -> int | None:
-        """The descriptor that becomes readable with a frame; None where the backend has none: poll it."""
+        """Return the descriptor that becomes readable with a frame; None where the backend has none: poll
+        it."""
         if self._bus is None:
             return None
         try:
@@ -240,7 +241,7 @@ class LiveCan:
 
 
 def unpack_socketcan(packet: bytes, time_s: float, channel: str) -> CanFrame | None:
-    """A frame as the kernel hands it over (linux/can.h); None if the packet is none."""
+    """Return a frame as the kernel hands it over (linux/can.h); None if the packet is none."""
     if len(packet) not in (_CLASSIC_BYTES, _FD_BYTES):
         return None
     identifier, length, _, _, _ = _HEADER.unpack_from(packet)

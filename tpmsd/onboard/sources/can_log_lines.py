@@ -23,7 +23,7 @@ class LogLines:
         self.number = 0
         self.current = ""
         self.start_s = 0.0
-        """What the reader's time stamps count from."""
+        """Origin of the reader's time stamps."""
 
     def __iter__(self) -> Iterator[str]:
         return self
@@ -44,7 +44,7 @@ class LogLines:
 
     @property
     def closed(self) -> bool:
-        """Whether the end was reached."""
+        """True if the end was reached."""
         return self._file.closed
 
     def resume(self) -> None:
@@ -111,7 +111,7 @@ _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:\.(\d{1,9}))?(?:\s*([ap])\.?m)?"
 
 
 def _utf8(text: str) -> str:
-    """Text that was read as Latin-1, if it is UTF-8."""
+    """Return the text that was read as Latin-1, if it is UTF-8."""
     try:
         return text.encode("latin-1").decode("utf-8")
     except UnicodeDecodeError:
@@ -119,7 +119,8 @@ def _utf8(text: str) -> str:
 
 
 def asc_date_s(text: str) -> float | None:
-    """Epoch seconds of a date as ASC headers have it, in this machine's time zone; None if it is none.
+    """Return the epoch seconds of a date as ASC headers have it, in this machine's time zone; None if it is
+    none.
 
     'Mon Jul 1 10:00:00.123 2024', 'Mon Jul 1 03:00:00.123 pm 2024', and the same in German or French. A
     fraction of less than three digits is python-can's, which writes milliseconds without leading zeros.

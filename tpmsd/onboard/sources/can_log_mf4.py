@@ -20,7 +20,7 @@ _RECORDS_PER_MESSAGE = 1000
 
 
 def read_mf4(path: Path) -> Iterator[CanFrame]:
-    """All frames; the child ends with the iteration."""
+    """Yield all frames; the child ends with the iteration."""
     with Apart(f"{__name__}:send_frames", path) as child:
         while (message := child.receive()) is not None:
             at = 0

@@ -1,4 +1,4 @@
-"""Whether a message comes from one sender alone.
+"""Detection of a second sender of a message.
 
 In: the stamp of each frame that is used, the values of its wheels, and whether they jumped. Out: why the
 message, or one wheel of it, is not to be believed. Pure: the only clock is the frames' own.
@@ -30,13 +30,13 @@ LEARN_S = 10.0
 WINDOW_S, MIN_COUNT = 2.0, 5
 GRACE_S = 1.0
 GAP_S = 0.5
-"""After a silence of half a second a backlog may come at any rate, for a second."""
+"""Silence after which a backlog may come at any rate, for a second, s."""
 ACCEPT_S = 10.0
 ROUGHER = 3.0
 """Second differences this much greater than before are of two senders' values in turn."""
 _MEMORY, _USUAL_MEMORY = 1.0 / 32.0, 1.0 / 256.0
 _SURE_SHARE = 0.7
-"""With fewer tokens than this share the rate is odd already, and nothing is learned of what is usual."""
+"""Share of tokens below which the rate is irregular, so that the usual rate is not learned."""
 ODD_LEAK = 0.15
 """Share of jumps among the readings of a wheel that is borne; two senders in turn make it a half."""
 ODD_LIMIT = 8.0
@@ -63,7 +63,7 @@ class _Roughness:
         return self.now > ROUGHER * self.usual + 2.0 * self.resolution
 
     def settle(self) -> None:
-        """What it is now is usual."""
+        """Move the usual value towards the present one."""
         self.usual += _USUAL_MEMORY * (self.now - self.usual)
 
 
@@ -93,7 +93,7 @@ class SenderWatch:
     def __init__(self, resolutions: tuple[float | None, ...]) -> None:
         """`resolutions`: per signal of the message its step, or None where its values are not compared."""
         self.fast = False
-        """Whether more frames come than the sender ever sent."""
+        """True if more frames come than the sender ever sent."""
         self._period_s = 0.0
         """The known one; 0 until it is known."""
         self._fastest_s = self._lately_s = float("inf")
@@ -104,18 +104,19 @@ class SenderWatch:
         self._odd = [0.0] * len(resolutions)
         self._sound = [True] * len(resolutions)
         self.uneasy = False
-        """Whether something was odd lately: then every value is to be taken, else only odd ones."""
+        """True if something was irregular lately: then every value is to be taken, else only irregular
+        ones."""
         self._rough = tuple(None if step is None else _Roughness(step) for step in resolutions)
         self.compares = tuple(step is not None for step in resolutions)
         """Per signal, whether its values are compared from frame to frame."""
 
     @property
     def detail(self) -> str:
-        """What is known of the rate, for a fault's text."""
+        """Rate as far as it is known, for a fault's text."""
         return f"more than its {1.0 / self._period_s:.0f} frames a second" if self.fast else ""
 
     def copied(self) -> SenderWatch:
-        """One that goes its own way."""
+        """Return an independent copy."""
         other = copy.copy(self)
         other._odd, other._sound = self._odd.copy(), self._sound.copy()
         other._rough = tuple(copy.copy(rough) for rough in self._rough)
@@ -197,8 +198,8 @@ class SenderWatch:
         return place
 
     def _pass_calm(self, times_s: list[float], start: int) -> int:
-        """As `frame` for stamps from a place on, as long as the rate is known and they keep to it; for how
-        many."""
+        """Take stamps from an index on as `frame` does, as long as the rate is known and they keep to it;
+        return their number."""
         period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
         window_s, passed = self._window_s, 0
         if not period_s or self.fast:

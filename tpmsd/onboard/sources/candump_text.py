@@ -56,7 +56,7 @@ Bad = Callable[[int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class _Template:
-    """Where the parts of a line stand: columns of the stamp's digits, of identifier, data, and the rest."""
+    """Columns of the parts of a line: the stamp's digits, identifier, data, and the rest."""
 
     whole: NDArray[np.intp]
     fraction: NDArray[np.intp]
@@ -68,7 +68,7 @@ class _Template:
 
 
 def _template(line: str) -> _Template | None:
-    """Of a line's own places; None if it is no frame."""
+    """Return the template of a line from its own columns; None if it is no frame."""
     match = LINE.match(line)
     if match is None:
         return None
@@ -123,7 +123,7 @@ class _Rows:
         self.found[at] = True
 
     def block(self, first_line: int) -> FrameBlock:
-        """The rows that were filled; the first line given has the number `first_line`."""
+        """Return the rows that were filled; the first line given has the number `first_line`."""
         whole = FrameBlock(
             self.time_s,
             self.identifier,
@@ -138,8 +138,8 @@ class _Rows:
 
 
 def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
-    """The frames of whole lines (each with its line end); `bad` hears of those that are none, blank ones
-    aside, in their order."""
+    """Return the frames of whole lines (each with its line end); `bad` hears of those that are none, blank
+    ones aside, in their order."""
     raw = text.encode("latin-1")
     rows = _Rows(raw.count(b"\n"))
     if compiled is not None and _read_compiled(raw, rows):
@@ -186,7 +186,7 @@ def _read_compiled(raw: bytes, rows: _Rows) -> bool:
 def _hash_places(
     buffer: NDArray[np.uint8], starts: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """(lines,) place of the first '#' in each line; -1 where there is none."""
+    """Return (lines,) place of the first '#' in each line; -1 where there is none."""
     hashes = np.flatnonzero(buffer == ord("#"))
     if len(hashes) == len(starts) and bool(np.all((hashes > starts) & (hashes < ends))):
         return hashes - starts
@@ -253,7 +253,7 @@ def _read_alike(
 
 
 def _stamps(text: NDArray[np.uint8], digits: NDArray[np.uint8], template: _Template) -> FloatArray:
-    """(n,) the very numbers that `float` makes of the stamps; `text` (length, n), `digits` (d, n)."""
+    """Return (n,) the very numbers that `float` makes of the stamps; `text` (length, n), `digits` (d, n)."""
     count = len(digits)
     whole = _TENS[count - 1 :: -1] @ digits.astype(np.float64)
     if bool((whole < EXACT_BELOW).all()):

@@ -24,7 +24,7 @@ from tpmsd.onboard.sources.nmea_sentence import MAX_SPEED_MPS
 NAN = math.nan
 PREFIX = "gnss_"
 ALIVE_S = 1.0
-"""What stays the same is said again this often: a receiver at rest is no dead one."""
+"""Period at which unchanged values are reported again, s: a receiver at rest has not failed."""
 _UNIX_FROM_S = 1e8
 """A time above is Unix time, one below is a time of the day."""
 _EARTH_M = 6_371_000.0

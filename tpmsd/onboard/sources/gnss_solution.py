@@ -23,7 +23,7 @@ _MODE_LETTERS = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 8: "S"}
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a receiver says of one instant. NaN where it says nothing."""
+    """Solution of a receiver at one instant. NaN where it reports nothing."""
 
     utc_s: float = NAN
     """Unix seconds at which it is valid."""
@@ -45,7 +45,8 @@ class Solution:
 
 
 def sentences(solution: Solution) -> list[bytes]:
-    """The epoch as sentences without line ends, RMC first; empty if its time is unknown or impossible."""
+    """Return the epoch as sentences without line ends, RMC first; empty if its time is unknown or
+    impossible."""
     try:
         at = datetime.datetime.fromtimestamp(round(solution.utc_s, 6), tz=datetime.UTC)
     except (ValueError, OverflowError, OSError):

@@ -30,7 +30,7 @@ class LeapWatch(Generic[Item]):
 
     @property
     def calm(self) -> bool:
-        """Whether the last stamp was sound."""
+        """True if the last stamp was sound."""
         return self._before_s is not None and not self._doubted
 
     def even_to(self, time_s: FloatArray, start: int) -> int:
@@ -74,5 +74,5 @@ class LeapWatch(Generic[Item]):
 
 
 def _follows(before_s: float, time_s: float) -> bool:
-    """Whether a stamp goes on from another."""
+    """Return whether a stamp goes on from another."""
     return -BACKWARD_STEP_S <= time_s - before_s <= LEAP_S

@@ -214,7 +214,7 @@ def merge_readings(
     arrival_s: float = NAN,
     utc_s: float = NAN,
 ) -> GnssFix:
-    """One epoch's solution: each quantity from the sentence that knows it best.
+    """Return one epoch's solution: each quantity from the sentence that knows it best.
 
     Position from GGA, GNS, RMC, GLL in that order (only the first two know height and HDOP); speed from RMC,
     which has its own UTC, before VTG. If any sentence says that there is no solution, there is none.
@@ -254,7 +254,7 @@ def merge_readings(
 
 
 def _first(values: list[float]) -> float:
-    """The first that is finite; NaN if none is."""
+    """Return the first that is finite; NaN if none is."""
     return next((value for value in values if math.isfinite(value)), NAN)
 
 

@@ -14,7 +14,7 @@ _ANSWERS = bytes.fromhex("410d")
 
 
 def speed_answer_kmh(data: bytes) -> int | None:
-    """The speed that a frame states, 0 to 255 km/h; None where it is no such answer."""
+    """Return the speed that a frame states, 0 to 255 km/h; None where it is no such answer."""
     if len(data) < 4 or not 3 <= data[0] <= 7 or len(data) <= data[0]:
         return None
     return data[3] if data[1:3] == _ANSWERS else None

@@ -41,15 +41,15 @@ MAX_SPEED_MPS = 100.0
 MAX_REVERSE_MPS = 10.0
 MAX_ACCEL_MPS2 = 25.0
 MAX_GAP_S = 60.0
-"""After a longer silence the counter may have been reset without a trace: always a new segment."""
+"""Silence after which the counter may have been reset without a trace, s: always a new segment."""
 SLACK_BITS = 3.0
 """Quantisation of both ends, and the dither of a counter at rest on an edge."""
 SPEED_WINDOW_S = 0.1
 """The speed before is taken over this time: long enough for coarse rings and jittery time stamps."""
 REPEATED_BITS = 2.0
-"""The same value again is not a reading if the wheel must have moved by this much."""
+"""Rotation in bits from which an unchanged value is not a reading, as the wheel must have moved."""
 AGREEING = 6
-"""So many odd readings in a row that follow one another evenly are a wheel's all the same."""
+"""Number of irregular readings in a row that, consistent with each other, are taken as the wheel's."""
 STUCK_S = 0.5
 STUCK_BITS = 4.0
 """The other wheels have gone this far (in bits of this counter) while this one has not."""
@@ -139,12 +139,12 @@ class WheelCounter:
 
     @property
     def stopped_impossibly(self) -> bool:
-        """Whether the value stopped changing while the wheel must have turned on."""
+        """True if the value stopped changing while the wheel must have turned on."""
         return self._withheld and not self._released
 
     @property
     def stands(self) -> bool:
-        """Whether the value stands still and is a reading all the same: the wheels together have shown that
+        """True if the value stands still and is a reading all the same: the wheels together have shown that
         the car stands."""
         return self.still_since is not None and self._released and not self.stuck
 
@@ -275,7 +275,7 @@ class WheelCounter:
             self._suspect = self._held = None
 
     def is_stuck(self, time_s: float, others_m: list[float]) -> bool | None:
-        """Whether the value stands still while the wheel turns; None: too early to tell.
+        """Return whether the value stands still while the wheel turns; None: too early to tell.
 
         `others_m`: ways that the other wheels have rolled since `still_since`. Two of them must have moved
         (one, if there is but one): a single one may be spinning on ice.
@@ -287,11 +287,11 @@ class WheelCounter:
         return moved >= min(2, max(1, len(others_m)))
 
     def is_a_way(self, way_m: float) -> bool:
-        """Whether another wheel has rolled so far that this one cannot stand with it."""
+        """Return whether another wheel has rolled so far that this one cannot stand with it."""
         return abs(way_m) >= STUCK_BITS * self.m_per_bit
 
     def mark_stuck(self) -> None:
-        """No samples until the value changes; that begins a new segment."""
+        """Give no samples until the value changes; that begins a new segment."""
         self.stuck = True
         self._suspect = self._held = None
 
@@ -300,7 +300,7 @@ class WheelCounter:
         self._released = True
 
     def _possible(self, interval: float, period_s: float) -> tuple[int, float]:
-        """Least (rounded up) and greatest number of bits that the wheel can have moved."""
+        """Return the least (rounded up) and greatest number of bits that the wheel can have moved."""
         # The sender's clock ticks on when a frame is held up, and its count may be a period old.
         stamp_s = interval if period_s <= 0.0 else period_s + abs(interval - period_s)
         limit = self._max_speed * (interval + (period_s if period_s > 0.0 else interval))
@@ -322,7 +322,8 @@ class WheelCounter:
         return math.ceil(low), high
 
     def _slack(self, interval: float) -> float:
-        """By how many bits the way may differ from speed times interval: acceleration and quantisation."""
+        """Return the difference in bits that distance and speed times interval may have: acceleration and
+        quantisation."""
         since = self._span + interval
         return 0.5 * self._accel * interval * since + SLACK_BITS + interval / self._span
 
@@ -367,7 +368,7 @@ class WheelCounter:
         out.append(RotationSample(time_s, self.wheel, angle, rad_per_bit, self.segment))
 
     def _accept_same(self, time_s: float, out: list[Event]) -> None:
-        """The same value again: a wheel that stands (or creeps), or a value that was not renewed."""
+        """Treat an unchanged value: the wheel stands (or creeps), or the value was not renewed."""
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
         self._same_s = time_s
@@ -408,7 +409,8 @@ class WheelCounter:
         self._begin(time_s, raw, out)
 
     def _agree(self, time_s: float, raw: int) -> bool:
-        """Whether the last readings, odd by the speed before, are those of one wheel at an even speed."""
+        """Return whether the last readings, odd by the speed before, are those of one wheel at an even
+        speed."""
         readings = self._implausible
         readings.append((time_s, raw))
         if len(readings) < AGREEING:
@@ -440,7 +442,7 @@ class WheelCounter:
         return True
 
     def _bits_from(self, start: int, raw: int, interval: float, period_s: float) -> int | None:
-        """The number of bits from one raw value to another; None if it is impossible or ambiguous."""
+        """Return the number of bits from one raw value to another; None if it is impossible or ambiguous."""
         low, high = self._possible(interval, period_s)
         bits = low + ((raw - start - low) % self._modulus)
         return bits if bits <= high < bits + self._modulus else None
@@ -485,7 +487,7 @@ class WheelCounter:
 
 
 def _window_starts(times: FloatArray, known: int) -> IntArray:
-    """Index of the last reading at least `SPEED_WINDOW_S` before each new one (n,), or 0.
+    """Return the index of the last reading at least `SPEED_WINDOW_S` before each new one (n,), or 0.
 
     `times` (known + n,): those of the `known` readings of the history, then of the new ones.
     """

@@ -61,7 +61,7 @@ class FrozenSpeeds:
         self._moving_s = self._turns = 0.0
 
     def judge(self, time_s: float) -> tuple[WheelSpeedIntegrator, ...]:
-        """The wheels that are found frozen with the frame at `time_s`."""
+        """Return the wheels that are found frozen with the frame at `time_s`."""
         still_s = -math.inf
         for tracker in self.trackers:
             since_s = tracker.still_since
@@ -72,7 +72,7 @@ class FrozenSpeeds:
         return self.trackers if self.take(time_s, still_s, self.trackers[0].speed_mps) else ()
 
     def copied(self) -> FrozenSpeeds:
-        """One that goes its own way."""
+        """Return an independent copy."""
         return copy.copy(self)
 
     def take(self, time_s: float, still_s: float, speed_mps: float) -> bool:
@@ -146,7 +146,8 @@ class WheelSpeedIntegrator:
 
     @property
     def stopped_impossibly(self) -> bool:
-        """As `WheelCounter`; here a speed that cannot be was not taken in the first place."""
+        """True if the value stopped changing while the wheel must have turned on, as in `WheelCounter`;
+        impossible speeds were rejected before."""
         return False
 
     def update(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
@@ -221,7 +222,7 @@ class WheelSpeedIntegrator:
         self._omega = self._suspect = None
 
     def is_stuck(self, time_s: float, others_m: list[float], others_change_mps: list[float]) -> bool | None:
-        """Whether the value stands still while the wheel's speed cannot; None: too early to tell.
+        """Return whether the value stands still while the wheel's speed cannot; None: too early to tell.
 
         `others_m` and `others_change_mps`: ways rolled and changes of speed of the other wheels since
         `still_since`. Two of them must speak against it (one, if there is but one).
@@ -238,11 +239,11 @@ class WheelSpeedIntegrator:
         return sum(abs(change) >= SETTINGS.frozen_mps for change in others_change_mps) >= needed
 
     def is_fine(self, step_radps: float) -> bool:
-        """Whether a signal of this resolution shows the noise that every wheel speed has."""
+        """Return whether a signal of this resolution shows the noise that every wheel speed has."""
         return abs(step_radps) * self.radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:
-        """No samples until the value changes; that begins a new segment."""
+        """Give no samples until the value changes; that begins a new segment."""
         self.stuck = True
         self._suspect = None
 
@@ -250,7 +251,7 @@ class WheelSpeedIntegrator:
         """The value may well be constant: nothing to do, its samples were never withheld."""
 
     def _follows(self, before: float, after: float, interval: float, period_s: float) -> bool:
-        """Whether a wheel can have changed its speed so; time stamps may be off by a period each."""
+        """Return whether a wheel can have changed its speed so; time stamps may be off by a period each."""
         if abs(after) * self.radius_m > MAX_SPEED_MPS:
             return False
         change = abs(after - before) * self.radius_m
