@@ -26,11 +26,12 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 
 SMOOTHING_S = 0.5
 RATE_SMOOTHING_S = 0.3
-"""Of the steering wheel's rate."""
+"""Time constant of the smoothing of the steering wheel's rate, s."""
 
 
 def left_alone(config: Config, model: ExtendedModel) -> list[str]:
-    """What of the model is not compensated, and why: one line per effect, for the user to see."""
+    """Return the effects of the model that are not compensated, with the reason: one line each, for the
+    user."""
     notes = []
     for effect in model:
         if (why := _why_not(config, effect)) is not None:
@@ -41,12 +42,12 @@ def left_alone(config: Config, model: ExtendedModel) -> list[str]:
 
 
 def _why_not(config: Config, effect: Effect) -> str | None:
-    """Why an effect must stay in the ticks; None if it is taken out."""
+    """Return the reason for which an effect must stay in the ticks; None if it is taken out."""
     return effect.not_compensated(frozenset(config.can.signals))
 
 
 def adjusted(config: Config, model: ExtendedModel) -> Config:
-    """The configuration with the model's constants in it: tracks, antenna position and latency."""
+    """Return the configuration with the model's constants in it: tracks, antenna position and latency."""
     front, rear = model.track_error_m()
     forward, left = model.antenna_offset_m()
     vehicle = dataclasses.replace(
@@ -94,7 +95,7 @@ class Compensation:
         self._steering_rate_radps = 0.0
 
     def apply(self, tick: Tick) -> Tick:
-        """The tick without the model's effects."""
+        """Return the tick without the model's effects."""
         yaw_rate = (tick.yaw_rate_radps - self._gyro_bias) / self._gyro_scale
         rotation = tick.rotation_rad * self._tooth_factor
         self._follow(tick, rotation, yaw_rate - self._yaw_error_radps)
@@ -154,7 +155,7 @@ class Compensation:
         self._steering_rad = angle
 
     def _motion(self, tick: Tick) -> Motion:
-        """The present moment as the catalogue takes it."""
+        """Return the present moment as the catalogue takes it."""
         speed = 0.0 if math.isnan(self._speed_mps) else self._speed_mps
         grade = math.asin(self._grade.sine)
         accel = self._accel_mps2
@@ -182,7 +183,7 @@ class Compensation:
 
 
 def _put_right(fix: Fix, course_error_rad: float, speed_error_mps: float) -> Fix:
-    """The fix without these errors; what it does not tell stays NaN."""
+    """Return the fix without these errors; what it does not tell stays NaN."""
     if course_error_rad == 0.0 and speed_error_mps == 0.0:
         return fix
     return dataclasses.replace(

@@ -42,7 +42,7 @@ class _Place:
     up: Vector
 
     def earth_centred(self, height_m: float) -> Vector:
-        """The point itself (m) at a height above the ellipsoid."""
+        """Return the point itself (m) at a height above the ellipsoid."""
         normal = WGS84_A_M / math.sqrt(1.0 - WGS84_E2 * self.sin_latitude**2)
         across = normal + height_m
         return (
@@ -54,7 +54,8 @@ class _Place:
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """Where the plane touches the ellipsoid (raised to the car's height), and where that is in the plane."""
+    """Point at which the plane touches the ellipsoid (raised to the car's height), and its coordinates in the
+    plane."""
 
     place: _Place
     height_m: float
@@ -74,7 +75,7 @@ class LocalPlane:
         self._anchor: _Anchor | None = None
         self._here: _Place | None = None
         self.anchors = 0
-        """How often the plane was laid on, the first time included."""
+        """Number of times that the plane was laid on, the first time included."""
 
     @property
     def rotation_rad(self) -> float:
@@ -91,7 +92,8 @@ class LocalPlane:
         return anchor.rotation_rad + math.atan2(_dot(here.east, north), _dot(here.east, east))
 
     def to_plane(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[float, float]:
-        """East and north (m) of a fix; (NaN, NaN) without a position. The fix becomes the present position.
+        """Return east and north (m) of a fix; (NaN, NaN) without a position. The fix becomes the present
+        position.
 
         An altitude of NaN, or one where no road is, leaves the scale at the last height.
         """
@@ -122,7 +124,7 @@ class LocalPlane:
     def to_plane_array(
         self, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
     ) -> FloatArray:
-        """(n, 2) east and north (m) of (n,) fixes in the order of the drive: n calls of `to_plane`.
+        """Return (n, 2) east and north (m) of (n,) fixes in the order of the drive: n calls of `to_plane`.
 
         Not vectorised inside: where the plane rolls on depends on all fixes before, at some 5 us each.
         """
@@ -130,8 +132,8 @@ class LocalPlane:
         return np.array([self.to_plane(*place) for place in places], dtype=np.float64).reshape(-1, 2)
 
     def heading_from_course(self, course_rad: float) -> float:
-        """Plane heading (counter-clockwise from the plane's east, in (-pi, pi]) of a course at the present
-        position.
+        """Return the plane heading (counter-clockwise from the plane's east, in (-pi, pi]) of a course at the
+        present position.
 
         The course is clockwise from true north, as NMEA has it. NaN before the first position or without a
         course.
@@ -157,7 +159,8 @@ def _horizon(latitude_rad: float, longitude_rad: float) -> _Place:
 
 
 def _arc_per_projection(offset: Vector, anchor: _Anchor) -> float:
-    """Length along the curved earth over its projection into the tangent plane (azimuthal equidistant)."""
+    """Return the length along the curved earth over its projection into the tangent plane (azimuthal
+    equidistant)."""
     radius = _MEAN_RADIUS_M + anchor.height_m
     flat = math.hypot(_dot(offset, anchor.place.east), _dot(offset, anchor.place.north))
     chord = math.sqrt(_dot(offset, offset))

@@ -42,7 +42,8 @@ MAX_HOLDBACK_S = 2.5
 MAX_PAUSE_S = 5.0
 """Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
 MAX_AHEAD_S = 1.0
-"""No fix arrives before it is valid; what the envelope of the clocks' offset may err is far less."""
+"""Time by which a fix may arrive before it is valid, at most, s; the error of the clocks' offset is far
+less."""
 MAX_MOVE_S = 0.03
 """A fix that missed its tick by no more than this is taken at the start of the next: 1 m on a motorway."""
 HOLD_S = {"ambient_temp": 120.0}
@@ -67,7 +68,7 @@ class _Placed(NamedTuple):
     """A fix that waits for its tick."""
 
     time_s: float
-    """When it was valid."""
+    """Time of validity, s."""
     lag_s: float
     """Arrival minus validity."""
     east_m: float
@@ -115,7 +116,7 @@ class Timeline:
         self._origin_s = 0.0
         self._index = 0
         self._due_s = -math.inf
-        """When the next tick is made; before the first event there is none."""
+        """Time at which the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
         self._planner: TickPlanner | None = None
         self._planned_ends_s: list[float] = []
@@ -174,7 +175,7 @@ class Timeline:
         return ticks
 
     def _add_fix(self, fix: GnssFix) -> list[Tick]:
-        """A fix bears the arrival of its epoch's first sentence, and comes when the last is in.
+        """Return a fix bears the arrival of its epoch's first sentence, and comes when the last is in.
 
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
@@ -221,7 +222,7 @@ class Timeline:
 
     @property
     def due_s(self) -> float:
-        """When the next tick is made; minus infinity before the first event."""
+        """Time at which the next tick is made; minus infinity before the first event."""
         return self._due_s
 
     @property
@@ -265,8 +266,8 @@ class Timeline:
         readings: Sequence[tuple[str, list[float], list[float]]],
         shift_s: float,
     ) -> None:
-        """As `add` of each sample, at stamps to which time has passed; of each wheel and each role (with
-        times and values, all finite) one at least. `shift_s`: logical time minus the host's then."""
+        """Add samples, as `add` of each, at stamps to which time has passed; of each wheel and each role
+        (with times and values, all finite) one at least. `shift_s`: logical time minus the host's then."""
         if shift_s:
             rotations = [run._replace(time_s=[at_s + shift_s for at_s in run.time_s]) for run in rotations]
         for run in rotations:
@@ -301,7 +302,7 @@ class Timeline:
         return self._inertial[role]
 
     def finish(self) -> list[Tick]:
-        """The ticks that the end of a recording completes."""
+        """Return the ticks that the end of a recording completes."""
         latest_s = self._clock.latest_s
         return [] if latest_s == -math.inf else self._emit(latest_s + self._holdback_s)
 
@@ -404,7 +405,7 @@ class Timeline:
         return valid
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
-        """The fixes valid in the tick, oldest first, with their place in it."""
+        """Return the fixes valid in the tick, oldest first, with their place in it."""
         if not self._fixes:
             return []
         due = sorted([one for one in self._fixes if one.time_s <= end], key=lambda one: one.time_s)
