@@ -28,7 +28,8 @@ from tpmsd.onboard.sinks.output_values import output_values
 from tpmsd.onboard.sources.signal_plan import can_filters
 
 LISTEN_S = 3.0
-"""No message of a car that runs comes more rarely and matters; longer than that a lamp need not wait."""
+"""Time of listening for other senders, s: relevant messages of a running car come more often, and a lamp need
+not wait longer."""
 CHANGE_GAP_S = 0.02
 """Changes are not sent closer than this, whatever flickers."""
 
@@ -82,7 +83,7 @@ class CanOutputs:
         return bool(self._outputs)
 
     def filters(self, bus: int) -> list[dict[str, Any]]:
-        """What lets others' frames under our identifiers through."""
+        """Return the filters that let others' frames under our identifiers through."""
         return [
             {
                 "can_id": out.identifier,
@@ -102,7 +103,7 @@ class CanOutputs:
         return f"[[can.output]] {out.label} is stopped: {out.stopped}"
 
     def frames(self, now_s: float, report: MonitorReport) -> dict[int, list[OutFrame]]:
-        """Bus -> the frames due at `now_s`; call once per tick."""
+        """Return the bus -> the frames due at `now_s`; call once per tick."""
         if not self._outputs:
             return {}
         if self._since_s is None or now_s < self._since_s:
@@ -126,7 +127,7 @@ class CanOutputs:
         return due
 
     def status(self) -> list[dict[str, Any]]:
-        """For the status document."""
+        """Return the values for the status document."""
         return [
             {
                 "message": out.label,
@@ -211,7 +212,7 @@ class _Filler:
             raise ConfigError(f"{where}: signals: two checksums")
 
     def data(self, values: Mapping[str, float], counter: int) -> list[bytes]:
-        """The frame's data."""
+        """Return the frame's data."""
         filled = dict(self._rest)
         for signal, option in self._given:
             if option.value != CHECKSUM:
@@ -243,7 +244,7 @@ def _physical(signal: Signal, raw: float) -> float:
 
 
 def _limited(signal: Signal, value: float) -> float:
-    """The value within what the signal's bits can hold, and within the DBC's limits."""
+    """Return the value within what the signal's bits can hold, and within the DBC's limits."""
     if signal.is_float:
         return value
     low = -(1 << (signal.length - 1)) if signal.is_signed else 0

@@ -30,7 +30,7 @@ class Notifier:
     def from_environment(
         cls, environment: Mapping[str, str] | None = None, pid: int | None = None
     ) -> Notifier:
-        """The notifier of systemd's variables; a watchdog meant for another process is left out."""
+        """Return the notifier of systemd's variables; a watchdog meant for another process is left out."""
         environment = os.environ if environment is None else environment
         pid = os.getpid() if pid is None else pid
         usec = environment.get("WATCHDOG_USEC", "")
@@ -40,13 +40,13 @@ class Notifier:
 
     @property
     def enabled(self) -> bool:
-        """Whether there is anybody to talk to."""
+        """True if there is anybody to talk to."""
         return self._address is not None
 
     @property
     def watchdog_period_s(self) -> float | None:
-        """How often to call `watchdog`: half the time-out, as sd_watchdog_enabled(3) advises; None if no
-        watchdog waits."""
+        """Period at which to call `watchdog`, s: half the time-out, as sd_watchdog_enabled(3) advises; None
+        if no watchdog waits."""
         if self._address is None or self._watchdog_usec is None:
             return None
         return self._watchdog_usec / 2e6
@@ -56,11 +56,11 @@ class Notifier:
         return self._send(["READY=1", *self._status(status)])
 
     def status(self, text: str) -> bool:
-        """One line for `systemctl status`."""
+        """Return one line for `systemctl status`."""
         return self._send(self._status(text))
 
     def watchdog(self) -> bool:
-        """The estimator advances; call it only then."""
+        """Return the estimator advances; call it only then."""
         return self._send(["WATCHDOG=1"])
 
     def stopping(self, status: str = "") -> bool:

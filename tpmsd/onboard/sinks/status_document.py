@@ -31,10 +31,10 @@ from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 
 
 class SourceState(StrEnum):
-    """How an input is."""
+    """State of an input."""
 
     OFF = "off"
-    """Not configured."""
+    """Input that is not configured."""
     WAITING = "waiting"
     """Open, but nothing usable has come yet."""
     OK = "ok"
@@ -58,7 +58,7 @@ class SourceHealth:
     age_s: float = math.nan
     """Time since the last frame or fix."""
     detail: str = ""
-    """Why it is not well, in a few words."""
+    """Reason for which it does not work, in a few words."""
     faults_last_minute: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -82,7 +82,7 @@ def build_status(
     resonance: Sequence[ResonanceStatus] | None = None,
     last_known: Mapping[str, tuple[float, WheelReport]] | None = None,
 ) -> dict[str, Any]:
-    """The document; `report` and `estimate` are None until the first tick.
+    """Return the document; `report` and `estimate` are None until the first tick.
 
     `last_known`: of each wheel its last report with a change, and the time of that.
     `resonance`: of each wheel in the order of WHEELS; None where nobody listens.
@@ -129,7 +129,8 @@ ALL_FOUR = (
 
 
 def _watch(report: MonitorReport) -> dict[str, Any]:
-    """Which wheels are watched, which are not and why, and what a loss of all four is seen by."""
+    """Return the wheels that are watched, those that are not with the reason, and the means by which a loss
+    of all four is detected."""
     malfunctions = [alarm for alarm in report.active if alarm.kind is AlarmKind.MALFUNCTION]
     not_watched = {}
     for wheel in report.wheels:
@@ -153,7 +154,7 @@ LOW = 0.2
 
 
 def _sight(sight: Sight | None) -> dict[str, Any]:
-    """The smallest losses that would be seen now, and whose 20 % would not be."""
+    """Return the smallest losses that would be seen now, and whose 20 % would not be."""
     if sight is None:
         return {"smallest_loss_percent": None, "cannot_see": []}
     losses = {
@@ -172,7 +173,7 @@ def _sight(sight: Sight | None) -> dict[str, Any]:
 
 
 def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:
-    """Of the wheels that the bus has."""
+    """Return the resonances of the wheels that the bus has."""
     watched = [] if report is None else [wheel.wheel for wheel in report.wheels]
     return {name: status.to_json() for name, status in zip(WHEELS, resonance, strict=True) if name in watched}
 
@@ -192,7 +193,7 @@ def _wheel(wheel: WheelReport) -> dict[str, Any]:
 
 
 def _last(time_s: float, last: tuple[float, WheelReport] | None) -> dict[str, Any]:
-    """The last known change with its age; nulls while there was none."""
+    """Return the last known change with its age; nulls while there was none."""
     if last is None:
         return {"last_change_mm": None, "last_change_std_mm": None, "last_change_age_s": None}
     return {

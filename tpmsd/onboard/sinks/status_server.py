@@ -40,7 +40,7 @@ closed with unread bytes is a reset connection at the other end."""
 MAX_REQUEST_BYTES = 4096
 MAX_PENDING_BYTES = 65536
 SILENT_S = 1.0
-"""After so long without a word a client is given the status."""
+"""Time without a request after which a client is given the status, s."""
 REQUEST_S = 5.0
 """A request must be whole by then; so must the taking of an answer."""
 _ACCEPTS_PER_CALL = 32
@@ -67,7 +67,7 @@ class _Client:
     turned_away: bool = False
     """Came when all places were taken; is told so."""
     events: int = 0
-    """What the selector watches it for."""
+    """Events for which the selector watches it."""
 
 
 class StatusServer:
@@ -138,12 +138,12 @@ class StatusServer:
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of clients that are connected."""
         return len(self._clients)
 
     @property
     def watchers(self) -> int:
-        """How many wait for the next `publish`."""
+        """Number of clients that wait for the next `publish`."""
         return sum(client.watching for client in self._clients)
 
     def service(self, now_s: float) -> None:
@@ -265,7 +265,7 @@ class StatusServer:
             raise ValueError(why)
 
     def _explanation(self) -> bytes:
-        """Made anew for each who asks: few do."""
+        """Return made anew for each who asks: few do."""
         if self._explain is None:
             return _error_line("this daemon explains nothing")
         try:
@@ -327,7 +327,8 @@ class StatusServer:
 
 
 def _request(request: bytes) -> tuple[str, str | None]:
-    """What is asked (`status`, `watch` or `reset`), and of which tyres; ValueError says what is wrong."""
+    """Return the request (`status`, `watch` or `reset`) and its set of tyres; ValueError says what is
+    wrong."""
     if b"\n" not in request and len(request) > MAX_REQUEST_BYTES:
         raise ValueError(f"request longer than {MAX_REQUEST_BYTES} bytes")
     tyres = None
