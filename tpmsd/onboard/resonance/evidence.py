@@ -39,7 +39,7 @@ _COMMON_LOG = -0.5 * (_COMMON / COMMON_STD) ** 2
 
 
 def shift_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
-    """(len(SHIFTS),) log L(x) of one wheel, against that of a change nobody can know.
+    """Return (len(SHIFTS),) log L(x) of one wheel, against that of a change nobody can know.
 
     `then`, `now`: (frequencies, dampings) log likelihoods, 0 where a resonance would not be seen. Damping is
     the road contact's, the same at the same speed, so what is wrong with it then is wrong now and falls out.
@@ -56,21 +56,21 @@ def shift_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class ResonanceEvidence:
-    """What the resonances of a car's wheels say together."""
+    """Joint evidence of the resonances of a car's wheels."""
 
     wheels: tuple[int, ...]
     """The wheels it speaks of, as indices of `tpmsd.foundation.wheels.WHEELS`."""
     subsets: Mapping[tuple[int, ...], float]
-    """For every set of these wheels: log of (likelihood that just they are soft / that none is)."""
+    """Log-likelihood ratio for every set of these wheels: just they are soft, against none is."""
 
     @classmethod
     def silent(cls) -> ResonanceEvidence:
-        """Of no wheel: changes nothing."""
+        """Return the evidence of no wheel, which changes nothing."""
         return cls((), {(): 0.0})
 
     @classmethod
     def of(cls, shifts: Mapping[int, FloatArray]) -> ResonanceEvidence:
-        """From `shift_likelihood` of each wheel that has one."""
+        """Return the evidence from `shift_likelihood` of each wheel that has one."""
         wheels = tuple(sorted(shifts))
         if not wheels:
             return cls.silent()
@@ -103,7 +103,7 @@ class ResonanceEvidence:
 def fuse(
     log_weights: Mapping[tuple[int, ...], float], evidence: ResonanceEvidence
 ) -> dict[tuple[int, ...], float]:
-    """Posterior over sets of soft wheels, by other evidence and by the resonance.
+    """Return the posterior over sets of soft wheels, by other evidence and by the resonance.
 
     The two are taken to be independent given which wheels are soft.
     `log_weights`: log of prior times likelihood of each set, unnormalised. The result sums to one.
@@ -114,7 +114,7 @@ def fuse(
 
 
 def fused_probability(probability: float, log_ratio: float) -> float:
-    """A probability after independent evidence: its odds times the likelihood ratio."""
+    """Return a probability after independent evidence: its odds times the likelihood ratio."""
     if not 0.0 < probability < 1.0:
         return probability
     return 1.0 / (1.0 + math.exp(-(math.log(probability / (1.0 - probability)) + log_ratio)))
@@ -132,6 +132,6 @@ def _blurred(log_values: FloatArray, std: float) -> FloatArray:
 
 
 def _log_sum(logs: NDArray[np.floating[Any]], axis: int) -> FloatArray:
-    """log(sum(exp(logs))) along an axis."""
+    """Return log(sum(exp(logs))) along an axis."""
     top = logs.max(axis=axis, keepdims=True)
     return np.asarray(np.log(np.exp(logs - top).sum(axis=axis)) + np.squeeze(top, axis))

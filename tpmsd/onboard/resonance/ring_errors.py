@@ -43,7 +43,7 @@ class RingErrors:
         """True angle over the angle by the configured radius."""
 
     def remove(self, block: SpeedBlock) -> FloatArray:
-        """The block's speed without trend and harmonics, (n,) rad/s."""
+        """Return the block's speed without trend and harmonics, (n,) rad/s."""
         speed = block.speed_radps
         angle = (np.cumsum(speed) - 0.5 * speed) / block.rate_hz
         place = np.linspace(-1.0, 1.0, speed.size)
@@ -72,7 +72,7 @@ class RingErrors:
         self.scale = float(self._scales[best]) if clear else 1.0
 
     def to_json(self) -> float:
-        """The scale found, for the state file."""
+        """Return the scale found, for the state file."""
         return self.scale
 
     def restore(self, scale: float) -> None:

@@ -40,20 +40,21 @@ MEMORY_S = 300.0
 OFF_AFTER_S = 600.0
 """Without a resonance found in this time there is none to be found."""
 EDGE_NAMED = 0.94
-"""Of the highest frequency that can be seen: a peak beyond it is named as being too high."""
+"""Share of the highest frequency that can be seen, beyond which a peak is reported as being too high."""
 RATE_TOLERANCE = 0.02
 ODD_BLOCKS = 6
-"""So many blocks in a row at another rate are the signal's, not a moment's: everything is learned anew."""
+"""Number of blocks in a row at another rate after which the signal has changed: everything is learned
+again."""
 
 
 MAX_PAST = 64
 
 
 class ResonanceState(StrEnum):
-    """How it stands with one wheel."""
+    """State of the resonance of one wheel."""
 
     WAITING = "waiting"
-    """Not enough steady driving yet."""
+    """Too little steady driving yet."""
     OFF = "off"
     """The signal does not carry the resonance; `reason` says why."""
     LEARNING = "learning"
@@ -74,7 +75,7 @@ class ResonanceStatus:
     """Log of (likelihood soft / not soft)."""
 
     def to_json(self) -> dict[str, Any]:
-        """For status and report; numbers nobody knows are None."""
+        """Return plain values for status and report; numbers that are not known are None."""
         return {
             "state": str(self.state),
             "reason": self.reason,
@@ -91,9 +92,9 @@ class _Class:
 
     spectrum: Spectrum
     learned: Spectrum | None = None
-    """Of the sound tyre; None while it is being learned."""
+    """Spectrum of the sound tyre; None while it is being learned."""
     baseline: Peak | None = None
-    """What `learned` says."""
+    """Resonance in `learned`."""
     now: Peak | None = None
     unjudged_s: float = math.inf
     """Driving since the last fit."""
@@ -125,11 +126,11 @@ class ResonanceWatch:
 
     @property
     def evidence(self) -> ResonanceEvidence:
-        """What is known now; silent where nothing is."""
+        """Return the evidence now; silent where nothing is known."""
         return self._evidence
 
     def evidence_at(self, time_s: float) -> ResonanceEvidence:
-        """What was known by an instant; ask in the order of time.
+        """Return the evidence at an instant; ask in the order of time.
 
         A tick is made some time after its end, and by then a live run may have seen a frame more or less
         than a replay. What was known at its end is the same in both.
@@ -177,7 +178,7 @@ class ResonanceWatch:
         self._past.clear()
 
     def status(self) -> tuple[ResonanceStatus, ...]:
-        """One entry per wheel."""
+        """Return one entry per wheel."""
         return tuple(self._status(number) for number in range(len(WHEELS)))
 
     # -- per block -------------------------------------------------------------------------------------------
@@ -258,7 +259,7 @@ class ResonanceWatch:
 
     @staticmethod
     def _why_none(wheel: _Wheel, entry: _Class, reach_hz: float) -> str:
-        """Why a wheel that was driven long enough shows no resonance."""
+        """Return the reason for which a wheel that was driven long enough shows no resonance."""
         if entry.spectrum.is_rounding(wheel.rounding):
             return "the signal's resolution hides it"
         newest = entry.now
@@ -269,7 +270,7 @@ class ResonanceWatch:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Baselines as plain numbers."""
+        """Return baselines as plain numbers."""
         return {
             name: {
                 "rate_hz": wheel.rate_hz if math.isfinite(wheel.rate_hz) else None,
