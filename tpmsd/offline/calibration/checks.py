@@ -60,18 +60,18 @@ class Change:
     """Against the other wheels; of all together: against the receiver."""
     sigmas: float
     time_s: float
-    """By when it has come about."""
+    """Time at which the change is complete, s."""
 
     @property
     def telling(self) -> bool:
-        """Whether this is taken for a loss of pressure."""
+        """True if this is taken for a loss of pressure."""
         if self.wheel is None:  # tyres that warm up grow
             return self.sigmas > COMMON_SIGMA and self.relative < -MIN_COMMON_LOSS
         return self.sigmas > CHANGE_SIGMA and abs(self.relative) > MIN_CHANGE
 
     @property
     def words(self) -> str:
-        """What changed."""
+        """Return the change in words."""
         if self.wheel is None:
             return f"the radii of all wheels change by {self.relative:+.2%}"
         return f"the radius of wheel {WHEELS[self.wheel]} changes by {self.relative:+.2%} against the others"
@@ -143,7 +143,7 @@ def check_fit(recordings: list[Recording], fit: JointFit) -> None:
 
 
 def worst_change(recording: Recording, rows: Rows) -> Change:
-    """The most significant change within a drive: of one wheel against the others, or of all together.
+    """Return the most significant change within a drive: of one wheel against the others, or of all together.
 
     All wheels may change piecewise linearly over the drive; what is judged is how far one of them has come
     from the others at the end of each piece. Bends are left out: load transfer rules there. Against the
@@ -182,8 +182,8 @@ def _sizes(
     contrasts: FloatArray,
     time_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """(q,) contrasts (q, p) of the parameters that rows of innovations (k, 9) and columns (k, 9, p) give,
-    and how many standard deviations that is."""
+    """Return (q,) contrasts (q, p) of the parameters that rows of innovations (k, 9) and columns (k, 9, p)
+    give, and how many standard deviations that is."""
     mean, std = prior
     flat = X.reshape(-1, X.shape[2])
     covariance = np.linalg.inv(flat.T @ flat + np.diag(1.0 / np.square(std)))
@@ -205,7 +205,8 @@ def _sizes(
 
 
 def _contrasts(wheels: list[int]) -> tuple[FloatArray, list[int], list[int]]:
-    """(q, p) one wheel's change up to the end of a piece minus the mean of the others'; whose and which."""
+    """Return (q, p) one wheel's change up to the end of a piece minus the mean of the others'; whose and
+    which."""
     rows, wheel_of, piece_of = [], [], []
     for wheel in wheels:
         for piece in range(PIECES):

@@ -32,7 +32,7 @@ _FLOOR = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class PaperSettings:
-    """What the paper leaves to choose."""
+    """Settings that the paper leaves open."""
 
     iterations: int = 9
     alpha: float = 0.3
@@ -48,7 +48,7 @@ class PaperSettings:
 
 @dataclass(frozen=True)
 class PaperFit:
-    """Where the iteration ended."""
+    """Result of the iteration."""
 
     vehicle: Vehicle
     std_m: FloatArray
@@ -69,7 +69,7 @@ class _Drive:
     reference: ReferencePose
     block: np.ndarray
     pieces: list[slice]
-    """Of the ticks: as long as the paper's course each."""
+    """Pieces of the ticks: as long as the paper's course each."""
 
 
 def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettings | None = None) -> PaperFit:
@@ -111,7 +111,7 @@ def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettin
 
 
 def covariances(i: int, s: PaperSettings) -> tuple[FloatArray, FloatArray]:
-    """(3,) diagonals of P (10b) and M (10a) in iteration i, kept positive.
+    """Return (3,) diagonals of P (10b) and M (10a) in iteration i, kept positive.
 
     As printed, the heading's entry 0.1 - qP*i of (10b) is negative from the first iteration on. Here all
     three entries of P shrink alike, each from its own first value.
@@ -124,8 +124,8 @@ def covariances(i: int, s: PaperSettings) -> tuple[FloatArray, FloatArray]:
 def un_fused(
     revolutions: FloatArray, reference: ReferencePose, c: FloatArray, track_m: float, piece: slice
 ) -> FloatArray:
-    """(k + 1, 2) the two-wheel model integrated over k ticks from the reference pose before them, eqs (1),
-    (2)."""
+    """Return (k + 1, 2) the two-wheel model integrated over k ticks from the reference pose before them, eqs
+    (1), (2)."""
     way, turn = _inputs(revolutions[piece], c, track_m)
     at = piece.start
     heading = reference.heading_rad[at] + np.concatenate([[0.0], np.cumsum(turn)])
@@ -159,7 +159,7 @@ def _inputs(revolutions: FloatArray, c: FloatArray, track_m: float) -> tuple[Flo
 
 
 def _mean_error(drives: list[_Drive], c: FloatArray, track_m: float) -> float:
-    """Metres, over all poses of all pieces."""
+    """Return metres, over all poses of all pieces."""
     distances = []
     for drive in drives:
         place = np.stack([drive.reference.east_m, drive.reference.north_m], axis=1)
@@ -172,7 +172,7 @@ def _mean_error(drives: list[_Drive], c: FloatArray, track_m: float) -> float:
 def _normal_equations(
     drive: _Drive, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
+    """Return (b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
     reference = drive.reference
     r = np.stack([reference.east_m, reference.north_m, reference.heading_rad], axis=1)
     filtered = _filtered(drive, r, c, track_m, P, M)
@@ -194,7 +194,7 @@ def _normal_equations(
 def _filtered(
     drive: _Drive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> FloatArray:
-    """(n + 1, 3) poses by the EKF of eqs (4)-(7)."""
+    """Return (n + 1, 3) poses by the EKF of eqs (4)-(7)."""
     way, turn = _inputs(drive.revolutions, c, track_m)
     slip = drive.reference.side_slip_rad
     out = np.empty_like(r)
@@ -215,8 +215,8 @@ def _filtered(
 
 
 def _jackknife(A: FloatArray, b: FloatArray) -> FloatArray:
-    """(2, 2) covariance of the least-squares circumferences by leaving out one block of the drives at a
-    time."""
+    """Return (2, 2) covariance of the least-squares circumferences by leaving out one block of the drives at
+    a time."""
     count = len(A)
     if count < 3:
         return np.full((2, 2), math.nan)

@@ -30,7 +30,7 @@ LONG = 1.6
 def draw_calibration(
     found: Calibration, recordings: list[Recording], config: VehicleConfig, car: Vehicle
 ) -> Figure:
-    """The figure: tracks, radii by iteration, radii against the configured ones."""
+    """Return the figure: tracks, radii by iteration, radii against the configured ones."""
     from matplotlib.figure import Figure
 
     paths = {

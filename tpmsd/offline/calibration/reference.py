@@ -83,7 +83,8 @@ def _wrapped(angle: FloatArray) -> FloatArray:
 def _heading(
     recording: Recording, yaw: FloatArray, slip: FloatArray, start: FloatArray, speed: FloatArray
 ) -> FloatArray:
-    """(n + 1,) by a Kalman smoother over (heading, bias); `start` tells which turn an angle belongs to."""
+    """Return (n + 1,) by a Kalman smoother over (heading, bias); `start` tells which turn an angle belongs
+    to."""
     dt, count = recording.dt_s, len(yaw) + 1
     total, number = np.zeros(count), np.zeros(count)  # information and its product with the reading
     compass = recording.inertial.get("compass_rad")
@@ -112,7 +113,7 @@ def _heading(
 def _slip_per_accel(
     recording: Recording, heading: FloatArray, lateral: FloatArray, speed: FloatArray
 ) -> float:
-    """c of beta = -c * a_y, with the compass's own offset beside it."""
+    """Return c of beta = -c * a_y, with the compass's own offset beside it."""
     time_s, course = courses(recording)
     at = np.clip((time_s / recording.dt_s).astype(int), 0, len(lateral) - 1)
     moving = speed[at] > MOVING_MPS
@@ -127,7 +128,7 @@ def _slip_per_accel(
 def _smoothed_position(
     time_s: FloatArray, axle: FloatArray, accel: FloatArray, dt: float, count: int
 ) -> FloatArray:
-    """(n + 1, 2): each axis by a Kalman smoother over (position, velocity)."""
+    """Return (n + 1, 2): each axis by a Kalman smoother over (position, velocity)."""
     known = np.isfinite(axle).all(axis=1)
     place = np.clip(np.rint(time_s / dt).astype(int), 0, count - 1)[known]
     number = np.bincount(place, minlength=count) / POSITION_STD_M**2
@@ -156,7 +157,7 @@ def _smooth(
     reading: FloatArray,
     information: FloatArray,
 ) -> FloatArray:
-    """(n + 1, 2): Kalman filter and Rauch-Tung-Striebel smoother of two states, the first of which is
+    """Return (n + 1, 2): Kalman filter and Rauch-Tung-Striebel smoother of two states, the first of which is
     read."""
     count = len(reading)
     means, covariances = np.zeros((count, 2)), np.zeros((count, 2, 2))

@@ -1,4 +1,4 @@
-"""What one drive tells of its car, as a quadratic log-likelihood: the sufficient statistics of a calibration.
+"""Sufficient statistics of a calibration: the quadratic log-likelihood of the car's parameters on one drive.
 
 In: one `Recording` and the configured `Vehicle`. Out: `DriveStatistics`: information matrix and vector of the
 car's parameters, without what was believed beforehand, so that those of many drives may simply be added.
@@ -42,7 +42,8 @@ class DriveStatistics:
 def drive_statistics(
     recording: Recording, start: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> DriveStatistics:
-    """The statistics of one drive; `RefusedError` where it cannot be calibrated from, with the reason."""
+    """Return the statistics of one drive; `RefusedError` where it cannot be calibrated from, with the
+    reason."""
     check_recordings([recording], start)
     found = fit([recording], start, progress)
     check_fit([recording], found)
