@@ -1,4 +1,4 @@
-"""Who of the members of a cluster is which wheel: likelihoods of places, delays and names.
+"""Assignment of the members of a cluster to wheels: likelihoods of positions, delays and names.
 
 In: `Follower`s with their places. Out: `Assignment`.
 """
@@ -23,7 +23,7 @@ from tpmsd.offline.discovery.wheels import Follower
 @brief
 @dataclass(frozen=True, slots=True)
 class Role:
-    """Who plays a wheel."""
+    """Series that is taken for a wheel."""
 
     wheel: str
     follower: Follower
@@ -41,7 +41,7 @@ class Assignment:
     """'counts' or 'speeds'."""
     roles: tuple[Role, ...]
     pair_only: bool
-    """Only two wheels were found: the rear pair, as it is the only pair that can be monitored."""
+    """True if only two wheels were found: the rear pair, as it is the only pair that can be monitored."""
     left_right: float
     """Probability of the sides, given the four."""
     front_rear: float
@@ -54,7 +54,7 @@ def assign(
     settings: Settings = SETTINGS,
     match: Match | None = None,
 ) -> Assignment | None:
-    """Roles within one cluster; None if it holds no pair of wheels.
+    """Return roles within one cluster; None if it holds no pair of wheels.
 
     `anchor`: the receiver's own place against the common speed, as `_place_fit` has it. `match`: the
     platform whose bus this one looks like, as prior.
@@ -80,7 +80,7 @@ def _log_normal(x: float, mean: float, std: float) -> float:
 def _scores(
     members: Sequence[Follower], anchor: Fit | None, settings: Settings, match: Match | None
 ) -> FloatArray:
-    """(m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
+    """Return (m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
     zero, zero_std = (-float(anchor.value[0]), anchor.std(0)) if anchor else (0.0, 0.0)
     if not np.isfinite(zero) or abs(zero) > 1.5:
         zero, zero_std = 0.0, 0.5
@@ -115,7 +115,7 @@ def _scores(
 
 
 def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """Marginals over all ways to give the four roles to four members."""
+    """Return marginals over all ways to give the four roles to four members."""
     top = [list(np.argsort(-scores[:, k])[:6]) for k in range(4)]
     ways, weights = [], []
     for way in itertools.product(*top):
@@ -147,14 +147,14 @@ def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settin
 
 
 def _named(members: Sequence[Follower], way: Sequence[int], wheels: Sequence[str] = WHEELS) -> float:
-    """Names count once for all wheels: a DBC that has the sides wrong has them wrong throughout."""
+    """Return names count once for all wheels: a DBC that has the sides wrong has them wrong throughout."""
     named = [named_wheel(members[i].series.field.signal) for i in way]
     told = [(name, wheel) for name, wheel in zip(named, wheels, strict=True) if name is not None]
     return CLEAR if told and all(name == wheel for name, wheel in told) else 0.0
 
 
 def _axles(members: Sequence[Follower], way: Sequence[int], settings: Settings) -> float:
-    """Front wheels have the longer way in a bend, by half the square of the wheelbase."""
+    """Return front wheels have the longer way in a bend, by half the square of the wheelbase."""
     q = [members[i].curve_m2 for i in way]
     stds = [float(np.hypot(members[i].curve_std_m2, settings.curvature_floor_m2)) for i in way]
     front, spread = 0.5 * settings.wheelbase_m**2, settings.wheelbase_m * settings.wheelbase_std_m
@@ -167,7 +167,7 @@ def _axles(members: Sequence[Follower], way: Sequence[int], settings: Settings) 
 
 
 def _coherence(members: Sequence[Follower], way: Sequence[int]) -> float:
-    """Wheels of an axle come in one message, of one width, and equally late."""
+    """Return wheels of an axle come in one message, of one width, and equally late."""
     score = 0.0
     for left, right in ((0, 1), (2, 3)):
         one, other = members[way[left]].series.field, members[way[right]].series.field
@@ -186,7 +186,7 @@ def _coherence(members: Sequence[Follower], way: Sequence[int]) -> float:
 
 
 def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """The rear pair alone: the only pair that can be monitored."""
+    """Return the rear pair alone: the only pair that can be monitored."""
     ways, weights = [], []
     side = np.logaddexp(scores[:, (0, 1)], scores[:, (2, 3)]) - np.log(2.0)
     for way in itertools.permutations(range(len(members)), 2):

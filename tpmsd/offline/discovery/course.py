@@ -30,7 +30,7 @@ from tpmsd.offline.discovery.result import Estimate
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 _YAW_COLUMNS = (2, 3, 4)
-"""Of the design: those of the wheels' yaw rate itself, not of its integral."""
+"""Columns of the design that are the wheels' yaw rate itself, not its integral."""
 
 
 def course_fit(
@@ -40,7 +40,7 @@ def course_fit(
     latency: Estimate | None,
     settings: Settings = SETTINGS,
 ) -> Fit | None:
-    """Coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
+    """Return coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
 
     `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if it cannot be told.
     """
@@ -58,7 +58,7 @@ def _with_track(
     latency: Estimate | None,
     settings: Settings,
 ) -> Fit | None:
-    """The fit with yaw rates by this track."""
+    """Return the fit with yaw rates by this track."""
     yaw = difference / track_m
     with np.errstate(divide="ignore", invalid="ignore"):
         per_speed = yaw / speed
@@ -104,7 +104,7 @@ def _with_track(
 
 
 def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
-    """The design with the columns of the yaw rate by what the receiver's yaw rate tells of them.
+    """Return the design with the columns of the yaw rate by what the receiver's yaw rate tells of them.
 
     On a motorway a count of one wheel is as large as a cell's yaw rate, which would draw the coefficients of
     latency, antenna and side slip to zero, each by its own share. The receiver's errors are others:
@@ -135,13 +135,13 @@ def _unexplained(rows: FloatArray, target: FloatArray, told: Fit) -> float:
 
 
 def _integral(value: FloatArray, settings: Settings) -> FloatArray:
-    """(n,) integral up to the middle of each cell."""
+    """Return (n,) integral up to the middle of each cell."""
     known = np.where(np.isfinite(value), value, 0.0)
     return settings.cell_s * (np.cumsum(known) - 0.5 * known)
 
 
 def _stretches(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.int64]]:
-    """Cells of each run without a gap within a block."""
+    """Return cells of each run without a gap within a block."""
     begins = np.concatenate([[True], ~usable[:-1] | (np.diff(block) != 0)])
     number = np.cumsum(begins)
     cells = np.flatnonzero(usable)

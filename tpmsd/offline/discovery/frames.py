@@ -41,7 +41,7 @@ class MessageLog:
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 2 else float("inf")
 
     def held(self, selectors: Sequence[tuple[BitField, frozenset[int]]]) -> MessageLog:
-        """The frames of one branch of the multiplexers; all where there are none."""
+        """Return the frames of one branch of the multiplexers; all where there are none."""
         if not selectors:
             return self
         kept = np.ones(len(self.time_s), dtype=np.bool_)
@@ -50,7 +50,7 @@ class MessageLog:
         return MessageLog(self.key, self.time_s[kept], self.data[kept])
 
     def bits(self, place: BitField) -> RawArray:
-        """(n,) raw bits of a field; ValueError if the payload does not hold it."""
+        """Return (n,) raw bits of a field; ValueError if the payload does not hold it."""
         return raw_bits(place, self.data)
 
 
@@ -98,11 +98,11 @@ class BusLog:
         return self.channels.index(channel)
 
     def keys(self) -> frozenset[int]:
-        """Of all messages."""
+        """Return the keys of all messages."""
         return frozenset(self._messages)
 
     def messages(self, copies: bool = False) -> dict[int, MessageLog]:
-        """What was gathered, by key, in order of buses and identifiers; stamps sorted.
+        """Return the messages by key, in order of buses and identifiers; stamps sorted.
 
         `copies`: also what a gateway copies from one bus to another, or two interfaces record of one bus;
         else it is given once.
@@ -121,7 +121,7 @@ class BusLog:
 
 
 def _copies(one: MessageLog, other: MessageLog) -> bool:
-    """Whether a message of another bus says the same."""
+    """Return whether a message of another bus says the same."""
     if one.data.shape[1] != other.data.shape[1]:
         return False
     sample = one.data[:: 1 + len(one.data) // SETTINGS.compared_payloads]

@@ -30,7 +30,7 @@ from tpmsd.offline.discovery.wheels import Follower, drag_slip_std
 
 
 def driven_axle(assignment: Assignment) -> tuple[str, float] | None:
-    """The axle that turns faster under drive force, and how sure that is; None for a pair alone."""
+    """Return the axle that turns faster under drive force, and how sure that is; None for a pair alone."""
     if assignment.pair_only:
         return None
     slip = [role.follower.slip for role in assignment.roles]
@@ -77,7 +77,7 @@ class CarGeometry:
             self.gnss["antenna_left_m"] = Estimate(place.value * share, place.std * share)
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
-        """Speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
+        """Return the speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
         track = self.geometry.get("track_rear_m")
         difference = self._difference
         if self._course is not None and track is not None:
@@ -159,7 +159,8 @@ class CarGeometry:
 
 
 def per_metre(followers: Sequence[Follower]) -> tuple[float, float]:
-    """Mean counts (as the DBC scales them) per metre over wheels, and the standard deviation of the mean."""
+    """Return the mean counts (as the DBC scales them) per metre over wheels, and the standard deviation of
+    the mean."""
     values = np.array([one.per_mps * abs(one.series.field.scale) for one in followers])
     spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
     return float(values.mean()), max(spread / math.sqrt(len(values)), 1e-3 * float(values.mean()))

@@ -69,7 +69,7 @@ def prepare(
 
 
 def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
-    """A cheap look at a field of raw frames: does its number follow the speed, or does it count?"""
+    """Return a cheap look at a field of raw frames: does its number follow the speed, or does it count?"""
     at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
     at = at[(at > 0) & (at < len(raw))]
     speed = np.interp(log.time_s[at], reference.edge_s[:-1], np.nan_to_num(reference.speed_mps))
@@ -85,7 +85,7 @@ def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
 
 
 def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
-    """Every signal of the DBC whose message is in the log, on each bus that carries it."""
+    """Return every signal of the DBC whose message is in the log, on each bus that carries it."""
     found = []
     here: dict[int, list[int]] = {}
     for key in logs:

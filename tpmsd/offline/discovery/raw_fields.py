@@ -22,13 +22,13 @@ MIN_BITS, MAX_BITS = 6, 33
 
 
 def message_name(key: int) -> str:
-    """`ID_0B0`: the identifier in hexadecimal."""
+    """Return `ID_0B0`: the identifier in hexadecimal."""
     number = key & (1 << BUS_SHIFT) - 1
     return f"ID_{number & ~EXTENDED:08X}" if key & EXTENDED else f"ID_{number:03X}"
 
 
 def flip_rates(log: MessageLog) -> FloatArray:
-    """(bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
+    """Return (bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
     data = log.data[: SETTINGS.flip_sample, :MOST_BYTES]
     flips = np.unpackbits(data[1:] ^ data[:-1], axis=1, bitorder="little").reshape(
         len(data) - 1, data.shape[1], 8
@@ -37,7 +37,7 @@ def flip_rates(log: MessageLog) -> FloatArray:
 
 
 def raw_fields(log: MessageLog) -> list[Field]:
-    """Candidates for numbers in one message."""
+    """Return candidates for numbers in one message."""
     if len(log.data) < 50:
         return []
     rates = flip_rates(log)
@@ -87,14 +87,15 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
 
 
 def _alive_bits(rates: FloatArray) -> int:
-    """Bits of an alive counter at the low end of a run: they flip in every frame, every second one, ..."""
+    """Return bits of an alive counter at the low end of a run: they flip in every frame, every second one,
+    ..."""
     halving = np.abs(rates * 2.0 ** np.arange(len(rates)) - 1.0) < SETTINGS.flip_halving
     return len(rates) if halving.all() else int(np.argmin(halving))
 
 
 def _parts(start: int, length: int, alive: int) -> list[tuple[int, int]]:
-    """Fields to try: the whole run, what stands above an alive counter of so many bits, and parts that begin
-    or end at bytes, where fast top bits hide the end."""
+    """Return fields to try: the whole run, what stands above an alive counter of so many bits, and parts that
+    begin or end at bytes, where fast top bits hide the end."""
     end = start + length
     starts = {start, start + alive, *range(-(-start // 8) * 8, end, 8)}
     ends = {end, *range(-(-start // 8) * 8, end, 8)}
@@ -129,7 +130,7 @@ def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Fi
 
 
 def _motorola_start(byte: int, bit: int, bits: int) -> int:
-    """DBC number of the highest bit of a big-endian field by its lowest."""
+    """Return DBC number of the highest bit of a big-endian field by its lowest."""
     place = 8 * byte + bit
     for _ in range(bits - 1):
         place = place + 1 if place % 8 < 7 else place - 15

@@ -1,4 +1,4 @@
-"""What a drive says against a configuration.
+"""Evidence of a drive against a configuration.
 
 In: the configuration, its DBC, frames and fixes. Out: `Suspicion`s with key, probability and what to write
 instead.
@@ -55,7 +55,7 @@ def suspicions(
     fixes: Sequence[GnssFix],
     settings: Settings = SETTINGS,
 ) -> list[Suspicion]:
-    """All of them, the surest first; of several of the same key and kind the surest."""
+    """Return all of them, the surest first; of several of the same key and kind the surest."""
     found: list[Suspicion] = []
     fields = configured_fields(config, database, log)
     frames = configured_frames(config, database, log, fields)
@@ -79,7 +79,7 @@ def suspicions(
 def _aligned(
     config: Config, fields: dict[str, Field], frames: dict[str, MessageLog], fixes: Sequence[GnssFix]
 ) -> tuple[Sequence[GnssFix], Suspicion | None]:
-    """The fixes on the frames' clock, and the suspicion where they were not."""
+    """Return the fixes on the frames' clock, and the suspicion where they were not."""
     role = next((r for r in frames if r.startswith("wheel_")), None)
     reference = make_reference(fixes)
     if role is None or len(reference.fix_s) < 10 or not len(frames[role].time_s):
@@ -123,7 +123,8 @@ def _aligned(
 def _read(
     fields: Mapping[str, Field], frames: Mapping[str, MessageLog], edges: FloatArray
 ) -> dict[str, Series]:
-    """Role -> its readings over the cells; roles that stay the same or cannot be read are left out."""
+    """Return a mapping role -> its readings over the cells; roles that stay the same or cannot be read are
+    left out."""
     read = {}
     for role, log in frames.items():
         raw = log.bits(fields[role].place)
@@ -164,7 +165,7 @@ def _wheels(
 
 
 def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
-    """Counts per metre against teeth and radius; a speed against its unit."""
+    """Return counts per metre against teeth and radius; a speed against its unit."""
     wheel = WHEELS.index(role[-2:])
     radius = config.vehicle.wheel_radius_m[wheel]
     if one.series.kind == "count":
@@ -197,7 +198,7 @@ def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
 
 
 def _against(error: float, std: float) -> float:
-    """Probability that an error is not one of a right file."""
+    """Return the probability that an error is not one of a right file."""
     right = norm.logpdf(error, 0.0, std)
     wrong = norm.logpdf(error, 0.0, SETTINGS.wrong_scale_std) if abs(error) < 0.3 else 0.0
     return min(0.999, float(1.0 / (1.0 + 9.0 * math.exp(min(right - wrong, 50.0)))))
@@ -286,7 +287,7 @@ def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
 def _other_signals(
     config: Config, read: Mapping[str, Series], reference: Reference, speed: FloatArray
 ) -> list[Suspicion]:
-    """Sign and size of the other roles against the car's motion, by receiver and wheels."""
+    """Return the sign and size of the other roles against the car's motion, by receiver and wheels."""
     accel = np.full(len(speed), np.nan)
     accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * SETTINGS.cell_s)
     steering = config.vehicle.wheelbase_m * (config.vehicle.steering_ratio or math.nan)
@@ -330,7 +331,8 @@ def _other_signals(
 
 
 def _wrong_size(role: str, key: str, unit: str, gain: float, sure: float) -> Suspicion:
-    """A signal that is `gain` times what it should be: by another unit of the role, or another scale."""
+    """Return a signal that is `gain` times what it should be: by another unit of the role, or another
+    scale."""
     factor, _ = to_si(role, unit)
     others = {other: to_si(role, other)[0] for other in allowed_units(role)}
     fitting = min(others, key=lambda other: abs(math.log(others[other] * gain / factor)))

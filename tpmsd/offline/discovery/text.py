@@ -1,4 +1,4 @@
-"""What was found as files: `vehicle.toml`, and a DBC for fields found in raw frames.
+"""Files of the result: `vehicle.toml`, and a DBC for fields found in raw frames.
 
 In: `Discovery`. Out: text.
 """
@@ -24,7 +24,7 @@ _USUAL = {
 
 
 def vehicle_text(found: Discovery, dbc: str) -> str:
-    """A configuration that `tpmsd check` accepts; what is undecided stands in comments."""
+    """Return a configuration that `tpmsd check` accepts; what is undecided stands in comments."""
     source = f"tpmsd init, {found.car}" if found.assignment is None else "tpmsd discover"
     lines = [f"# By {source}. Look over what is marked as undecided."]
     lines += [f"# undecided: {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
@@ -34,7 +34,7 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
 
 
 def _vehicle_table(found: Discovery) -> list[str]:
-    """The table [vehicle], with what was not measured marked."""
+    """Return the table [vehicle], with what was not measured marked."""
     lines = ["", "[vehicle]"]
     radius = found.geometry.get("wheel_radius_m")
     lines.append(f"wheel_radius_m = {radius.value if radius else SETTINGS.radius_m:.4f}")
@@ -55,7 +55,7 @@ def _vehicle_table(found: Discovery) -> list[str]:
 
 
 def _can_tables(found: Discovery, dbc: str) -> list[str]:
-    """The tables of the buses and of the signals."""
+    """Return the tables of the buses and of the signals."""
     main = found.main_bus
     lines = ["", "[can]", 'interface = "socketcan"']
     lines += [f"channel = {json.dumps(found.channel(main))}", f"dbc = {json.dumps(dbc)}"]
@@ -71,7 +71,7 @@ def _can_tables(found: Discovery, dbc: str) -> list[str]:
 
 
 def _gnss_table(found: Discovery) -> list[str]:
-    """The table [gnss]: antenna and latency where they are well known."""
+    """Return the table [gnss]: antenna and latency where they are well known."""
     lines = ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
     for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
         place = found.gnss.get(key)
@@ -84,17 +84,17 @@ def _gnss_table(found: Discovery) -> list[str]:
 
 
 def further_buses(found: Discovery) -> list[int]:
-    """Numbers of the buses beside the main one that carry a signal."""
+    """Return numbers of the buses beside the main one that carry a signal."""
     return sorted({one.bus for one in found.roles.values()} - {found.main_bus})
 
 
 def dbc_of_bus(dbc: str, channel: str) -> str:
-    """Name of the DBC of a further bus, beside that of the main one: `bus.can1.dbc`."""
+    """Return the name of the DBC of a further bus, beside that of the main one: `bus.can1.dbc`."""
     return f"{dbc.removesuffix('.dbc')}.{channel}.dbc"
 
 
 def _signal(one: FoundRole, bus: str = "") -> str:
-    """The entry of a role; `bus`: name of the further bus that carries it."""
+    """Return the entry of a role; `bus`: name of the further bus that carries it."""
     name = json.dumps(one.field.signal)
     as_named = one.plain or _written_in_dbc(one)
     if as_named and not bus:
@@ -118,12 +118,12 @@ def _signal(one: FoundRole, bus: str = "") -> str:
 
 
 def _written_in_dbc(one: FoundRole) -> bool:
-    """Whether the DBC is our own and says it all."""
+    """Return whether the DBC is our own and says it all."""
     return one.field.message.startswith("ID_") and not one.modulus and not one.invalid
 
 
 def dbc_text(found: Discovery, bus: int | None = None) -> str:
-    """A DBC of the fields of a bus that have a role; messages are called by their identifiers.
+    """Return a DBC of the fields of a bus that have a role; messages are called by their identifiers.
 
     `bus`: by default the main one.
     """
