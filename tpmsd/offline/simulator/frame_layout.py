@@ -34,19 +34,19 @@ class SignalLayout:
     role: str = ""
 
     def raw_of(self, physical: FloatArray) -> IntArray:
-        """Nearest raw value, held at the signal's limits."""
+        """Return the nearest raw value, held at the signal's limits."""
         low, high = self.limits()
         raw = np.rint((physical - self.offset) / self.factor)
         return np.clip(raw, low, high).astype(np.int64)
 
     def limits(self) -> tuple[int, int]:
-        """Smallest and largest raw value."""
+        """Return the smallest and largest raw value."""
         if self.signed:
             return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
         return 0, (1 << self.bits) - 1
 
     def bit_places(self) -> list[int]:
-        """For each bit from the least significant: 8 * byte + bit within the byte."""
+        """Return the position of each bit from the least significant: 8 * byte + bit within the byte."""
         if not self.big_endian:
             return [self.start + k for k in range(self.bits)]
         places, place = [], self.start
@@ -68,7 +68,8 @@ class MessageLayout:
     length: int = 8
 
     def pack(self, raw: Mapping[str, IntArray], count: int) -> ByteArray:
-        """(count, length) payloads from raw values by signal name; signals that are not given are zero."""
+        """Return (count, length) payloads from raw values by signal name; signals that are not given are
+        zero."""
         out = np.zeros((count, self.length), dtype=np.uint8)
         for signal in self.signals:
             if signal.name not in raw:
@@ -80,7 +81,7 @@ class MessageLayout:
 
 
 def dbc_text(messages: Sequence[MessageLayout], with_periods: bool = True) -> str:
-    """The DBC file of these messages; many in the field leave the periods out."""
+    """Return the DBC file of these messages; many in the field leave the periods out."""
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     for message in messages:
         lines.append(f"BO_ {message.frame_id} {message.name}: {message.length} CAR")

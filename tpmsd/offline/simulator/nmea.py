@@ -16,7 +16,7 @@ _KNOT_MPS = 1852.0 / 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """What a receiver knows at one instant."""
+    """Solution of a receiver at one instant."""
 
     utc_s: float
     """Unix seconds."""
@@ -35,7 +35,7 @@ class Epoch:
 
 
 def with_checksum(body: str) -> str:
-    """`$body*hh` with the exclusive or of the body's bytes."""
+    """Return `$body*hh` with the exclusive or of the body's bytes."""
     check = 0
     for byte in body.encode("ascii"):
         check ^= byte
@@ -43,7 +43,7 @@ def with_checksum(body: str) -> str:
 
 
 def sentence(kind: str, epoch: Epoch, talker: str = "GN") -> str:
-    """One sentence of an epoch; `kind` is one of SENTENCES."""
+    """Return one sentence of an epoch; `kind` is one of SENTENCES."""
     return with_checksum(talker + _BODIES[kind](epoch))
 
 

@@ -35,7 +35,7 @@ from tpmsd.onboard.sources.signal_plan import (
 
 SUFFIXES = (".log", ".log.gz")
 DEFAULT_CHANNEL = "can0"
-"""Of frames whose log names none."""
+"""Channel of frames whose log names none."""
 AGAIN = 0.25
 """Share of a message's period within which the same bytes are the same frame, sent or recorded twice."""
 PROBED_S = 60.0
@@ -51,7 +51,7 @@ class Series:
     host_s: list[float] = field(default_factory=list)
     bits: list[int] = field(default_factory=list)
     again: list[bool] = field(default_factory=list)
-    """Whether the frame holds what the one before it held, to the last bit."""
+    """True if the frame holds the same bits as the one before it."""
     new: list[int] = field(default_factory=list)
     at: int = 0
     """The next one to be written."""
@@ -122,7 +122,7 @@ class CanRewriter:
                 series.bits.append(bits)
 
     def _groups(self, line: bytes) -> Iterator[tuple[int, CanFrame, SignalGroup]]:
-        """The groups of needed signals that a line's frame holds."""
+        """Yield the groups of needed signals that a line's frame holds."""
         frame = parse_candump_line(line.decode("latin-1").rstrip("\r\n"))
         if frame is None or frame.is_error or frame.is_remote:
             return
@@ -226,13 +226,14 @@ def put_bits(data: bytearray, place: BitField, bits: int) -> None:
 
 
 def float_bits(number: float, place: BitField) -> int:
-    """The bits of an IEEE 754 number of the field's length."""
+    """Return the bits of an IEEE 754 number of the field's length."""
     kind = {16: ">f2", 32: ">f4", 64: ">f8"}[place.length]
     return int.from_bytes(np.array(number, dtype=kind).tobytes(), "big")
 
 
 def lines_of(path: Path) -> Iterator[bytes]:
-    """The lines of a file, also of a compressed one, with their ends; one that is cut short ends there."""
+    """Yield the lines of a file, also of a compressed one, with their ends; one that is cut short ends
+    there."""
     try:
         with opened(path) as file:
             try:
@@ -245,7 +246,7 @@ def lines_of(path: Path) -> Iterator[bytes]:
 
 
 def frame_lines(path: Path) -> Iterator[bytes]:
-    """The frames of a log of any format as lines of candump."""
+    """Yield the frames of a log of any format as lines of candump."""
     for frame in read_can_log(path):
         identifier = f"{frame.arbitration_id:08X}" if frame.is_extended else f"{frame.arbitration_id:03X}"
         if frame.is_error:
@@ -257,14 +258,15 @@ def frame_lines(path: Path) -> Iterator[bytes]:
 
 
 def opened(path: Path) -> IO[bytes]:
-    """A file to read bytes from, unpacked where its name says so."""
+    """Return a file to read bytes from, unpacked where its name says so."""
     if path.name.lower().endswith(".gz"):
         return gzip.GzipFile(path, "rb")  # type: ignore[return-value]
     return path.open("rb")
 
 
 def opened_for_writing(path: Path) -> IO[bytes]:
-    """A file to write bytes to, compressed where its name says so, without the time of writing in it."""
+    """Return a file to write bytes to, compressed where its name says so, without the time of writing in
+    it."""
     try:
         if path.name.lower().endswith(".gz"):
             return gzip.GzipFile(path, "wb", mtime=0)  # type: ignore[return-value]
@@ -284,13 +286,13 @@ def copy_of(source: Path, target: Path) -> None:
 
 
 def _valid(number: int, bits: int, signal: SignalPlan) -> int:
-    """Bits of a number; those of the reading itself where they would mean that there is no value."""
+    """Return bits of a number; those of the reading itself where they would mean that there is no value."""
     made = number & signal.field.mask
     return bits if made in signal.invalid else made
 
 
 def _with_data(line: bytes, data: bytes) -> bytes:
-    """The line with other data, written in the digits (upper or lower case) that were there."""
+    """Return the line with other data, written in the digits (upper or lower case) that were there."""
     text = line.decode("latin-1")
     match = LINE.match(text.rstrip("\r\n"))
     assert match is not None

@@ -61,8 +61,8 @@ class NmeaRewriter:
     offset_s: float = 0.0
     """Added to the time of every line of a log without stamps, to be on the host's clock."""
     _left: dict[tuple[bytes, int], float] = field(default_factory=dict)
-    """By sentence and field, what rounding has left over: it is put into the next one, so that changes below
-    the last digit have their mean."""
+    """Remainder of rounding by sentence and field: it is added to the next one, so that changes below the
+    last digit have their mean."""
 
     def rewrite(self, source: Path, target: Path) -> bool:
         """Write the log with the effects; whether anything is different. Where nothing is, it is a copy.
@@ -177,7 +177,7 @@ class NmeaRewriter:
             fields[number] = self._more(kind, number, fields[number], faster / unit)
 
     def _more(self, kind: bytes, number: int, text: bytes, more: float, around: float = math.inf) -> bytes:
-        """A number's text with something added, in as many digits; it stays within 0 and `around`."""
+        """Return a number's text with something added, in as many digits; it stays within 0 and `around`."""
         if more == 0.0:
             return text
         whole, _, digits = text.partition(b".")
@@ -192,7 +192,7 @@ class NmeaRewriter:
         return (f"{first:0{padded}d}" + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
     def _rounded(self, kind: bytes, number: int, steps: float) -> int:
-        """Whole steps, with what was left over before."""
+        """Return whole steps, with what was left over before."""
         wanted = steps + self._left.get((kind, number), 0.0)
         made = round(wanted)
         self._left[kind, number] = wanted - made
@@ -205,7 +205,7 @@ def _of(change: FixChange, k: int) -> FixChange:
 
 
 def _stamped(line: bytes, later_s: float) -> bytes:
-    """The line with a later stamp of as many digits."""
+    """Return the line with a later stamp of as many digits."""
     match = _STAMP.match(line)
     if match is None:
         return line
@@ -219,7 +219,7 @@ def _stamped(line: bytes, later_s: float) -> bytes:
 
 
 def _minutes(text: bytes) -> float:
-    """Minutes of arc of `ddmm.mmm`."""
+    """Return minutes of arc of `ddmm.mmm`."""
     whole, _, digits = text.partition(b".")
     return 60.0 * int(whole[:-2] or b"0") + float(whole[-2:] + b"." + (digits or b"0"))
 

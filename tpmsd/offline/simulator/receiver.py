@@ -35,7 +35,7 @@ class ReceiverSpec:
     course_from_mps: float = 1.0
     """Below this speed the course is left empty."""
     latency_s: float = 0.06
-    """From validity to the first byte; the drive's vehicle.toml states it as known."""
+    """Latency from validity to the first byte, s; the drive's vehicle.toml states it as known."""
     jitter_s: float = 0.004
     """Mean of the (exponential, so one-sided) transport jitter."""
     outages: tuple[tuple[float, float], ...] = ()
@@ -51,7 +51,7 @@ class ReceiverSpec:
     sentences: tuple[str, ...] = ("RMC", "GGA")
     baud: int = 115200
     latitude_deg: float = 50.11
-    """Where the drive starts."""
+    """Latitude at which the drive starts, deg."""
     longitude_deg: float = 8.68
     altitude_m: float = 160.0
 
@@ -73,7 +73,7 @@ class NmeaLine:
 
 @dataclass(frozen=True)
 class Epochs:
-    """What the receiver measured; arrays (m,) over its epochs."""
+    """Measurements of the receiver; arrays (m,) over its epochs."""
 
     time_s: FloatArray
     """Validity, since the drive's start."""
@@ -91,7 +91,7 @@ class Epochs:
 
 
 def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Generator) -> Epochs:
-    """All epochs of the drive. Epochs fall on whole multiples of the receiver's period in UTC."""
+    """Return all epochs of the drive. Epochs fall on whole multiples of the receiver's period in UTC."""
     motion, antenna = world.motion, world.antenna
     period = 1.0 / spec.rate_hz
     end = float(motion.time_s[-1])
@@ -138,8 +138,8 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
 def nmea_lines(
     world: World, epochs: Epochs, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Generator
 ) -> list[NmeaLine]:
-    """The sentences in order of arrival. The epoch's first comes `latency` (and jitter) after validity, the
-    others as fast as the serial line carries them; an epoch never overtakes the one before.
+    """Return the sentences in order of arrival. The epoch's first comes `latency` (and jitter) after
+    validity, the others as fast as the serial line carries them; an epoch never overtakes the one before.
     """
     latitude = np.radians(epochs.track.latitude_deg)
     meridian, prime = radii_of_curvature(latitude)

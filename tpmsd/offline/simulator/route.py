@@ -25,10 +25,10 @@ _LANE_M = 3.5
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """How the car is driven."""
+    """Style of driving."""
 
     accel_mps2: float = 1.8
-    """From standstill; falls with speed as an engine's power demands."""
+    """Acceleration from standstill; falls with speed as an engine's power demands."""
     accel_half_speed_mps: float = 20.0
     """Speed at which the acceleration is half of that."""
     brake_mps2: float = 1.6
@@ -41,7 +41,7 @@ class Driver:
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Driver:
-        """Somebody between gentle and brisk."""
+        """Return somebody between gentle and brisk."""
         return cls(
             accel_mps2=float(rng.uniform(1.3, 2.3)),
             brake_mps2=float(rng.uniform(1.2, 2.2)),
@@ -59,7 +59,7 @@ def make_route(
     driver: Driver | None = None,
     flat: bool = False,
 ) -> Motion:
-    """A drive of `duration_s` on a road of this kind; `flat` takes the slopes away.
+    """Return a drive of `duration_s` on a road of this kind; `flat` takes the slopes away.
 
     ConfigError on an unknown kind or a duration that is not between 10 s and a day.
     """
@@ -123,7 +123,8 @@ def _curvature(segments: list[Segment], ends: FloatArray, path_m: FloatArray) ->
 def _wander(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Curvature of the driver's path beyond the road's: second derivative of the place across the lane."""
+    """Return the curvature of the driver's path beyond the road's: second derivative of the place across the
+    lane."""
     knots, offsets = [0.0], [0.0]
     lane = 0.0
     index = 0
@@ -141,7 +142,7 @@ def _wander(
 def _tan_grade(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Slope along the path: level at the start, smooth, within 12 %."""
+    """Return the slope along the path: level at the start, smooth, within 12 %."""
     knots, grades = [0.0], [0.0]
     index = 0
     while knots[-1] < path_m[-1]:
@@ -172,7 +173,7 @@ def _speed_cap(
 
 
 def _feasible(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatArray:
-    """The highest speed below the cap that the driver's acceleration and braking allow.
+    """Return the highest speed below the cap that the driver's acceleration and braking allow.
 
     With E(v) = integral of v/a(v) dv, a car at full acceleration gains E at the rate of one per metre, so
     that both passes are running minima.
@@ -189,7 +190,8 @@ def _feasible(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatA
 def _over_time(
     path_m: FloatArray, speed_mps: FloatArray, stops: list[tuple[int, float]], duration_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Speed at 100 Hz, jerk limited by a Hann window; `stops` are (index into the path, seconds)."""
+    """Return the speed at 100 Hz, jerk limited by a Hann window; `stops` are (index into the path,
+    seconds)."""
     steps = 2 * np.diff(path_m) / np.maximum(speed_mps[1:] + speed_mps[:-1], 1e-3)
     waits = np.zeros(len(path_m))
     for index, wait in stops:

@@ -24,7 +24,8 @@ def vehicle_toml(
     channel: str = "can0",
     device: str = "/dev/ttyACM0",
 ) -> str:
-    """What the operator of the simulated car knows, as TOML; the keywords say where a live drive plays."""
+    """Return the data that the operator of the simulated car knows, as TOML; the keywords name the ports of a
+    live drive."""
     lines = ["[vehicle]", f"wheel_radius_m = {_radius(vehicle)}"]
     for key in ("track_front_m", "track_rear_m", "wheelbase_m"):
         lines.append(f"{key} = {getattr(vehicle, key)!r}")
