@@ -38,11 +38,11 @@ MOST_ALIKE = 0.95
 LOSS_M = 1.4e-3
 """Radius (m) that 20 % of the pressure are worth, what a warning by UN R64 must come for."""
 TRIES = 20
-"""Of each effect, until one draw is large enough."""
+"""Attempts for each effect, until one draw is large enough."""
 
 
 class Showing:
-    """What a recording can show."""
+    """Information that a recording can give."""
 
     def __init__(self, recording: Recording, progress: Callable[[float], None]) -> None:
         """InputError where the recording cannot be examined."""
@@ -58,7 +58,7 @@ class Showing:
 
     @property
     def duration_s(self) -> float:
-        """Of the drive."""
+        """Duration of the drive, s."""
         return float(self._recording.edges_s[-1])
 
     @property
@@ -67,7 +67,7 @@ class Showing:
         return self._recording.wheels
 
     def gain(self, effect: Effect) -> float:
-        """Log-likelihood gain (nats) to be expected of the effect beside what the recording holds."""
+        """Return Log-likelihood gain (nats) to be expected of the effect beside what the recording holds."""
         others = [term.design for term in self._terms if term.effect != effect.name]
         beside = self._drive.acting(np.concatenate([self._nuisance, *others], axis=1))
         beside = beside.reshape(-1, beside.shape[2])
@@ -83,7 +83,7 @@ def draw(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Effect, ...]:
-    """`count` different effects that do not look alike.
+    """Return `count` different effects that do not look alike.
 
     ConfigError where the drive cannot show as many, InputError where it cannot be examined.
     """
@@ -111,14 +111,14 @@ def draw(
 
 
 def _is_ambiguous(one: Telling) -> bool:
-    """Whether another effect looks the same, other than one whose limit it is for small values."""
+    """Return whether another effect looks the same, other than one whose limit it is for small values."""
     return any(
         cosine > MOST_ALIKE and EFFECTS[other].limit != one.effect for other, cosine in one.confounded_with
     )
 
 
 def _usual(name: str) -> bool:
-    """Whether an effect is one that acts of itself and that a recording does not hold already."""
+    """Return whether an effect is one that acts of itself and that a recording does not hold already."""
     effect = EFFECTS[name]
     if (
         effect.kind in (Kind.FREE, Kind.NUISANCE)
@@ -131,7 +131,7 @@ def _usual(name: str) -> bool:
 
 
 def _probes(name: str) -> list[Probe]:
-    """Its numbers that are fitted, of each place and at the middle of its grid."""
+    """Return its numbers that are fitted, of each place and at the middle of its grid."""
     grid = EFFECTS[name].grid
     return [
         probe
@@ -141,7 +141,7 @@ def _probes(name: str) -> list[Probe]:
 
 
 def _large_enough(showing: Showing, name: str, rng: np.random.Generator) -> Effect | None:
-    """One draw of an effect that the drive shows; None where no draw is large enough."""
+    """Return one draw of an effect that the drive shows; None where no draw is large enough."""
     for _ in range(TRIES):
         effect = _fault(showing, rng) if name == FAULT.name else _drawn(showing, name, rng)
         if effect is None:
@@ -152,7 +152,7 @@ def _large_enough(showing: Showing, name: str, rng: np.random.Generator) -> Effe
 
 
 def _fault(showing: Showing, rng: np.random.Generator) -> Effect:
-    """A tyre that loses air at once or within minutes, in the middle half of the drive."""
+    """Return a tyre that loses air at once or within minutes, in the middle half of the drive."""
     share, long_s = float(rng.uniform(*SIZES)), float(rng.choice([0.0, 30.0, 120.0]))
     return make_effect(
         FAULT.name,
@@ -164,7 +164,7 @@ def _fault(showing: Showing, rng: np.random.Generator) -> Effect:
 
 
 def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | None:
-    """An effect with its first number at a usual size, on wheels that are read."""
+    """Return an effect with its first number at a usual size, on wheels that are read."""
     known = _probes(name)
     first = known[0].parameter if known else ""
     places = [probe for probe in known if probe.parameter == first and _is_read(probe.place, showing.wheels)]
@@ -183,12 +183,12 @@ def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | No
 
 
 def _is_read(place: str, wheels: Sequence[int]) -> bool:
-    """Whether all wheels of a pattern are read; what has no pattern knows its wheels itself."""
+    """Return whether all wheels of a pattern are read; what has no pattern knows its wheels itself."""
     return not place or set(wheels_of(place)) <= set(wheels)
 
 
 def _short(value: float) -> float:
-    """Three digits: a truth that can be said."""
+    """Return three digits: a truth that can be said."""
     if value == 0.0:
         return 0.0
     digits = 2 - math.floor(math.log10(abs(value)))

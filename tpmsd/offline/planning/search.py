@@ -39,7 +39,7 @@ class Plan:
 
     @property
     def told(self) -> bool:
-        """Whether it tells all of its effects."""
+        """True if it tells all of its effects."""
         return told(self.gains, TARGET)
 
 
@@ -50,7 +50,7 @@ def planned(
     longest_s: float,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Plan:
-    """The best plan that was found within `longest_s`; it may not tell all (`Plan.told`)."""
+    """Return the best plan that was found within `longest_s`; it may not tell all (`Plan.told`)."""
 
     def tried(manoeuvres: Sequence[Manoeuvre]) -> Plan:
         steps = steps_of(manoeuvres)
@@ -74,7 +74,7 @@ def planned(
 
 
 def _pruned(plan: Plan, tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
-    """The plan without manoeuvres that it does not need, the longest first."""
+    """Return the plan without manoeuvres that it does not need, the longest first."""
     if not plan.told:
         return plan
     for one in sorted(set(plan.manoeuvres), key=lambda each: -sum(step.duration_s for step in each.steps)):
