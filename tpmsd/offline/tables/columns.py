@@ -15,7 +15,7 @@ class Column:
     """One column."""
 
     name: str
-    """With the unit as suffix."""
+    """Name with the unit as suffix."""
     unit: str
     """SI; `1` for pure numbers, empty for text."""
     meaning: str
@@ -83,7 +83,7 @@ BY_NAME = {column.name: column for column in COLUMNS}
 
 
 def markdown() -> str:
-    """The columns as a table for the docs, a row for all four wheels together."""
+    """Return the columns as a table for the docs, a row for all four wheels together."""
     rows = ["| column | unit | meaning |", "| --- | --- | --- |"]
     for column in COLUMNS:
         name, meaning = column.name, column.meaning

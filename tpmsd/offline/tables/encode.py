@@ -21,7 +21,7 @@ from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
 COUNTS_PER_TURN = 1_000_000
-"""For angles: six micrometres of road, and 32 bits last for 4,294 turns."""
+"""Counts of an angle's turn: six micrometres of road, and 32 bits last for 4,294 turns."""
 FIRST_WHEEL_ID, FIRST_INERTIAL_ID = 0x100, 0x200
 UTC_BASE_S = 1_700_000_000.0
 """Added to times that start near zero, for NMEA has no dates before 1980."""
@@ -37,7 +37,7 @@ class Encoded:
     """A drive as a bus and a receiver would have told it."""
 
     items: tuple[CanFrame | Sentence, ...]
-    """In the order of their stamps."""
+    """Frames and sentences in the order of their stamps."""
     dbc: str
     signals: dict[str, str]
     """Role -> 'Message.Signal'."""
@@ -97,7 +97,7 @@ def _frame(time_s: float, identifier: int, data: bytes) -> CanFrame:
 
 
 def _sentences(fixes: Fixes) -> Iterator[Sentence]:
-    """RMC, GGA and GST of each fix; none for a fix without a time."""
+    """Yield RMC, GGA and GST of each fix; none for a fix without a time."""
     base = utc_base_s(fixes)
     number = 0
     for k in range(len(fixes)):
@@ -113,7 +113,7 @@ def _sentences(fixes: Fixes) -> Iterator[Sentence]:
 
 
 def utc_base_s(fixes: Fixes) -> float:
-    """What makes the receiver's times dates that NMEA can tell; 0 where they are."""
+    """Return the offset that makes the receiver's times dates that NMEA can state, s; 0 where they are."""
     known = fixes.utc_s[np.isfinite(fixes.utc_s)]
     return UTC_BASE_S if known.size and float(known.min()) < FIRST_NMEA_S else 0.0
 
@@ -137,7 +137,7 @@ def _bodies(fixes: Fixes, k: int, utc_s: float) -> Iterator[str]:
 
 
 def _clock(utc_s: float) -> tuple[str, str]:
-    """hhmmss.ssssss and ddmmyy."""
+    """Return hhmmss.ssssss and ddmmyy."""
     micros = round(utc_s * 1e6)
     day, micros = divmod(micros, 86_400_000_000)
     seconds, micros = divmod(micros, 1_000_000)

@@ -1,4 +1,4 @@
-"""From series by role to a car's signals.
+"""Conversion of series by role to a car's signals.
 
 In: role -> `Series` in SI units, the nominal radii. Out: `Signals`. Pure.
 
@@ -32,7 +32,8 @@ class TableError(ConfigError):
 
 
 def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[str]]:
-    """The series without wheels and inertial signals that hold no reading at all, and the roles of those.
+    """Return the series without wheels and inertial signals that hold no reading at all, and the roles of
+    those.
 
     A tick table has every column, also those of signals that the car does not send. What a receiver left
     empty stays: an empty accuracy means that it told none.
@@ -81,7 +82,8 @@ def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None
 
 
 def _counts_per_turn(series: Mapping[str, Series]) -> float | None:
-    """By the rotations' standard deviations, each quantum / sqrt(6); None where there is none."""
+    """Return the counts per turn by the rotations' standard deviations, each quantum / sqrt(6); None where
+    there is none."""
     stds = [series[role].finite().value for role in STD_ROLES if role in series]
     std = float(np.median(np.concatenate(stds))) if stds and sum(map(len, stds)) else 0.0
     return None if std < FINEST_RAD else round(2.0 * np.pi / (std * np.sqrt(6.0)), 6)
@@ -116,7 +118,7 @@ def _unwrapped(series: Series, modulus: int | None) -> Series:
 
 
 def _fixes(series: Mapping[str, Series]) -> Fixes | None:
-    """The fixes: rows in which the receiver told a position or a speed."""
+    """Return the fixes: rows in which the receiver told a position or a speed."""
     told = {role: one for role, one in series.items() if role.startswith("gnss_")}
     anchor = next((told[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in told), None)
     if anchor is None:
@@ -153,7 +155,7 @@ def _fixes(series: Mapping[str, Series]) -> Fixes | None:
 
 
 def _at(series: Series, time_s: FloatArray) -> FloatArray:
-    """Values at the fixes' times: the reading of that very time, else the last before it."""
+    """Return values at the fixes' times: the reading of that very time, else the last before it."""
     if len(series.time_s) == len(time_s) and np.array_equal(series.time_s, time_s):
         return series.value
     at = np.searchsorted(series.time_s, time_s, side="right") - 1
@@ -163,7 +165,8 @@ def _at(series: Series, time_s: FloatArray) -> FloatArray:
 def on_earth(
     east_m: FloatArray, north_m: FloatArray, height_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) latitude and longitude (deg) of a path in a plane, and what true east turned against it (rad).
+    """Return (n,) latitude and longitude (deg) of a path in a plane, and what true east turned against it
+    (rad).
 
     The plane rolls over the ellipsoid with the car: a straight line becomes a geodesic, along which true
     north turns by -d_east * tan(latitude) / N. Fixed-point iteration, five digits per round below 100 km.

@@ -53,14 +53,14 @@ class ColumnMap:
 
 @dataclass(frozen=True)
 class TableMap:
-    """What a table means."""
+    """Meaning of a table's columns."""
 
     file: Path | None = None
     time: str | None = None
     time_unit: str = "s"
     time_line: int | None = None
     columns: dict[str, ColumnMap] | None = None
-    """By role; None: the columns' names tell."""
+    """Columns by role; None: by the columns' names."""
     car: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Tables of a vehicle.toml."""
     config: Config | None = None
@@ -174,7 +174,7 @@ class _Reader:
     def _table(
         self, given: object, name: str, keys: tuple[str, ...], where: tuple[str, ...] | None = None
     ) -> dict[str, Any]:
-        """The table, its unknown keys told; empty if it is none."""
+        """Return the table, its unknown keys told; empty if it is none."""
         place = where or (name,)
         if not isinstance(given, dict):
             self._tell(BadValueError("must be a table", show(given)), *place)

@@ -36,11 +36,11 @@ class Table(Protocol):
     """The car's configuration, where the table brings it."""
 
     def column(self, name: str) -> FloatArray:
-        """(n,) numbers of a column, NaN where there is none."""
+        """Return (n,) numbers of a column, NaN where there is none."""
         ...
 
     def own_time(self, name: str) -> FloatArray | None:
-        """(n,) seconds at which a signal was read, where it brings its own times."""
+        """Return (n,) seconds at which a signal was read, where it brings its own times."""
         ...
 
     def close(self) -> None:
@@ -104,7 +104,7 @@ class CsvTable:
         self._columns = columns
 
     def column(self, name: str) -> FloatArray:
-        """The column."""
+        """Return the column."""
         return np.array(self._columns[name], dtype=np.float64)
 
     def own_time(self, name: str) -> FloatArray | None:
@@ -141,7 +141,7 @@ class _Lines:
 
 
 def _number(text: str, mark: str, path: Path, line: int, name: str, lenient: bool) -> float:
-    """A field; `lenient`: texts of columns that nobody asked for are no numbers, and no error."""
+    """Return a field; `lenient`: texts of columns that nobody asked for are no numbers, and no error."""
     try:
         return float(text)
     except ValueError:
