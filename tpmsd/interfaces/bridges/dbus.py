@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 NAME = "org.tpmsd.Tpmsd1"
 PATH = "/org/tpmsd/Tpmsd1"
 ANSWER_S = 2.0
-"""How long the bus may take to give the name."""
+"""Time that the bus may take to give the name, s."""
 MOST_CALLS = 50
 """Calls answered after one document; what is beyond waits in the socket."""
 OWNER, ALREADY_OWNER = 1, 4
@@ -167,7 +167,7 @@ class DbusBridge:
 
 
 def _identity(alarm: Alarm) -> tuple[str, str, float]:
-    """Kind, wheel and time: the same for the same alarm, whoever tells it and however often."""
+    """Return kind, wheel and time: the same for the same alarm, whoever tells it and however often."""
     return alarm.kind, alarm.wheel or "", _or_nan(alarm.time_s)
 
 

@@ -37,7 +37,7 @@ class Family:
 
 
 def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
-    """All families; without a document `tpmsd_up` alone."""
+    """Yield all families; without a document `tpmsd_up` alone."""
     up = Family("tpmsd_up", "gauge", "1 if the daemon answers on its socket")
     up.add(0 if document is None else 1)
     yield up

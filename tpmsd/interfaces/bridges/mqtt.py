@@ -31,13 +31,13 @@ RECONNECT_S = (1, 30)
 MAX_IN_FLIGHT, MAX_QUEUED = 20, 100
 """Messages that paho holds for a broker that does not acknowledge; what is beyond waits here, bounded too."""
 RECALL_S = 2.0
-"""How long the broker may take to send what it retains, after it has confirmed the subscription."""
+"""Time that the broker may take to send retained messages after it has confirmed the subscription, s."""
 CLOSE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class MqttSettings:
-    """Where and how to publish."""
+    """Settings of the connection and the topics."""
 
     host: str
     port: int
@@ -53,7 +53,7 @@ class MqttSettings:
 
 
 def tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
-    """A context that verifies the broker; raises ConfigError for files that are none."""
+    """Return a context that verifies the broker; raises ConfigError for files that are none."""
     try:
         context = ssl.create_default_context(cafile=None if ca is None else str(ca))
         context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -79,7 +79,7 @@ class MqttBridge:
         self._topics = Topics(f"{settings.base}/{settings.node}")
         self.announcer = Announcer(self._topics, settings.period_s)
         self._news: queue.SimpleQueue[tuple[str, bytes | None]] = queue.SimpleQueue()
-        """What paho's thread has to tell: connected, subscribed, recalled, gone."""
+        """Events from paho's thread: connected, subscribed, recalled, gone."""
         self._connected = False
         self._again = False
         self._subscribed_s: float | None = None

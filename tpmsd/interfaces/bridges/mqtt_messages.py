@@ -1,4 +1,4 @@
-"""Which MQTT messages follow from which documents; the network is not here.
+"""MQTT messages that follow from documents; the network is not here.
 
 In: summaries, one after the other, and what the broker retains of an earlier run. Out: messages. State and
 the alarms that stand are retained and always true; an event is sent once for each alarm raised or cleared,
@@ -50,7 +50,7 @@ class Topics:
 
     @property
     def event(self) -> str:
-        """Not retained: one message per alarm raised or cleared."""
+        """Return a message that is not retained: one per alarm raised or cleared."""
         return f"{self.base}/event"
 
     @property
@@ -77,11 +77,11 @@ class Announcer:
 
     @property
     def is_ready(self) -> bool:
-        """Whether it is known which alarms were announced before."""
+        """True if it is known which alarms were announced before."""
         return self._known is not None
 
     def recall(self, payload: bytes | None) -> None:
-        """What the broker retained on the topic `alarms`; None where it has nothing."""
+        """Take the message that the broker retained on the topic `alarms`; None where it has none."""
         self._known = {} if payload is None else {alarm.key: alarm for alarm in recalled(payload)}
         while self._waiting:
             self.take(self._waiting.popleft())
@@ -104,7 +104,7 @@ class Announcer:
         self._known = standing
 
     def state(self, summary: Summary, now_s: float, again: bool = False) -> list[Message]:
-        """State and alarms, if they are due; `again`: the broker may have forgotten them."""
+        """Return the state and alarms, if they are due; `again`: the broker may have forgotten them."""
         discrete = (
             [(wheel.name, wheel.state, wheel.problem) for wheel in summary.wheels],
             [alarm.key for alarm in summary.alarms],
@@ -128,7 +128,7 @@ class Announcer:
 
 
 def state_document(summary: Summary) -> dict[str, Any]:
-    """The state as it is published."""
+    """Return the state as it is published."""
     return {
         "schema": "tpmsd.mqtt/1",
         "health": summary.health,
@@ -148,7 +148,7 @@ def _wheel_document(wheel: Wheel) -> dict[str, Any]:
 
 
 def recalled(payload: bytes) -> Iterable[Alarm]:
-    """The alarms in a retained message; anything else that stands there counts for nothing."""
+    """Return the alarms in a retained message; anything else that stands there counts for nothing."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         return []
     try:

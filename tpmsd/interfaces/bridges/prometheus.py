@@ -25,7 +25,8 @@ SCRAPE_TIMEOUT_S = 3.0
 MOST_REQUESTS = 16
 """Requests at a time, a thread each: a server or two scrape, every some seconds."""
 REQUEST_S = 10.0
-"""From a connection to the end of its answer; what takes longer is closed, a scrape ends by itself before."""
+"""Time from a connection to the end of its answer, s; what takes longer is closed, a scrape ends by itself
+before."""
 
 
 class StatusCollector:
@@ -36,11 +37,11 @@ class StatusCollector:
         self._said = ""
 
     def describe(self) -> list[Any]:
-        """Nothing: so that registering asks no daemon."""
+        """Return nothing: so that registering asks no daemon."""
         return []
 
     def collect(self) -> Iterator[Any]:
-        """The families of the moment."""
+        """Yield the families of the moment."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
         for family in families(self._document()):

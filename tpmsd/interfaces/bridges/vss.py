@@ -23,7 +23,7 @@ WATCHED = frozenset({"monitoring", "alarm"})
 
 
 def pressure_low(summary: Summary) -> dict[str, bool | None]:
-    """Of each wheel whether its pressure is low; None where that is not known."""
+    """Return whether the pressure of each wheel is low; None where that is not known."""
     low = {alarm.wheel for alarm in summary.alarms if alarm.kind in MEANS_LOW}
     blind = {alarm.wheel for alarm in summary.alarms if alarm.kind == MALFUNCTION}
     states = {wheel.name: wheel.state for wheel in summary.wheels}

@@ -28,7 +28,7 @@ WINDOW_S = 30.0
 
 
 class NotSent(StrEnum):
-    """Why a value is not sent."""
+    """Reason for which a value is not sent."""
 
     NO_VALUE = "has no value"
     NOT_RENEWED = "is not renewed"
@@ -38,14 +38,14 @@ class NotSent(StrEnum):
 
 
 class Frame(NamedTuple):
-    """What is sent: an identifier of 11 bits and up to 8 bytes."""
+    """Frame that is sent: an identifier of 11 bits and up to 8 bytes."""
 
     identifier: int
     data: bytes
 
 
 def vss_dbc() -> str:
-    """The text of `vss.dbc`."""
+    """Return the text of `vss.dbc`."""
     return (resources.files("tpmsd.interfaces.bridges") / "vss.dbc").read_text("utf-8")
 
 
@@ -85,7 +85,7 @@ class VssFrames:
             self._stamps_s[path] = stamp_s
 
     def take(self, path: str, stamp_s: float, value: object, now_s: float) -> Frame | NotSent:
-        """One value, None where the databroker has none; `path` is one of `paths`."""
+        """Return one value, None where the databroker has none; `path` is one of `paths`."""
         message = self._messages[path]
         if stamp_s == self._stamps_s.get(path):
             return NotSent.NOT_RENEWED
@@ -104,7 +104,8 @@ class VssFrames:
 
 
 def _number(path: str, value: object, flag: bool) -> float | None:
-    """A value in the unit of its signal; None where it is not what the specification says of that path."""
+    """Return a value in the unit of its signal; None where it is not what the specification says of that
+    path."""
     if path in _TEXTS:
         return _TEXTS[path](value) if isinstance(value, str) else None
     if isinstance(value, bool) is not flag or not isinstance(value, int | float):
@@ -113,7 +114,7 @@ def _number(path: str, value: object, flag: bool) -> float | None:
 
 
 def _unix_ms(text: str) -> float | None:
-    """ISO 8601 with a time; UTC where it does not say its zone, as the specification has it."""
+    """Return ISO 8601 with a time; UTC where it does not say its zone, as the specification has it."""
     try:
         moment = datetime.fromisoformat(text)
         if "T" not in text:
@@ -124,7 +125,7 @@ def _unix_ms(text: str) -> float | None:
 
 
 def _fix(text: str) -> float | None:
-    """`NONE`, or a fix in two or three dimensions whatever it was augmented by."""
+    """Return `NONE`, or a fix in two or three dimensions whatever it was augmented by."""
     if text == "NONE":
         return 0.0
     return 1.0 if text.startswith(("TWO_D", "THREE_D")) else None

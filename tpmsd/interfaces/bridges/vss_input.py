@@ -24,7 +24,8 @@ from tpmsd.interfaces.bridges.vss_names import is_wheel
 BUFFER = 200
 """Messages that the databroker keeps for a slow reader: a second of four wheels at 50 Hz."""
 SILENCE_S = 10.0
-"""After that long without a value the subscription is made anew: a connection may be dead without a word."""
+"""Time without a value after which the subscription is made again, s: a connection may be dead without an
+error."""
 ORDINARY = frozenset({NotSent.NO_VALUE, NotSent.NOT_RENEWED})
 """Reasons that say nothing against a value."""
 
@@ -69,7 +70,7 @@ class VssInput:
             self._say(f"the databroker gives no values ({reason})")
 
     def _known(self) -> list[str]:
-        """The signals that the databroker has and lets us read."""
+        """Return the signals that the databroker has and lets us read."""
         known, absent = [], []
         types, requests = self._databroker.types, self._databroker.requests
         for path in self._frames.paths:
@@ -121,12 +122,13 @@ class VssInput:
 
 
 def stamp_s(point: Any) -> float:
-    """When the databroker got a data point, as Unix time by its clock; 0 where it does not say."""
+    """Return the Unix time at which the databroker got a data point, by its clock; 0 where it does not state
+    it."""
     return float(point.timestamp.seconds + point.timestamp.nanos * 1e-9)
 
 
 def value_of(point: Any) -> object:
-    """Its value, whatever its type; None where there is none."""
+    """Return its value, whatever its type; None where there is none."""
     kind = point.value.WhichOneof("typed_value")
     return None if kind is None else getattr(point.value, kind)
 
