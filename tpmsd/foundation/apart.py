@@ -41,7 +41,7 @@ imported."""
 
 
 class ApartError(ValueError):
-    """Says in one line why the child did not read to the end."""
+    """Failure of the child to read to the end, in one line."""
 
 
 class Apart:

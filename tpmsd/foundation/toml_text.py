@@ -36,7 +36,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def check_integers(data: dict[str, Any]) -> None:
-    """ValueError if an integer is beyond TOML's own bounds."""
+    """Check that integers are within TOML's own bounds; ValueError otherwise."""
     waiting: list[Any] = [data]
     while waiting:
         value = waiting.pop()
