@@ -150,7 +150,7 @@ def _attempt(read: Callable[[], float], report: Reporter, key: str, *inside: str
 
 
 def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -> None:
-    """Alarms must clear below the probability at which they are raised."""
+    """Report alarms that do not clear below the probability at which they are raised."""
     if settings.clear_probability >= settings.raise_probability:
         key = "clear_probability" if "clear_probability" in given else "raise_probability"
         found = f"clear {settings.clear_probability:g}, raise {settings.raise_probability:g}"
@@ -161,23 +161,23 @@ def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -
         )
 
 
-_PLACE = ("gnss_latitude", "gnss_longitude")
+_POSITION_ROLES = ("gnss_latitude", "gnss_longitude")
 
 
 def receiver(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
     """Make the position on the bus the source of fixes where no source is named."""
     named = settings.source is not None or settings.device is not None
-    return settings if named or not set(_PLACE) <= set(roles) else replace(settings, source="can")
+    return settings if named or not set(_POSITION_ROLES) <= set(roles) else replace(settings, source="can")
 
 
 def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
-    """One source of fixes, and one on CAN needs signals of the position."""
+    """Report two sources of fixes, or one on CAN without signals of the position."""
     if settings.source is None:
         return
     if settings.device is not None:
         both = BadValueError("stands beside device", show(settings.source), "one of the two")
         report(both, "gnss", "source")
-    missing = [role for role in _PLACE if role not in roles]
+    missing = [role for role in _POSITION_ROLES if role not in roles]
     if settings.source == "can" and missing:
         needed = BadValueError(f"no signal of {' '.join(missing)}", show("can"), "both in [can.signals]")
         report(needed, "gnss", "source")
@@ -195,7 +195,7 @@ def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str
 
 
 def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:
-    """A measured curve needs as many radii as pressures."""
+    """Report a measured curve without as many radii as pressures."""
     pressures, radii = len(settings.curve_pressure_percent), len(settings.curve_radius_mm)
     if pressures != radii:
         key = "curve_radius_mm" if "curve_radius_mm" in given else "curve_pressure_percent"
@@ -204,7 +204,7 @@ def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None
 
 
 def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:
-    """The two identifiers must differ and fit their format."""
+    """Report identifiers that are equal or do not fit their format."""
     limit = 0x1FFF_FFFF if settings.extended_ids else _STANDARD_ID_LIMIT
     for key in ("status_id", "alarm_id", "reset_id"):
         value: int | None = getattr(settings, key)

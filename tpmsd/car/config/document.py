@@ -75,8 +75,8 @@ def _decode(file: Path, content: bytes) -> str:
 
 
 def _syntax_error(file: Path, text: str, error: tomllib.TOMLDecodeError) -> ConfigProblems:
-    reason, place, where = str(error).rpartition(" (at ")
-    if not place:
+    reason, location, where = str(error).rpartition(" (at ")
+    if not location:
         reason, where = str(error), ""
     if match := re.search(r"line (\d+), column (\d+)", where):
         return ConfigProblems(

@@ -255,7 +255,7 @@ class _Parser:
         return tuple(good)
 
     def _spread_teeth(self, vehicle: dict[str, Any], wheels: tuple[str, ...]) -> None:
-        """A table of teeth becomes one number and the numbers of all wheels."""
+        """Make a table of teeth into one number and the numbers of all wheels."""
         teeth = vehicle.get("teeth_per_rev")
         if not isinstance(teeth, dict):
             return
