@@ -103,7 +103,7 @@ class BusLink(Link):
         self._bus: Bus | None = None
         self._dropped_before = self._malformed_before = 0
         self._full = False
-        self._hint_told_s = -math.inf
+        self._hint_logged_s = -math.inf
         self.hint = ""
         """Problem of a bus that is not down, in a few words."""
         self.counts: Counter[str] = Counter()
@@ -172,8 +172,8 @@ class BusLink(Link):
             self._failed(now_s, "bus-off: the controller has switched itself off", until_data=True)
         elif hint != self.hint:
             self.hint = hint
-            if hint and now_s >= self._hint_told_s + HINT_PERIOD_S:
-                self._hint_told_s = now_s
+            if hint and now_s >= self._hint_logged_s + HINT_PERIOD_S:
+                self._hint_logged_s = now_s
                 self._log.warning("%s: %s", self.label, hint)
 
     def send(self, frames: list[OutFrame], now_s: float) -> None:

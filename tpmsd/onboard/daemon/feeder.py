@@ -75,7 +75,7 @@ class Feeder:
         return steps
 
     def finish(self) -> list[Step]:
-        """Return the end: hand over everything, and complete the ticks that can be."""
+        """Hand over everything at the end; return the ticks that can be completed."""
         steps: list[Step] = []
         for item in self._queue.release(math.inf):
             steps += self._hand(item)

@@ -27,7 +27,7 @@ class FrameStamps:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the host's clock has stepped, or another adapter is there."""
+        """Begin again: the host's clock has stepped, or another adapter is there."""
         self._least_s = self._least_before_s = math.inf
         self._since_s = -math.inf
 

@@ -33,7 +33,7 @@ class RecentFaults:
         self._totals: deque[tuple[float, Counter[str]]] = deque()
 
     def update(self, now_s: float, totals: Counter[str]) -> dict[str, int]:
-        """Take the totals at a time; those of each kind within `RATE_WINDOW_S`, no zeros."""
+        """Take the totals at a time; return those of each kind within `RATE_WINDOW_S`, no zeros."""
         kept = self._totals
         if not kept or now_s - kept[-1][0] >= RATE_STEP_S:
             kept.append((now_s, totals.copy()))
@@ -62,11 +62,11 @@ class Health:
         self.last: Step | None = None
 
     def frames_came(self, now_s: float) -> None:
-        """Frames were read."""
+        """Note that frames were read."""
         self._frame_s = now_s
 
     def stepped(self, steps: list[Step], pipeline: Pipeline, now_s: float) -> None:
-        """The pipeline was fed and made these steps."""
+        """Note that the pipeline was fed and made these steps."""
         if steps:
             self.ticks += len(steps)
             self.last = steps[-1]

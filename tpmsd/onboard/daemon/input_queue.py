@@ -77,7 +77,8 @@ class InputQueue:
         self._released_until_s = max(self._released_until_s, until_s)
 
     def clock_stepped(self, now_s: float) -> list[Input]:
-        """Return the host's clock has stepped: what was stamped before a backward step, oldest first.
+        """Return the inputs stamped before a backward step of the host's clock, oldest first, once the clock
+        has stepped.
 
         Those stamps lie ahead of the clock as it is now. They go first; what follows is on the new time.
         """

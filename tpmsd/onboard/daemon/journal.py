@@ -63,7 +63,7 @@ def set_up_logging(
 
 
 def log_alarm(log: logging.Logger, event: AlarmEvent) -> None:
-    """One line for an alarm that was raised or cleared."""
+    """Log one line for an alarm that was raised or cleared."""
     where = "" if event.wheel is None else f" {event.wheel}"
     if event.state == "raised":
         log.log(_RAISED[event.kind], "ALARM %s%s raised: %s", event.kind, where, event.reason)

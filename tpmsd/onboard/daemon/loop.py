@@ -192,7 +192,8 @@ class Daemon:
         return {"version": DOCUMENT_VERSION, **explained}
 
     def reset(self, tyres: str | None) -> str:
-        """Let the pipeline learn the tyres anew with its next inputs; why it cannot be, or nothing."""
+        """Let the pipeline learn the tyres again with its next inputs; return the reason if it cannot, or
+        nothing."""
         if tyres is not None and NAME.fullmatch(tyres) is None:
             return "that is no name of a set of tyres (a-z 0-9 _ -, at most 24 characters)"
         now_s = self._clock.monotonic()
@@ -266,7 +267,7 @@ class Daemon:
             self._report_lag(late_s)
 
     def _collect(self) -> tuple[float, float]:
-        """Read all that is there into the queue; what the clock read before.
+        """Read all that is there into the queue; return the clock's time before that.
 
         All that was stamped until then is in the queue now. Of later times that cannot be said: this process
         may be held up at any line, and what comes meanwhile waits to be read.
@@ -304,7 +305,7 @@ class Daemon:
         self._state.service(monotonic_s, self._pipeline.snapshot)
         self._notices.service(monotonic_s / self._clock.scale)
         self._send(self._own.asking(monotonic_s, self._health.last), monotonic_s)
-        self._tell(monotonic_s)
+        self._report(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
                 self._server.publish(monotonic_s)
@@ -340,8 +341,8 @@ class Daemon:
             faults.append(SourceFault(time_s, "gnss", "unplugged", self._receiver.reason))
         return faults
 
-    def _tell(self, monotonic_s: float) -> None:
-        """Tell the service manager and the log how it is."""
+    def _report(self, monotonic_s: float) -> None:
+        """Report the state to the service manager and the log."""
         was_ready = self._manager.is_ready
         self._manager.ticked(self._health.ticks, self._line, monotonic_s)
         if self._manager.is_ready and not was_ready:

@@ -40,16 +40,16 @@ class OwnFrames:
         return [*self._outputs.filters(bus), *asked]
 
     def heard(self, bus: int, frames: list[CanFrame], monotonic_s: float) -> None:
-        """Frames came on a bus; what that ends is logged."""
+        """Take frames that came on a bus; what that ends is logged."""
         asked = bool(self._asker) and bus == self._asked_bus
         if not (self._outputs or asked):
             return
         for frame in frames:
-            told = self._outputs.heard(bus, frame.arbitration_id, frame.is_extended)
-            if asked and not told:
-                told = self._asker.heard(frame.arbitration_id, frame.is_extended, frame.data, monotonic_s)
-            if told:
-                self._log.warning("%s", told)
+            note = self._outputs.heard(bus, frame.arbitration_id, frame.is_extended)
+            if asked and not note:
+                note = self._asker.heard(frame.arbitration_id, frame.is_extended, frame.data, monotonic_s)
+            if note:
+                self._log.warning("%s", note)
 
     def of_step(self, step: Step) -> Mapping[int, list[OutFrame]]:
         """Return the outputs that a step makes due."""

@@ -68,7 +68,7 @@ class ReceiverLink(Link):
         super().__init__(label, log)
         self._receiver = receiver
         self._stream: GnssStream = NmeaStream() if stream is None else stream
-        self._told_hint = ""
+        self._logged_hint = ""
 
     @property
     def sentences(self) -> int:
@@ -124,11 +124,11 @@ class ReceiverLink(Link):
                 break
             lines += self._stream.feed(data, stamp_s)
         hint = self.hint
-        if hint and hint != self._told_hint:
-            self._told_hint = hint
+        if hint and hint != self._logged_hint:
+            self._logged_hint = hint
             self._log.warning("%s: %s", self.label, hint)
         elif lines:
-            self._told_hint = ""
+            self._logged_hint = ""
         return lines
 
     def close(self) -> None:

@@ -41,7 +41,7 @@ class ServiceManager:
             self._notifier.status(line())
 
     def stopping(self, why: str) -> None:
-        """Shut-down has begun."""
+        """Report that shut-down has begun."""
         self._notifier.stopping(f"stopping: {why}")
 
     def close(self) -> None:

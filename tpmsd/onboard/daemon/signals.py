@@ -55,4 +55,4 @@ class SignalPipe:
 
 
 def _nothing(number: int, frame: FrameType | None) -> None:
-    """The byte on the descriptor says it all; the default would end the process."""
+    """Do nothing: the byte on the descriptor is the message, and the default would end the process."""

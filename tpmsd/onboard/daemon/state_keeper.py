@@ -22,7 +22,7 @@ from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.state_file import StateDamaged, StateError, encode_state, load_state
 
 ALARM_INTERVAL_S = 5.0
-"""Alarms that come and go are not saved more often than this: flash memory wears."""
+"""Alarms that fluctuate are not saved more often than this: flash memory wears."""
 FINISH_S = 5.0
 """Time that the end of the daemon waits for one write, s; systemd gives it 15 s for two."""
 SET_ASIDE = "other"

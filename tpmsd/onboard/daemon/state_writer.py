@@ -17,7 +17,7 @@ class StateWriter:
     """One write at a time, in a thread of its own."""
 
     def __init__(self, write: Callable[[Path, bytes], None] = write_state) -> None:
-        """`write` raises StateError where it fails; anything else that it raises is told as one."""
+        """`write` raises StateError where it fails; anything else that it raises is reported as one."""
         self._write = write
         self._done = threading.Event()
         self._error: StateError | None = None
