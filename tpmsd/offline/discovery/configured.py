@@ -41,16 +41,16 @@ def configured_fields(config: Config, database: Database, log: BusLog) -> dict[s
         unit = option.unit or signal.unit or ""
         if role.startswith("wheel_count_"):
             unit = f"modulus {option.modulus or counter_modulus(signal)}"
-        place = bit_field(signal)
+        layout = bit_field(signal)
         fields[role] = Field(
             message.name,
             signal.name,
             buses.key(bus, identifier),
-            place,
+            layout,
             float(signal.scale if option.scale is None else option.scale),
             float(signal.offset if option.offset is None else option.offset),
             unit,
-            invalid_bits(signal, place) | {number & place.mask for number in option.invalid},
+            invalid_bits(signal, layout) | {number & layout.mask for number in option.invalid},
             selectors=selector_chain(message, signal),
         )
     return fields
@@ -112,7 +112,7 @@ def _holds(condition: ConditionPlan, judged: MessageLog | None, message: Message
         return np.zeros(len(message.time_s), dtype=np.bool_)
     judged = judged.held(condition.selectors)
     bits = judged.bits(condition.field)
-    told, which = np.unique(bits, return_inverse=True)
-    holds = np.array([condition.holds(int(number)) for number in told], dtype=np.bool_)[which]
+    raw_values, which = np.unique(bits, return_inverse=True)
+    holds = np.array([condition.holds(int(number)) for number in raw_values], dtype=np.bool_)[which]
     last = np.searchsorted(judged.time_s, message.time_s, side="right") - 1
     return np.where(last >= 0, holds[np.maximum(last, 0)], False) if len(holds) else last >= 0

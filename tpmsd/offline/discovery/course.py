@@ -87,20 +87,20 @@ def _with_track(
         within[cells] = (table[cells] - share @ table[cells]) * weight[:, None]
     target = within[:, -1]
     rows = _instrumented(within[:, :count], within[:, count:-1], block)
-    told = None if rows is None else fit(rows, target, block)
-    if rows is None or told is None or not np.isfinite(told.cov).all():
+    estimate = None if rows is None else fit(rows, target, block)
+    if rows is None or estimate is None or not np.isfinite(estimate.cov).all():
         return None
-    cov = told.cov.copy()
-    cov[0, 0] += (told.value[0] * _unexplained(rows, target, told)) ** 2 / 3.0
-    told = replace(told, cov=cov)
-    mean, std = np.zeros(len(told.value)), np.full(len(told.value), np.inf)
+    cov = estimate.cov.copy()
+    cov[0, 0] += (estimate.value[0] * _unexplained(rows, target, estimate)) ** 2 / 3.0
+    estimate = replace(estimate, cov=cov)
+    mean, std = np.zeros(len(estimate.value)), np.full(len(estimate.value), np.inf)
     mean[0], std[0] = 1.0 / settings.track_m, settings.track_std_m / settings.track_m**2
     mean[4], std[4] = -settings.side_slip, settings.side_slip_std
     per_load = 2.0 / (settings.radius_m * settings.track_m)
     mean[5], std[5] = -per_load * LATERAL_LOAD_S2.mean, per_load * LATERAL_LOAD_S2.std
     if latency is not None:
         mean[2], std[2] = -latency.value, latency.std
-    return with_prior(told, mean, std)
+    return with_prior(estimate, mean, std)
 
 
 def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
@@ -111,22 +111,22 @@ def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) 
     instrumental variables in two stages (Theil 1953).
     """
     instruments = np.column_stack([rows[:, :2], by_receiver, rows[:, 5:]])
-    told = rows.copy()
+    instrumented = rows.copy()
     for column in _YAW_COLUMNS:
         made = fit(instruments, rows[:, column], block)
         if made is None:
             return None
-        told[:, column] = instruments @ made.value
-    return told
+        instrumented[:, column] = instruments @ made.value
+    return instrumented
 
 
-def _unexplained(rows: FloatArray, target: FloatArray, told: Fit) -> float:
+def _unexplained(rows: FloatArray, target: FloatArray, estimate: Fit) -> float:
     """Share of the course that the heading leaves, the other columns taken out of both.
 
     Noise of the heading makes the slope too small by at most this share: between the regression and the
     reverse one lies the truth (Frisch 1934).
     """
-    error = target - rows @ told.value
+    error = target - rows @ estimate.value
     kept = np.abs(error) <= 4.0 * 1.4826 * np.nanmedian(np.abs(error))
     others = rows[kept, 1:]
     both = np.column_stack([rows[kept, 0], target[kept]])

@@ -149,7 +149,7 @@ def _teeth(
     for one in followers_found:
         field = one.series.field
         log = material.logs[field.key].held(field.selectors)
-        counter = unwrap(field, log, log.bits(field.place))
+        counter = unwrap(field, log, log.bits(field.layout))
         if counter is not None:
             wheels.append((counter, abs(field.scale)))
     return tooth_count(counted, counted_std, tyre, wheels, settings)
@@ -223,8 +223,8 @@ def _as_matched(assignment: Assignment, match: Match) -> bool:
 
 
 def _plausible(one: Follower, settings: Settings) -> bool:
-    """Return a wheel counts between four and two hundred thousand times a turn; a speed has steps below 1
-    m/s."""
+    """Return whether a wheel counts between four and two hundred thousand times a turn, or its speed has
+    steps below 1 m/s."""
     if one.series.kind == "count":
         per_turn = one.per_mps * 2 * np.pi * settings.radius_m
         return 4.0 < per_turn < 2e5
@@ -252,7 +252,7 @@ def _disjoint(found: Sequence[Follower]) -> list[Follower]:
         one, bits = best, _bits_of(best.series.field)
         for wider in equals:
             wide = _bits_of(wider.series.field)
-            order = wider.series.field.place.big_endian == best.series.field.place.big_endian
+            order = wider.series.field.layout.big_endian == best.series.field.layout.big_endian
             as_smooth = _step_mps(wider) <= (1.0 + 1e-9) * _step_mps(best)
             if len(wide) > len(bits) and wide > bits and as_smooth and (order or len(bits) <= 8):
                 one, bits = wider, wide
@@ -278,13 +278,13 @@ def _step_mps(one: Follower) -> float:
 
 
 def _bits_of(one: Field) -> set[int]:
-    place = one.place
-    if not place.big_endian:
-        return set(range(place.shift, place.shift + place.length))
-    size = 8 * place.word_bytes
+    layout = one.layout
+    if not layout.big_endian:
+        return set(range(layout.shift, layout.shift + layout.length))
+    size = 8 * layout.word_bytes
     return {
-        8 * (place.word_bytes - 1 - at // 8) + at % 8
-        for at in range(place.shift, place.shift + place.length)
+        8 * (layout.word_bytes - 1 - at // 8) + at % 8
+        for at in range(layout.shift, layout.shift + layout.length)
         if at < size
     }
 
@@ -319,7 +319,7 @@ def _count_role(
     key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     series = one.series
-    usual = series.field.stated_modulus or 1 << series.field.place.length
+    usual = series.field.stated_modulus or 1 << series.field.layout.length
     modulus = series.modulus if series.modulus_seen and series.modulus != usual else 0
     return FoundRole(key, series.field, probability, rivals, modulus=modulus)
 

@@ -45,13 +45,13 @@ class MessageLog:
         if not selectors:
             return self
         kept = np.ones(len(self.time_s), dtype=np.bool_)
-        for place, numbers in selectors:
-            kept &= np.isin(self.bits(place), np.array(sorted(numbers), dtype=np.uint64))
+        for layout, numbers in selectors:
+            kept &= np.isin(self.bits(layout), np.array(sorted(numbers), dtype=np.uint64))
         return MessageLog(self.key, self.time_s[kept], self.data[kept])
 
-    def bits(self, place: BitField) -> RawArray:
+    def bits(self, layout: BitField) -> RawArray:
         """Return (n,) raw bits of a field; ValueError if the payload does not hold it."""
-        return raw_bits(place, self.data)
+        return raw_bits(layout, self.data)
 
 
 @dataclass(slots=True)
@@ -73,14 +73,14 @@ class BusLog:
 
     def add(self, block: FrameBlock) -> None:
         """Take the frames of a block."""
-        told = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
-        self.frames += len(told)
+        data_frames = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
+        self.frames += len(data_frames)
         numbers = np.array([self._number(name) for name in block.channels], dtype=np.int64)
-        bus = numbers[block.channel[told]]
-        kinds = (bus << BUS_SHIFT | block.identifier[told]) << 8 | block.size[told]
+        bus = numbers[block.channel[data_frames]]
+        kinds = (bus << BUS_SHIFT | block.identifier[data_frames]) << 8 | block.size[data_frames]
         order = np.argsort(kinds, kind="stable")
         found, first = np.unique(kinds[order], return_index=True)
-        for kind, these in zip(found.tolist(), np.split(told[order], first[1:]), strict=True):
+        for kind, these in zip(found.tolist(), np.split(data_frames[order], first[1:]), strict=True):
             key, size = kind >> 8, kind & 0xFF
             message = self._messages.get(key)
             if message is None:

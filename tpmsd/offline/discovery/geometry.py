@@ -73,8 +73,11 @@ class CarGeometry:
                 self.gnss["antenna_forward_m"] = forward
         if "antenna_left_m" in self.gnss and "track_rear_m" in self.geometry:
             # The speed's regression had yaw rates by the usual track.
-            place, share = self.gnss["antenna_left_m"], self.geometry["track_rear_m"].value / settings.track_m
-            self.gnss["antenna_left_m"] = Estimate(place.value * share, place.std * share)
+            antenna, share = (
+                self.gnss["antenna_left_m"],
+                self.geometry["track_rear_m"].value / settings.track_m,
+            )
+            self.gnss["antenna_left_m"] = Estimate(antenna.value * share, antenna.std * share)
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
         """Return the speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""

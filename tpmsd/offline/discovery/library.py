@@ -13,7 +13,7 @@ from tpmsd.car.config.model import ROLES
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.series import Field
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_place
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_position
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Car:
         """Return a mapping role -> 'Message.Signal', wheels only."""
         return {role: str(entry["signal"]) for role, entry in self._wheels().items()}
 
-    def places(self) -> dict[str, Field]:
+    def fields_by_wheel(self) -> dict[str, Field]:
         """Return the wheel (`fl fr rl rr`) -> where its signal lies."""
         return {role[-2:]: field_of(entry) for role, entry in self._wheels().items()}
 
@@ -62,10 +62,10 @@ def field_of(entry: Mapping[str, Any]) -> Field:
     """Return the field that an entry's facts describe."""
     message, _, name = str(entry["signal"]).partition(".")
     big = bool(entry.get("big_endian", False))
-    place = bit_place(int(entry["start"]), int(entry["bits"]), big, bool(entry.get("signed", False)))
+    layout = bit_position(int(entry["start"]), int(entry["bits"]), big, bool(entry.get("signed", False)))
     key = int(entry["id"]) | (EXTENDED if entry.get("extended") else 0)
     scale, offset = float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0))
-    return Field(message, name, key, place, scale, offset, str(entry.get("unit", "")))
+    return Field(message, name, key, layout, scale, offset, str(entry.get("unit", "")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
 def _match(car: Car, fields: Sequence[Field]) -> Match | None:
     names = {role[-2:]: name for role, name in car.signal_names().items()}
     wheels = {}
-    for wheel, expected in car.places().items():
+    for wheel, expected in car.fields_by_wheel().items():
         here = [one.signal for one in fields if _alike(one, expected)]
         if not here:
             return None
@@ -107,4 +107,4 @@ def _alike(one: Field, other: Field) -> bool:
 
 
 def _bits(one: Field) -> tuple[bool, int, int]:
-    return one.place.big_endian, one.place.length, dbc_start(one)
+    return one.layout.big_endian, one.layout.length, dbc_start(one)

@@ -160,8 +160,8 @@ def _ranked(
 
 
 def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows: np.ndarray) -> float:
-    """Return a road-wheel angle, or a torque, is no steering-wheel angle: its ratio to the curvature is
-    wrong."""
+    """Return whether a signal is a road-wheel angle or a torque, not a steering-wheel angle: its ratio to the
+    curvature is wrong."""
     factor, _ = to_si("steering_wheel_angle", one.field.unit)
     ratio = (
         float(np.std(value[rows])) * factor / max(float(np.std(curvature[rows])), 1e-9) / SETTINGS.wheelbase_m
@@ -170,7 +170,7 @@ def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows:
 
 
 def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
-    """Return a temperature that hardly changes, is one of weather, and is called so."""
+    """Return whether a temperature hardly changes, is one of weather, and is called so."""
     ranked = []
     for one in series:
         if one.kind != "value" or one.field.signal in taken:

@@ -46,8 +46,8 @@ def raw_fields(log: MessageLog) -> list[Field]:
     for big in (False, True):
         # Bits from the lowest up, as the byte order has them.
         order = range(count - 1, -1, -1) if big else range(count)
-        places = [(byte, bit) for byte in order for bit in range(8)]
-        line = np.array([rates[byte, bit] for byte, bit in places])
+        positions = [(byte, bit) for byte in order for bit in range(8)]
+        line = np.array([rates[byte, bit] for byte, bit in positions])
         for start, length in _runs(line):
             parts = _parts(start, length, _alive_bits(line[start : start + length]))
             # Top bits that did not change on this drive: a number ends with a byte more often than not.
@@ -55,9 +55,9 @@ def raw_fields(log: MessageLog) -> list[Field]:
             if room and not line[start + length : start + length + room].any():
                 parts.append((start, length + room))
             for first, bits in parts:
-                field = _field(log, places[first], bits, big)
+                field = _field(log, positions[first], bits, big)
                 if field is not None:
-                    fields.setdefault((big and _spans(places[first], bits), *_place(field)), field)
+                    fields.setdefault((big and _spans(positions[first], bits), *_layout_key(field)), field)
     return list(fields.values())
 
 
@@ -102,12 +102,12 @@ def _parts(start: int, length: int, alive: int) -> list[tuple[int, int]]:
     return sorted((a, b - a) for a in starts for b in ends if MIN_BITS <= b - a <= MAX_BITS)
 
 
-def _spans(place: tuple[int, int], bits: int) -> bool:
-    return place[1] + bits > 8
+def _spans(position: tuple[int, int], bits: int) -> bool:
+    return position[1] + bits > 8
 
 
-def _place(field: Field) -> tuple[int, int]:
-    return field.place.shift + 1000 * field.place.word_bytes, field.place.length
+def _layout_key(field: Field) -> tuple[int, int]:
+    return field.layout.shift + 1000 * field.layout.word_bytes, field.layout.length
 
 
 def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Field | None:
@@ -118,29 +118,29 @@ def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Fi
         if 8 * size - bit - bits < 0:
             return None
         start = _motorola_start(byte, bit, bits)
-        place = BitField(True, size, bits, bit, size, False, False, mask)
+        layout = BitField(True, size, bits, bit, size, False, False, mask)
     else:
         start = 8 * byte + bit
         size = (start + bits + 7) // 8
         if size > log.data.shape[1]:
             return None
-        place = BitField(False, size, bits, start, size, False, False, mask)
+        layout = BitField(False, size, bits, start, size, False, False, mask)
     name = f"{'M' if big else 'I'}{start}_{bits}"
-    return Field(message_name(log.key), name, log.key, place)
+    return Field(message_name(log.key), name, log.key, layout)
 
 
 def _motorola_start(byte: int, bit: int, bits: int) -> int:
     """Return DBC number of the highest bit of a big-endian field by its lowest."""
-    place = 8 * byte + bit
+    layout = 8 * byte + bit
     for _ in range(bits - 1):
-        place = place + 1 if place % 8 < 7 else place - 15
-    return place
+        layout = layout + 1 if layout % 8 < 7 else layout - 15
+    return layout
 
 
 def dbc_start(field: Field) -> int:
     """Start bit as a DBC has it."""
-    place = field.place
-    if not place.big_endian:
-        return place.shift
-    byte = place.word_bytes - 1 - place.shift // 8
-    return _motorola_start(byte, place.shift % 8, place.length)
+    layout = field.layout
+    if not layout.big_endian:
+        return layout.shift
+    byte = layout.word_bytes - 1 - layout.shift // 8
+    return _motorola_start(byte, layout.shift % 8, layout.length)

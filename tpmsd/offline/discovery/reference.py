@@ -79,12 +79,12 @@ def cell_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> Floa
     t, x = time_s[known], value[known]
     if len(t) < 2:
         return np.full(len(edges) - 1, np.nan)
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))])
+    travel = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))])
     # Quadratic within a step: a receiver of 1 Hz has two cells between two fixes.
     before = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 2)
     since = edges - t[before]
     slope = np.diff(x)[before] / np.diff(t)[before]
-    means = np.diff(way[before] + since * (x[before] + 0.5 * slope * since)) / np.diff(edges)
+    means = np.diff(travel[before] + since * (x[before] + 0.5 * slope * since)) / np.diff(edges)
     return np.where(_covered(t, edges), means, np.nan)
 
 
@@ -127,9 +127,9 @@ def _motion(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArray, F
     speed = np.array([fix.speed_mps for fix in fixes], dtype=np.float64)
     course = np.array([-fix.course_rad for fix in fixes], dtype=np.float64)
     if np.isfinite(speed).sum() < 0.5 * len(fixes) or np.isfinite(course).sum() < 0.2 * len(fixes):
-        by_place, heading = _by_position(fixes, time_s)
+        speed_by_position, heading = _by_position(fixes, time_s)
         if np.isfinite(speed).sum() < 0.5 * len(fixes):
-            speed = by_place
+            speed = speed_by_position
         if np.isfinite(course).sum() < 0.2 * len(fixes):
             course = heading
     known = np.isfinite(course) & (speed > 1.0)

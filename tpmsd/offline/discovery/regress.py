@@ -40,10 +40,10 @@ def with_prior(made: Fit, mean: FloatArray, std: FloatArray) -> Fit:
     together is in that already, and a prior among the rows would be drowned by their number.
     """
     scale = np.sqrt(np.maximum(np.diag(made.cov), 1e-300))
-    told = np.linalg.inv(made.cov / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
+    precision = np.linalg.inv(made.cov / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
     known = np.diag((scale / std) ** 2)
-    cov = np.linalg.inv(told + known)
-    value = cov @ (told @ (made.value / scale) + known @ (mean / scale))
+    cov = np.linalg.inv(precision + known)
+    value = cov @ (precision @ (made.value / scale) + known @ (mean / scale))
     return replace(made, value=value * scale, cov=cov * np.outer(scale, scale))
 
 

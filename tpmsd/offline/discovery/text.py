@@ -47,9 +47,9 @@ def _vehicle_table(found: Discovery) -> list[str]:
     if found.driven_axle is not None:
         lines.append(f'driven_axle = "{found.driven_axle[0]}"   # probability {found.driven_axle[1]:.2f}')
     if found.counts_per_rev is not None:
-        sure, spread = found.counts_probability, found.counts_per_rev.std
+        probability, spread = found.counts_probability, found.counts_per_rev.std
         by_radius = f"+- {spread:.0f}, by the rolling radius alone" if spread > 0.0 else "a usual value"
-        note = f"probability {sure:.2f}" if sure > 0.0 else f"{by_radius}: not measured"
+        note = f"probability {probability:.2f}" if probability > 0.0 else f"{by_radius}: not measured"
         lines.append(f"teeth_per_rev = {found.counts_per_rev.value:g}   # {note}")
     return lines
 
@@ -74,9 +74,9 @@ def _gnss_table(found: Discovery) -> list[str]:
     """Return the table [gnss]: antenna and latency where they are well known."""
     lines = ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
     for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
-        place = found.gnss.get(key)
-        use = place is not None and place.std < 0.5 and low <= place.value <= high
-        lines.append(f"{key} = {place.value:.2f}" if use and place is not None else f"{key} = 0.0")
+        antenna = found.gnss.get(key)
+        use = antenna is not None and antenna.std < 0.5 and low <= antenna.value <= high
+        lines.append(f"{key} = {antenna.value:.2f}" if use and antenna is not None else f"{key} = 0.0")
     latency = found.gnss.get("latency_s")
     if latency is not None and latency.std < 0.05 and 0.0 <= latency.value <= 5.0:
         lines.append(f"latency_s = {latency.value:.3f}")
@@ -141,15 +141,17 @@ def dbc_text(found: Discovery, bus: int | None = None) -> str:
 
 
 def _length(roles: Sequence[FoundRole]) -> int:
-    return next(size for size in _LENGTHS if size >= max(one.field.place.min_bytes for one in roles))
+    return next(size for size in _LENGTHS if size >= max(one.field.layout.min_bytes for one in roles))
 
 
 def _signal_line(one: FoundRole) -> str:
     field: Field = one.field
-    place = field.place
+    bits = field.layout
     scale = one.scale if one.scale is not None else field.scale
     offset = one.offset if one.offset is not None else field.offset
-    layout = f"{dbc_start(field)}|{place.length}@{0 if place.big_endian else 1}{'-' if place.signed else '+'}"
-    low, high = offset, scale * place.mask + offset
+    position = f"{dbc_start(field)}|{bits.length}@{0 if bits.big_endian else 1}{'-' if bits.signed else '+'}"
+    low, high = offset, scale * bits.mask + offset
     unit = one.unit or field.unit
-    return f' SG_ {field.name} : {layout} ({scale:.10g},{offset:.10g}) [{low:.10g}|{high:.10g}] "{unit}" CAR'
+    return (
+        f' SG_ {field.name} : {position} ({scale:.10g},{offset:.10g}) [{low:.10g}|{high:.10g}] "{unit}" CAR'
+    )

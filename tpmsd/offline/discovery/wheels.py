@@ -134,7 +134,7 @@ def placed(
     receiver's."""
     # Not the wheels' own difference: its rounding is in the contrasts, too, and would favour its own pair.
     yaw = reference.yaw_radps if gyro is None else gyro
-    return [_place(one, group, reference, yaw, settings) for one in group]
+    return [_positioned(one, group, reference, yaw, settings) for one in group]
 
 
 def by_lag(members: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
@@ -157,7 +157,7 @@ def _common(group: Sequence[Follower]) -> FloatArray:
     return np.asarray(np.mean(np.vstack([one.speed for one in group]), axis=0))
 
 
-def _place(
+def _positioned(
     one: Follower,
     group: Sequence[Follower],
     reference: Reference,
@@ -165,7 +165,7 @@ def _place(
     settings: Settings,
 ) -> Follower:
     common = _common(group) if len(group) > 2 else reference.speed_mps
-    fitted = _place_fit(one.speed, common, yaw, reference, settings)
+    fitted = _position_fit(one.speed, common, yaw, reference, settings)
     if fitted is None:
         return one
     return Follower(
@@ -186,7 +186,7 @@ def _place(
     )
 
 
-def _place_fit(
+def _position_fit(
     speed: FloatArray, common: FloatArray, yaw: FloatArray, reference: Reference, settings: Settings
 ) -> Fit | None:
     cell = settings.cell_s
@@ -213,4 +213,4 @@ def anchor_of(group: Sequence[Follower], reference: Reference, settings: Setting
     receiver's."""
     if len(group) <= 2:
         return None
-    return _place_fit(reference.speed_mps, _common(group), reference.yaw_radps, reference, settings)
+    return _position_fit(reference.speed_mps, _common(group), reference.yaw_radps, reference, settings)
