@@ -21,7 +21,7 @@ from tpmsd.offline.calibration.result import Calibration, Effect, WheelResult
 from tpmsd.offline.inference.recording import Recording
 
 METHODS = ("joint", "paper")
-_TELLING = 0.7
+_MAX_STD_RATIO = 0.7
 """An effect is reported where the drives narrowed what was believed of it to this share."""
 
 
@@ -124,6 +124,6 @@ def _effects(found: JointFit) -> dict[str, Effect]:
     out = {}
     for name in found.names:
         base = name.split("@")[0]
-        if base in _UNITS and found.std(name) < _TELLING * PRIOR[base][1]:
+        if base in _UNITS and found.std(name) < _MAX_STD_RATIO * PRIOR[base][1]:
             out[name] = Effect(found.value(name), found.std(name), _UNITS[base])
     return out

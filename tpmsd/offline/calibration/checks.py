@@ -63,7 +63,7 @@ class Change:
     """Time at which the change is complete, s."""
 
     @property
-    def telling(self) -> bool:
+    def informative(self) -> bool:
         """True if this is taken for a loss of pressure."""
         if self.wheel is None:  # tyres that warm up grow
             return self.sigmas > COMMON_SIGMA and self.relative < -MIN_COMMON_LOSS
@@ -129,7 +129,7 @@ def check_fit(recordings: list[Recording], fit: JointFit) -> None:
     """Refuse what only the fit shows."""
     for at, (recording, rows) in enumerate(zip(recordings, fit.rows, strict=True)):
         change = worst_change(recording, rows)
-        if change.telling:
+        if change.informative:
             raise RefusedError(
                 f"{change.words} within {change.time_s:.0f} s ({change.sigmas:.0f} standard deviations): "
                 "a tyre that loses pressure cannot be calibrated",
@@ -172,7 +172,7 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     columns = np.concatenate([rows.X[:, :, :steady], ramp], axis=2)
     size, sigmas = _sizes(rows.y, columns, priors, np.eye(steady + 1)[-1:], rows.time_s)
     together = Change(None, float(size[0]), float(sigmas[0]), end_s)
-    return together if together.telling and not one.telling else one
+    return together if together.informative and not one.informative else one
 
 
 def _sizes(

@@ -110,8 +110,8 @@ def make_equations(
     windows = reader.windows
     y = windows.measured - reader.predicted(rolling)
     y[:, [wheel for wheel in range(4) if wheel not in calibrated_wheels(recording)]] = math.nan
-    ways = np.abs(np.stack([windows.measured[:, :4], windows.measured[:, :4] - y[:, :4]]))
-    y[:, :4][(ways < _STOPPED_MPS * WINDOW_S).all(axis=0)] = math.nan
+    distances = np.abs(np.stack([windows.measured[:, :4], windows.measured[:, :4] - y[:, :4]]))
+    y[:, :4][(distances < _STOPPED_MPS * WINDOW_S).all(axis=0)] = math.nan
     X = _columns(reader, rolling, car, reference_speed_mps)
     X[~np.isfinite(y)] = 0.0
     design = windows.design.copy()
@@ -187,11 +187,11 @@ def _columns(reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps
 
 def _after_fixes(recording: Recording, count: int) -> FloatArray:
     """Return (w, 3) share of each window that follows its speeds, courses and positions, in the mean."""
-    place, late = np.divmod(recording.fix_time_s / WINDOW_S, 1.0)
+    position, late = np.divmod(recording.fix_time_s / WINDOW_S, 1.0)
     out = np.zeros((count, 3))
     for column, values in enumerate((recording.speed_mps, recording.course_rad, recording.east_m)):
-        use = np.isfinite(values) & (place >= 0) & (place < count)
-        where = place[use].astype(int)
+        use = np.isfinite(values) & (position >= 0) & (position < count)
+        where = position[use].astype(int)
         number = np.bincount(where, minlength=count)
         total = np.bincount(where, weights=1.0 - late[use], minlength=count)
         np.divide(total, number, out=out[:, column], where=number > 0)

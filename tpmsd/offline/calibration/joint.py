@@ -113,8 +113,8 @@ class JointFit:
     def of_drive(self, drive: int) -> tuple[FloatArray, FloatArray]:
         """Return (p,) what stands between a drive's last linearisation and the final values; their covariance
         (p, p)."""
-        place = _places(self.names, drive)
-        return (self.values - self.linearised)[place], self.covariance[np.ix_(place, place)]
+        columns = _columns(self.names, drive)
+        return (self.values - self.linearised)[columns], self.covariance[np.ix_(columns, columns)]
 
     def std(self, name: str) -> float:
         """Return the standard deviation of a parameter."""
@@ -168,7 +168,7 @@ def fit(
         if iteration <= LAST_OUTLIERS:
             free, _ = solve(rows, names, mean, wide, moved)
             for at, drive in enumerate(rows):
-                residual = drive.y - drive.X @ (free - moved)[_places(names, at)]
+                residual = drive.y - drive.X @ (free - moved)[_columns(names, at)]
                 before = drive.equations.inflate if iteration < LAST_OUTLIERS else drive.inflate
                 inflates[at] = before * outlier_factors(residual)
         std = np.sqrt(np.diag(covariance))
@@ -217,7 +217,7 @@ def _own(name: str, drive: int) -> str:
     return f"{name}@{drive}" if name in LOCAL else name
 
 
-def _places(names: tuple[str, ...], drive: int) -> list[int]:
+def _columns(names: tuple[str, ...], drive: int) -> list[int]:
     """Return the columns of a drive among all parameters."""
     return [names.index(_own(name, drive)) for name in COLUMNS]
 
@@ -282,13 +282,13 @@ def _widened(
     """
     meat = np.zeros_like(covariance)
     for at, drive in enumerate(rows):
-        place = _places(names, at)
-        residual = drive.y - drive.X @ (values - moved)[place]
+        columns = _columns(names, at)
+        residual = drive.y - drive.X @ (values - moved)[columns]
         score = np.einsum("kcp,kc->kp", drive.X, residual)
         cluster = (drive.time_s / CLUSTER_S).astype(int)
-        sums = np.zeros((cluster.max() + 1, len(place)))
+        sums = np.zeros((cluster.max() + 1, len(columns)))
         np.add.at(sums, cluster, score)
-        meat[np.ix_(place, place)] += sums.T @ sums
+        meat[np.ix_(columns, columns)] += sums.T @ sums
     robust = covariance @ meat @ covariance
     scale = np.sqrt(np.maximum(np.diag(robust) / np.diag(covariance), 1.0))
     widened = covariance * np.outer(scale, scale)

@@ -194,6 +194,6 @@ def _grade(recording: Recording, edges: FloatArray, speed: FloatArray) -> FloatA
     sigma = HEIGHT_SMOOTHING_S / recording.dt_s
     height = np.interp(edges, recording.fix_time_s[known], recording.up_m[known])
     climb = np.gradient(gaussian_filter1d(height, sigma, mode="nearest"), recording.dt_s)
-    way = gaussian_filter1d(speed, sigma, mode="nearest")
-    slope = np.where(way > 2.0, climb / np.maximum(way, 2.0), 0.0)
+    smooth_speed = gaussian_filter1d(speed, sigma, mode="nearest")
+    slope = np.where(smooth_speed > 2.0, climb / np.maximum(smooth_speed, 2.0), 0.0)
     return np.asarray(np.arcsin(np.clip(slope, -0.2, 0.2)))

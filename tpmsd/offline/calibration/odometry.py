@@ -37,12 +37,12 @@ class Piece:
 def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
     """Return Un-fused odometry of the antenna beside the receiver's positions."""
     roll = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) * car.radius_m[[RL, RR]]
-    way, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
-    turn = turn / shown_turn(car, way / recording.dt_s)
+    distance, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
+    turn = turn / shown_turn(car, distance / recording.dt_s)
     heading = np.concatenate([[0.0], np.cumsum(turn)])
     middle = heading[:-1] + turn / 2
-    axle = np.zeros((len(way) + 1, 2))
-    np.cumsum(np.stack([way * np.cos(middle), way * np.sin(middle)], axis=1), axis=0, out=axle[1:])
+    axle = np.zeros((len(distance) + 1, 2))
+    np.cumsum(np.stack([distance * np.cos(middle), distance * np.sin(middle)], axis=1), axis=0, out=axle[1:])
     forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
     cos, sin = np.cos(heading), np.sin(heading)
     antenna = axle + np.stack([forward * cos - left * sin, forward * sin + left * cos], axis=1)
@@ -51,7 +51,7 @@ def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
     time_s = recording.fix_time_s[known]
     odometry = np.stack([np.interp(time_s, edges, antenna[:, axis]) for axis in (0, 1)], axis=1)
     position = np.stack([recording.east_m[known], recording.north_m[known]], axis=1)
-    rolled = np.interp(time_s, edges, np.concatenate([[0.0], np.cumsum(np.abs(way))]))
+    rolled = np.interp(time_s, edges, np.concatenate([[0.0], np.cumsum(np.abs(distance))]))
     if not rolled.size:
         return []
     number = np.floor(rolled / max(rolled[-1] / max(round(rolled[-1] / PIECE_M), 1), 1e-9)).astype(int)

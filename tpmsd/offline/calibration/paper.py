@@ -126,23 +126,23 @@ def un_fused(
 ) -> FloatArray:
     """Return (k + 1, 2) the two-wheel model integrated over k ticks from the reference pose before them, eqs
     (1), (2)."""
-    way, turn = _inputs(revolutions[piece], c, track_m)
+    distance, turn = _inputs(revolutions[piece], c, track_m)
     at = piece.start
     heading = reference.heading_rad[at] + np.concatenate([[0.0], np.cumsum(turn)])
     course = heading[:-1] + turn / 2 + reference.side_slip_rad[piece.start + 1 : piece.stop + 1]
-    out = np.empty((len(way) + 1, 2))
+    out = np.empty((len(distance) + 1, 2))
     out[0] = reference.east_m[at], reference.north_m[at]
-    out[1:, 0] = out[0, 0] + np.cumsum(way * np.cos(course))
-    out[1:, 1] = out[0, 1] + np.cumsum(way * np.sin(course))
+    out[1:, 0] = out[0, 0] + np.cumsum(distance * np.cos(course))
+    out[1:, 1] = out[0, 1] + np.cumsum(distance * np.sin(course))
     return out
 
 
 def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _Drive:
     turned = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) / (2 * math.pi)
     block = (np.arange(len(turned)) * recording.dt_s / BLOCK_S).astype(int)
-    way = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]
-    count = max(round(float(way[-1]) / PIECE_M), 1)
-    bounds = np.searchsorted(way, way[-1] * np.arange(count + 1) / count)
+    distance = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]
+    count = max(round(float(distance[-1]) / PIECE_M), 1)
+    bounds = np.searchsorted(distance, distance[-1] * np.arange(count + 1) / count)
     pieces = [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
     return _Drive(turned, reference_pose(recording, start, s.side_slip), block, pieces)
 
@@ -162,10 +162,10 @@ def _mean_error(drives: list[_Drive], c: FloatArray, track_m: float) -> float:
     """Return metres, over all poses of all pieces."""
     distances = []
     for drive in drives:
-        place = np.stack([drive.reference.east_m, drive.reference.north_m], axis=1)
+        position = np.stack([drive.reference.east_m, drive.reference.north_m], axis=1)
         for piece in drive.pieces:
             path = un_fused(drive.revolutions, drive.reference, c, track_m, piece)
-            distances.append(np.hypot(*(path - place[piece.start : piece.stop + 1]).T))
+            distances.append(np.hypot(*(path - position[piece.start : piece.stop + 1]).T))
     return float(np.concatenate(distances).mean())
 
 
@@ -195,7 +195,7 @@ def _filtered(
     drive: _Drive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> FloatArray:
     """Return (n + 1, 3) poses by the EKF of eqs (4)-(7)."""
-    way, turn = _inputs(drive.revolutions, c, track_m)
+    distance, turn = _inputs(drive.revolutions, c, track_m)
     slip = drive.reference.side_slip_rad
     out = np.empty_like(r)
     x, S = r[0].copy(), np.diag(M)
@@ -203,7 +203,7 @@ def _filtered(
     F, Q, R = np.eye(3), np.diag(P), np.diag(M)
     for k in range(1, len(r)):
         course = x[2] + turn[k - 1] / 2 + slip[k]
-        east, north = way[k - 1] * math.cos(course), way[k - 1] * math.sin(course)
+        east, north = distance[k - 1] * math.cos(course), distance[k - 1] * math.sin(course)
         x = x + np.array([east, north, turn[k - 1]])
         F[0, 2], F[1, 2] = -north, east
         S = F @ S @ F.T + Q
