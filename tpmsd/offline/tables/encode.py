@@ -124,13 +124,13 @@ def _bodies(fixes: Fixes, k: int, utc_s: float) -> Iterator[str]:
     placed = math.isfinite(latitude + longitude)
     given = float(fixes.quality[k])
     quality = int(given) if math.isfinite(given) else int(placed or math.isfinite(float(fixes.speed_mps[k])))
-    place = f"{_angle(latitude, 2, 'NS')},{_angle(longitude, 3, 'EW')}" if placed else ",,,"
+    position = f"{_angle(latitude, 2, 'NS')},{_angle(longitude, 3, 'EW')}" if placed else ",,,"
     speed = _number(float(fixes.speed_mps[k]) / KNOT_MPS, 6)
     course = _number(math.degrees(float(fixes.course_rad[k])) % 360.0, 6)
     status, mode = ("A", _MODES.get(quality, "A")) if quality else ("V", "N")
-    yield f"GNRMC,{clock},{status},{place},{speed},{course},{date},,,{mode}"
+    yield f"GNRMC,{clock},{status},{position},{speed},{course},{date},,,{mode}"
     hdop, altitude = _number(float(fixes.hdop[k]), 3), _number(float(fixes.altitude_m[k]), 4)
-    yield f"GNGGA,{clock},{place},{quality if placed else 0},,{hdop},{altitude},M,0.0,M,,"
+    yield f"GNGGA,{clock},{position},{quality if placed else 0},,{hdop},{altitude},M,0.0,M,,"
     std = _number(float(fixes.position_std_m[k]), 4)
     if std:
         yield f"GNGST,{clock},{std},{std},{std},0.0,{std},{std},{std}"

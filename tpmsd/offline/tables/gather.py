@@ -119,18 +119,20 @@ def _unwrapped(series: Series, modulus: int | None) -> Series:
 
 def _fixes(series: Mapping[str, Series]) -> Fixes | None:
     """Return the fixes: rows in which the receiver told a position or a speed."""
-    told = {role: one for role, one in series.items() if role.startswith("gnss_")}
-    anchor = next((told[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in told), None)
+    receiver = {role: one for role, one in series.items() if role.startswith("gnss_")}
+    anchor = next((receiver[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in receiver), None)
     if anchor is None:
-        if told:
-            raise ConfigError(f"{', '.join(sorted(told))}: without latitude and longitude, or east and north")
+        if receiver:
+            raise ConfigError(
+                f"{', '.join(sorted(receiver))}: without latitude and longitude, or east and north"
+            )
         return None
     for one, other in (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north")):
-        if (one in told) != (other in told):
+        if (one in receiver) != (other in receiver):
             raise ConfigError(f"{one} and {other} go together")
     known = np.isfinite(anchor.value) & np.isfinite(anchor.time_s)
     time_s = anchor.time_s[known]
-    columns = {role: _at(one, time_s) for role, one in told.items()}
+    columns = {role: _at(one, time_s) for role, one in receiver.items()}
     nothing = np.full(len(time_s), np.nan)
     latitude, longitude = columns.get("gnss_latitude", nothing), columns.get("gnss_longitude", nothing)
     course = columns.get("gnss_course", nothing)

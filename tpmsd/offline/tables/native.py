@@ -135,9 +135,9 @@ class _Parquet:
         limit(path)
         self._file: Any = parquet.ParquetFile(str(path), thrift_string_size_limit=1 << 22)
         self.names: tuple[str, ...] = tuple(self._file.schema_arrow.names)
-        told = self._file.schema_arrow.metadata or {}
-        ours = told.get(SCHEMA_KEY) == SCHEMA.encode()
-        self.vehicle_toml = told[VEHICLE_KEY].decode() if ours and VEHICLE_KEY in told else None
+        metadata = self._file.schema_arrow.metadata or {}
+        ours = metadata.get(SCHEMA_KEY) == SCHEMA.encode()
+        self.vehicle_toml = metadata[VEHICLE_KEY].decode() if ours and VEHICLE_KEY in metadata else None
 
     def size(self, name: str) -> int:
         """Return rows by the file's footer; a page may hold others, which the child's memory bounds."""

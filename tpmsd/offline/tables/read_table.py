@@ -83,7 +83,7 @@ class CsvTable:
                     raise InputError(path, f"{len(header)} columns; at most {MAX_COLUMNS} are read", 1)
                 kept = [k for k, name in enumerate(header) if wanted is None or name in wanted]
                 columns = {header[k]: array("d") for k in kept}
-                places = [(k, columns[header[k]]) for k in kept]
+                kept_columns = [(k, columns[header[k]]) for k in kept]
                 csv.field_size_limit(MAX_FIELD_CHARS)
                 most = MAX_VALUES // max(len(kept), 1)
                 for number, row in enumerate(csv.reader(lines, delimiter=mark), 2):
@@ -95,7 +95,7 @@ class CsvTable:
                         continue
                     if len(row) != len(header):
                         raise InputError(path, f"{len(row)} fields, the header has {len(header)}", number)
-                    for k, column in places:
+                    for k, column in kept_columns:
                         column.append(_number(row[k], mark, path, number, header[k], wanted is None))
         except UnicodeDecodeError:
             raise InputError(path, "not UTF-8 text") from None

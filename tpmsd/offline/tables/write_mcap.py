@@ -45,12 +45,12 @@ def mcap_bytes(table: TickTable) -> bytes:
         )
     for number, (time_s, topic, content) in enumerate(messages(table)):
         stamp = round(time_s * 1e9)
-        told = content if topic == "/map" else {"timestamp": _stamp(stamp), **content}
+        message = content if topic == "/map" else {"timestamp": _stamp(stamp), **content}
         writer.add_message(
             channel_id=channels[topic],
             log_time=stamp,
             publish_time=stamp,
-            data=json.dumps(told, allow_nan=False).encode(),
+            data=json.dumps(message, allow_nan=False).encode(),
             sequence=number,
         )
     writer.finish()
@@ -128,10 +128,10 @@ def _track(table: TickTable) -> dict[str, Any]:
     )
     known = np.flatnonzero(np.isfinite(latitude + longitude))
     shown = known[:: max(1, -(-len(known) // MAX_TRACK_POINTS))]
-    places = np.column_stack([longitude[shown], latitude[shown]]).round(7).tolist()
+    points = np.column_stack([longitude[shown], latitude[shown]]).round(7).tolist()
     features: list[dict[str, Any]] = []
-    if len(places) > 1:
-        line = {"type": "LineString", "coordinates": places}
+    if len(points) > 1:
+        line = {"type": "LineString", "coordinates": points}
         features.append({"type": "Feature", "properties": {"name": "track"}, "geometry": line})
     for alarm in table.events:
         if not len(known):
