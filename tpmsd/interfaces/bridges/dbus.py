@@ -81,15 +81,15 @@ class DbusBridge:
         try:
             self._connect()
             if document is None:
-                self._tell_health("no daemon")
+                self._publish_health("no daemon")
             else:
-                self._tell(summarise(document))
+                self._publish(summarise(document))
             self._answer()
         except (OSError, EOFError, ConnectionError) as error:
             self._close()
             self._warn(f"the bus does not answer: {error}")
 
-    def _tell(self, summary: Summary) -> None:
+    def _publish(self, summary: Summary) -> None:
         if not summary.ready:
             return
         stands = {alarm.key: alarm for alarm in summary.alarms}
@@ -101,9 +101,9 @@ class DbusBridge:
                 what = (*_identity(alarm), _or_nan(alarm.deviation_mm), alarm.reason)
                 self._send("AlarmRaised", "ssdds", what)
                 self._alarms[key] = alarm
-        self._tell_health(summary.health)
+        self._publish_health(summary.health)
 
-    def _tell_health(self, health: str) -> None:
+    def _publish_health(self, health: str) -> None:
         if health != self._health:
             self._send("HealthChanged", "s", (health,))
             self._health = health

@@ -85,7 +85,7 @@ class MqttBridge:
         self._subscribed_s: float | None = None
         self._recalled: bytes | None = None
         self._available = False
-        self._told_available: bool | None = None
+        self._published_available: bool | None = None
         self._introduced: tuple[str, ...] = ()
         self._summary: Summary | None = None
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=f"tpmsd-{settings.node}")
@@ -120,10 +120,10 @@ class MqttBridge:
         self._take_news(now_s)
         if not self._connected:
             return
-        if self._told_available != self._available:
+        if self._published_available != self._available:
             availability = "online" if self._available else "offline"
             if self._publish(Message(self._topics.availability, availability, True)):
-                self._told_available = self._available
+                self._published_available = self._available
         events = self.announcer.events
         while events and self._publish(events[0]):
             events.popleft()
@@ -153,7 +153,7 @@ class MqttBridge:
                 break
             if what == "connected":
                 self._connected = self._again = True
-                self._told_available, self._introduced = None, ()
+                self._published_available, self._introduced = None, ()
                 if not self.announcer.is_ready:
                     self._client.subscribe(self._topics.alarms, qos=1)
             elif what == "gone":

@@ -70,8 +70,8 @@ class Announcer:
         """Alarms that were announced, by key; None until it is known what an earlier run announced."""
         self._waiting: deque[Summary] = deque(maxlen=MAX_EVENTS)
         """Changes seen before that was known."""
-        self._told_s = -math.inf
-        self._told: object = None
+        self._sent_s = -math.inf
+        self._sent: object = None
         self.events: deque[Message] = deque(maxlen=MAX_EVENTS)
         self.dropped = 0
 
@@ -110,10 +110,10 @@ class Announcer:
             [alarm.key for alarm in summary.alarms],
             summary.health,
         )
-        if not again and discrete == self._told and 0.0 <= now_s - self._told_s < self._period_s:
+        if not again and discrete == self._sent and 0.0 <= now_s - self._sent_s < self._period_s:
             return []
-        changed = again or self._told is None or discrete != self._told
-        self._told, self._told_s = discrete, now_s
+        changed = again or self._sent is None or discrete != self._sent
+        self._sent, self._sent_s = discrete, now_s
         messages = [Message(self._topics.state, _json(state_document(summary)), True)]
         if changed:
             alarms = [_alarm_document(alarm) for alarm in summary.alarms]

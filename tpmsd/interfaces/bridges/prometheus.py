@@ -105,18 +105,18 @@ class _Server(ThreadingMixIn, WSGIServer):
 
     def __init__(self, family: int, where: tuple[str, int]) -> None:
         self.address_family = family
-        self._places = threading.BoundedSemaphore(MOST_REQUESTS)
+        self._slots = threading.BoundedSemaphore(MOST_REQUESTS)
         super().__init__(where, _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Begin a thread, or close the connection where all places are taken."""
-        if not self._places.acquire(blocking=False):
+        if not self._slots.acquire(blocking=False):
             self.shutdown_request(request)
             return
         try:
             super().process_request(request, client_address)
         except RuntimeError:  # no thread to be had
-            self._places.release()
+            self._slots.release()
             raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -128,7 +128,7 @@ class _Server(ThreadingMixIn, WSGIServer):
             super().process_request_thread(request, client_address)
         finally:
             late.cancel()
-            self._places.release()
+            self._slots.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing: a visitor that leaves is no error."""

@@ -43,7 +43,7 @@ class VssBridge:
     def __init__(self, settings: DatabrokerSettings, log: logging.Logger, period_s: float = 10.0) -> None:
         """All values are told again every `period_s`. ConfigError as `Connection` has it."""
         self._databroker, self._log, self._period_s = Connection(settings), log, period_s
-        self._told: dict[str, bool | None] = {}
+        self._sent: dict[str, bool | None] = {}
         self._absent: set[str] = set()
         """Wheels for which the databroker's specification has no signal."""
         self._due_s = self._again_s = -math.inf
@@ -67,16 +67,16 @@ class VssBridge:
                 return
             values = pressure_low(summary)
         if now_s >= self._due_s:
-            self._told, self._due_s = {}, now_s + self._period_s
+            self._sent, self._due_s = {}, now_s + self._period_s
         if now_s < self._again_s:
             return
         for wheel, low in values.items():
-            if wheel in self._absent or (wheel in self._told and self._told[wheel] == low):
+            if wheel in self._absent or (wheel in self._sent and self._sent[wheel] == low):
                 continue
             if not self._publish(wheel, low):
-                self._told, self._again_s = {}, now_s + RETRY_S
+                self._sent, self._again_s = {}, now_s + RETRY_S
                 return
-            self._told[wheel] = low
+            self._sent[wheel] = low
 
     def _publish(self, wheel: str, low: bool | None) -> bool:
         """Tell one value; False if it is to be tried again."""

@@ -38,7 +38,7 @@ class VssInput:
         self._databroker, self._wire, self._log = Connection(settings), wire, log
         self._frames = VssFrames()
         self._absent: list[str] = []
-        self._told: set[tuple[str, NotSent]] = set()
+        self._logged: set[tuple[str, NotSent]] = set()
         self._said = ""
         self.counts: Counter[str] = Counter()
         """Values that were sent, those for which the bus was away, and those of each `NotSent`."""
@@ -111,8 +111,8 @@ class VssInput:
             return
         self.counts[f"that {made}"] += 1
         what = "a value" if made is NotSent.LATE else f"a value of {path}"
-        if made not in ORDINARY and (what, made) not in self._told:
-            self._told.add((what, made))
+        if made not in ORDINARY and (what, made) not in self._logged:
+            self._logged.add((what, made))
             self._log.warning("%s %s: not sent (said once)", what, made)
 
     def _say(self, text: str) -> None:
