@@ -31,9 +31,10 @@ MIN_SHIFT, MAX_SHIFT = -0.40, 0.20
 SHIFTS = LOG_STEP * np.arange(round(MIN_SHIFT / LOG_STEP), round(MAX_SHIFT / LOG_STEP) + 1)
 """Changes of ln f that are considered."""
 COMMON_STD, OWN_STD = 0.02, 0.006
-"""Harmless changes of ln f: warmth and load of all tyres; what each wheel has to itself."""
+"""Standard deviations of nuisance changes of ln f: temperature and load of all tyres; those of each wheel
+alone."""
 TRUST = 0.9
-"""Probability that the evidence is worth anything; else every set of wheels is as likely as any other."""
+"""Probability that the evidence is valid; else every set of wheels is as likely as any other."""
 _COMMON = LOG_STEP * np.arange(-12, 13)
 _COMMON_LOG = -0.5 * (_COMMON / COMMON_STD) ** 2
 
@@ -86,17 +87,17 @@ class ResonanceEvidence:
                 terms = (soft[wheel] if wheel in subset else sound[wheel] for wheel in wheels)
                 logs[subset] = float(_log_sum(_COMMON_LOG + sum(terms), axis=0))
         total = float(_log_sum(np.array(list(logs.values())), 0))
-        even = math.log1p(-TRUST) - math.log(len(logs))
-        mixed = {s: float(np.logaddexp(math.log(TRUST) + log - total, even)) for s, log in logs.items()}
+        uniform = math.log1p(-TRUST) - math.log(len(logs))
+        mixed = {s: float(np.logaddexp(math.log(TRUST) + log - total, uniform)) for s, log in logs.items()}
         return cls(wheels, {subset: log - mixed[()] for subset, log in mixed.items()})
 
     def log_ratio(self, subset: Sequence[int]) -> float:
-        """Log of (likelihood that just these wheels are soft / that none is); of wheels without a resonance
-        nothing is known, so they neither add nor take."""
+        """Return the log-likelihood ratio of just these wheels soft against none; wheels without a resonance
+        change nothing."""
         return self.subsets[tuple(sorted(wheel for wheel in subset if wheel in self.wheels))]
 
     def wheel_llr(self, wheel: int) -> float:
-        """Log of (likelihood that just this wheel is soft / that none is)."""
+        """Return the log-likelihood ratio of just this wheel soft against none."""
         return self.log_ratio((wheel,))
 
 
@@ -121,7 +122,7 @@ def fused_probability(probability: float, log_ratio: float) -> float:
 
 
 def _blurred(log_values: FloatArray, std: float) -> FloatArray:
-    """Log of the values averaged over a normal error of this standard deviation."""
+    """Return the log of the values averaged over a normal error of this standard deviation."""
     reach = math.ceil(3.0 * std / LOG_STEP)
     error = LOG_STEP * np.arange(-reach, reach + 1)
     kernel = -0.5 * (error / std) ** 2

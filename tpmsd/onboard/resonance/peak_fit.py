@@ -104,7 +104,8 @@ class PeakFit:
 
     @staticmethod
     def reach_of(rate_hz: float) -> float:
-        """Up to which frequency a resonance can be seen, Hz; 0 where sampling is too slow for any."""
+        """Return the frequency up to which a resonance can be detected, Hz; 0 where sampling is too slow for
+        any."""
         reach = _reach(bins_hz(rate_hz))
         return float(FREQUENCY_HZ[reach - 1]) if reach else 0.0
 
@@ -112,8 +113,8 @@ class PeakFit:
         """Return the likelihood over the frequency."""
         density = spectrum.mean()
         weight = 0.5 * spectrum.averages
-        even = np.full((1, self._null.shape[1]), float(density.mean()) / self._null.shape[1])
-        none_amplitude, _, none = _likelihood(self._null, density, even, NULL_UPDATES)
+        uniform = np.full((1, self._null.shape[1]), float(density.mean()) / self._null.shape[1])
+        none_amplitude, _, none = _likelihood(self._null, density, uniform, NULL_UPDATES)
         # From there on a resonance has to take its share.
         begin = np.empty(self._shapes.shape[:2])
         begin[:, 0] = RESONANCE_SHARE * float(density.mean())

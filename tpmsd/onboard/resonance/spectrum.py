@@ -77,12 +77,12 @@ class Spectrum:
 
     @classmethod
     def empty(cls, bins: int) -> Spectrum:
-        """Return nothing gathered yet."""
+        """Return an empty spectrum."""
         return cls(np.zeros(bins))
 
     @property
     def averages(self) -> float:
-        """Segments that it is worth; of one that only fades, ever fewer."""
+        """Number of segments in effect; it falls while the spectrum only fades."""
         if self.weight_squares <= 0.0:
             return 0.0
         # Under steady fading the first is twice the weight; without fading it is the weight.
@@ -125,7 +125,7 @@ class Spectrum:
 
     @classmethod
     def from_json(cls, saved: Mapping[str, Any], bins: int) -> Spectrum:
-        """Back from the state file; ValueError if it is no spectrum of so many bins."""
+        """Restore from the state file; ValueError if it is no spectrum of so many bins."""
         try:
             density: FloatArray = np.array([float(value) for value in saved["density"]])
             averages = float(saved["averages"])

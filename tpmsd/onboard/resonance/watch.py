@@ -1,4 +1,5 @@
-"""Follows the torsional resonances of a car's wheels and says what they mean, or why they say nothing.
+"""Follows the torsional resonances of a car's wheels and reports their meaning, or the reason for which they
+have none.
 
 In: rotation samples of all wheels. Out: `ResonanceEvidence` against a learned baseline, and a status per
 wheel.
@@ -42,7 +43,7 @@ OFF_AFTER_S = 600.0
 EDGE_NAMED = 0.94
 """Share of the highest frequency that can be seen, beyond which a peak is reported as being too high."""
 RATE_TOLERANCE = 0.02
-ODD_BLOCKS = 6
+IRREGULAR_BLOCKS = 6
 """Number of blocks in a row at another rate after which the signal has changed: everything is learned
 again."""
 
@@ -109,7 +110,7 @@ class _Wheel:
     rate_hz: float = math.nan
     classes: dict[int, _Class] = field(default_factory=dict)
     driven_s: float = 0.0
-    odd_blocks: int = 0
+    irregular_blocks: int = 0
     rounding: float = 0.0
     """Density that the signal's resolution alone makes."""
 
@@ -149,13 +150,13 @@ class ResonanceWatch:
         if not math.isfinite(wheel.rate_hz):
             wheel.rate_hz = round(block.rate_hz, 1)
         if abs(block.rate_hz / wheel.rate_hz - 1.0) > RATE_TOLERANCE:
-            wheel.odd_blocks += 1
-            if wheel.odd_blocks < ODD_BLOCKS:
+            wheel.irregular_blocks += 1
+            if wheel.irregular_blocks < IRREGULAR_BLOCKS:
                 return
             # What was learned is of another signal.
             wheel.classes.clear()
             wheel.rate_hz, wheel.driven_s = round(block.rate_hz, 1), 0.0
-        wheel.odd_blocks = 0
+        wheel.irregular_blocks = 0
         speed_mps = float(block.speed_radps.mean()) * self._radius_m[sample.wheel]
         number = int(np.searchsorted(SPEED_CLASSES_MPS, speed_mps, side="right")) - 1
         if number >= 0 and PeakFit.reach_of(wheel.rate_hz) > 0.0:
@@ -170,7 +171,7 @@ class ResonanceWatch:
         return self._wheels[run.wheel].stream.extend(run.time_s, run.angle_rad, run.segment, run.quantum_rad)
 
     def forget(self) -> None:
-        """Learn the baselines anew."""
+        """Learn the baselines again."""
         for wheel in self._wheels:
             wheel.classes.clear()
             wheel.driven_s = 0.0
@@ -189,7 +190,7 @@ class ResonanceWatch:
         return self._fits[wheel.rate_hz]
 
     def _take(self, wheel: _Wheel, number: int, block: SpeedBlock) -> None:
-        """A block of steady driving into the spectrum of its class."""
+        """Add a block of steady driving to the spectrum of its class."""
         segments = periodograms(block, wheel.ring.remove(block), wheel.rate_hz)
         duration_s = block.speed_radps.size / block.rate_hz
         wheel.driven_s += duration_s
@@ -219,7 +220,7 @@ class ResonanceWatch:
             entry.spectrum = Spectrum.empty(bins_hz(wheel.rate_hz).size)
 
     def _judge(self) -> None:
-        """The evidence of all wheels and classes together."""
+        """Compute the evidence of all wheels and classes together."""
         shifts: dict[int, FloatArray] = {}
         for number, wheel in enumerate(self._wheels):
             logs = [
@@ -285,7 +286,7 @@ class ResonanceWatch:
         }
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it is none (then nothing is taken up)."""
+        """Restore a snapshot; ValueError if it is none (then nothing is restored)."""
         try:
             wheels = [self._restored(saved[name]) for name in WHEELS]
         except (KeyError, TypeError, AttributeError) as error:

@@ -24,7 +24,8 @@ from tpmsd.onboard.sources.events import RotationSample
 
 BLOCK_S = 10.24
 GAP_PERIODS = 2.6
-"""A longer interval means lost frames: the block begins anew. Stamps may be off by a period."""
+"""Interval, in periods, beyond which frames are lost: the block begins again. Stamps may be off by a
+period."""
 MIN_GAP_S = 0.03
 MAX_SPREAD = 1.35
 """Greatest over least speed in a block: harder braking than that is no steady rolling."""
@@ -71,7 +72,7 @@ class WheelStream:
         """Sampling rate of the last block, Hz, be it used or not; NaN before there is one."""
 
     def add(self, sample: RotationSample) -> SpeedBlock | None:
-        """Take a sample; the block that it completes, if that one is of steady rolling."""
+        """Take a sample; return the block that it completes, if that one is of steady rolling."""
         times = self._time_s
         if times and (
             sample.segment != self._segment or not 0.0 < sample.time_s - times[-1] <= self._gap_s()
@@ -117,8 +118,8 @@ class WheelStream:
         intervals = time_s.size - 1
         self.rate_hz = rate_hz = float(intervals / (time_s[-1] - time_s[0]))
         counted = self._quantum_rad > 0.0
-        way = np.diff(angle_rad)
-        speed = way * rate_hz if counted else readings(way / np.diff(time_s))
+        step_rad = np.diff(angle_rad)
+        speed = step_rad * rate_hz if counted else readings(step_rad / np.diff(time_s))
         least, mean = float(np.min(speed)), float(np.mean(speed))
         smooth = np.convolve(speed, np.full(16, 1.0 / 16), "valid") if intervals >= 16 else speed
         if least <= 0.0 or float(smooth.max()) > MAX_SPREAD * float(smooth.min()) or mean <= 0.0:
