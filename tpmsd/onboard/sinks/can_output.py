@@ -52,8 +52,8 @@ class Output:
     counter: int = 0
     sent: int = 0
     stopped: str = ""
-    told: tuple[float, ...] = field(default=())
-    told_s: float = -math.inf
+    last_sent: tuple[float, ...] = field(default=())
+    last_sent_s: float = -math.inf
 
 
 class CanOutputs:
@@ -116,10 +116,12 @@ class CanOutputs:
             if out.stopped:
                 continue
             now = tuple(values[name] for name in sorted(out.watched))
-            changed = out.on_change and now != out.told and not 0.0 <= now_s - out.told_s < CHANGE_GAP_S
+            changed = (
+                out.on_change and now != out.last_sent and not 0.0 <= now_s - out.last_sent_s < CHANGE_GAP_S
+            )
             if not (changed or (out.cycle is not None and out.cycle.due(now_s))):
                 continue
-            out.told, out.told_s = now, now_s
+            out.last_sent, out.last_sent_s = now, now_s
             for data in out.make(values, out.counter):
                 due.setdefault(out.bus, []).append(OutFrame(out.identifier, out.extended, data))
                 out.sent += 1

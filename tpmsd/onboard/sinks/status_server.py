@@ -265,7 +265,7 @@ class StatusServer:
             raise ValueError(why)
 
     def _explanation(self) -> bytes:
-        """Return made anew for each who asks: few do."""
+        """Return the explanation, made again for each who asks: few do."""
         if self._explain is None:
             return _error_line("this daemon explains nothing")
         try:
