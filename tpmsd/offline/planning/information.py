@@ -29,7 +29,7 @@ from tpmsd.offline.inference.windows import Reader
 DT_S = 0.1
 """Duration of a tick, s."""
 REGULAR = 1e-9
-"""Share of its own information that a column keeps although others say the same."""
+"""Share of its own information that a column keeps although others carry the same."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +140,6 @@ def _noise(equipment: Equipment, reader: Reader) -> Noise:
     return Noise(reading_m=(float(read[0]), float(read[1]), float(read[2]), float(read[3])))
 
 
-def told(gains: Mapping[str, float], target: float) -> bool:
-    """Return whether all effects are to bring as much as is wanted."""
+def reaches_target(gains: Mapping[str, float], target: float) -> bool:
+    """Return whether all effects reach the required gain."""
     return all(gain >= target for gain in gains.values())

@@ -45,16 +45,16 @@ class SignalLayout:
             return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
         return 0, (1 << self.bits) - 1
 
-    def bit_places(self) -> list[int]:
+    def bit_positions(self) -> list[int]:
         """Return the position of each bit from the least significant: 8 * byte + bit within the byte."""
         if not self.big_endian:
             return [self.start + k for k in range(self.bits)]
-        places, place = [], self.start
+        positions, position = [], self.start
         # From the most significant bit: down within a byte, then on to the next byte's top.
         for _ in range(self.bits):
-            places.append(place)
-            place = place - 1 if place % 8 else place + 15
-        return places[::-1]
+            positions.append(position)
+            position = position - 1 if position % 8 else position + 15
+        return positions[::-1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +75,8 @@ class MessageLayout:
             if signal.name not in raw:
                 continue
             value = raw[signal.name]
-            for k, place in enumerate(signal.bit_places()):
-                out[:, place // 8] |= (((value >> k) & 1) << (place % 8)).astype(np.uint8)
+            for k, position in enumerate(signal.bit_positions()):
+                out[:, position // 8] |= (((value >> k) & 1) << (position % 8)).astype(np.uint8)
         return out
 
 

@@ -135,8 +135,8 @@ class CanRewriter:
             return
         for group in plan.groups:
             if all(
-                place.min_bytes <= len(frame.data) and place.number(place.bits(frame.data)) in numbers
-                for place, numbers in group.selectors
+                layout.min_bytes <= len(frame.data) and layout.number(layout.bits(frame.data)) in numbers
+                for layout, numbers in group.selectors
             ):
                 yield key, frame, group
 
@@ -171,8 +171,8 @@ class CanRewriter:
 
     def _readings(self, series: Series, host_s: FloatArray) -> list[int] | None:
         signal = series.signal
-        place = signal.field
-        numbers = np.array([place.number(bits) for bits in series.bits], dtype=np.float64)
+        layout = signal.field
+        numbers = np.array([layout.number(bits) for bits in series.bits], dtype=np.float64)
         values = signal.gain * numbers + signal.bias
         if signal.wheel is not None:
             factor = self._injection.speed_factor(signal.wheel, host_s)
@@ -182,10 +182,10 @@ class CanRewriter:
         more = (wanted - values) / signal.gain
         if not more.any():
             return None
-        if place.is_float:
-            return [float_bits(number, place) for number in (numbers + more).tolist()]
+        if layout.is_float:
+            return [float_bits(number, layout) for number in (numbers + more).tolist()]
         made = requantised(numbers, more)
-        low, high = (-(1 << place.length - 1), place.mask >> 1) if place.signed else (0, place.mask)
+        low, high = (-(1 << layout.length - 1), layout.mask >> 1) if layout.signed else (0, layout.mask)
         return [
             _valid(int(number), bits, signal)
             for number, bits in zip(np.clip(made, low, high).tolist(), series.bits, strict=True)
@@ -216,18 +216,18 @@ class CanRewriter:
         return line
 
 
-def put_bits(data: bytearray, place: BitField, bits: int) -> None:
+def put_bits(data: bytearray, layout: BitField, bits: int) -> None:
     """Put the bits of a field into a frame's data; all other bits stay."""
-    order = "big" if place.big_endian else "little"
-    shift = place.shift - 8 * (place.word_bytes - place.min_bytes) if place.big_endian else place.shift
-    word = int.from_bytes(data[: place.min_bytes], order)  # type: ignore[arg-type]
-    word = word & ~(place.mask << shift) | bits << shift
-    data[: place.min_bytes] = word.to_bytes(place.min_bytes, order)  # type: ignore[arg-type]
+    order = "big" if layout.big_endian else "little"
+    shift = layout.shift - 8 * (layout.word_bytes - layout.min_bytes) if layout.big_endian else layout.shift
+    word = int.from_bytes(data[: layout.min_bytes], order)  # type: ignore[arg-type]
+    word = word & ~(layout.mask << shift) | bits << shift
+    data[: layout.min_bytes] = word.to_bytes(layout.min_bytes, order)  # type: ignore[arg-type]
 
 
-def float_bits(number: float, place: BitField) -> int:
+def float_bits(number: float, layout: BitField) -> int:
     """Return the bits of an IEEE 754 number of the field's length."""
-    kind = {16: ">f2", 32: ">f4", 64: ">f8"}[place.length]
+    kind = {16: ">f2", 32: ">f4", 64: ">f8"}[layout.length]
     return int.from_bytes(np.array(number, dtype=kind).tobytes(), "big")
 
 

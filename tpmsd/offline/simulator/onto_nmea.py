@@ -80,12 +80,12 @@ class NmeaRewriter:
         host_s = np.array([times[number] for number in numbers])
         change = self.injection.fixes(host_s)
         clock_s = self.injection.clock_error_s(host_s)
-        place = {number: k for k, number in enumerate(numbers)}
+        index_of = {number: k for k, number in enumerate(numbers)}
         out: list[bytes] = []
         changed = False
         for number, line in enumerate(lines_of(source), 1):
             made = line
-            if (k := place.get(number)) is not None:
+            if (k := index_of.get(number)) is not None:
                 made = self._sentence(line, _of(change, k))
                 if stamped and (shift := later_s + float(clock_s[k])) != 0.0:
                     made = _stamped(made, shift)
@@ -155,14 +155,14 @@ class NmeaRewriter:
         if plain == acting:
             return
         units = ((layout.knots, KNOT_MPS), (layout.kmh, KMH_MPS))
-        told = [
+        speeds = [
             (float(fields[number]) * unit, number, unit)
             for number, unit in units
             if number and _NUMBER.fullmatch(_field(fields, number))
         ]
-        if not told:
+        if not speeds:
             return
-        speed, course = told[0][0], _field(fields, layout.course)
+        speed, course = speeds[0][0], _field(fields, layout.course)
         if _NUMBER.fullmatch(course) and speed > STANDS_MPS:
             before = speed * np.exp(1j * math.radians(90.0 - float(course)))
             after = before + acting - plain
@@ -173,7 +173,7 @@ class NmeaRewriter:
                     fields[number] = self._more(kind, number, fields[number], turned, 360.0)
         else:
             faster = abs(acting) - abs(plain)
-        for _, number, unit in told:
+        for _, number, unit in speeds:
             fields[number] = self._more(kind, number, fields[number], faster / unit)
 
     def _more(self, kind: bytes, number: int, text: bytes, more: float, around: float = math.inf) -> bytes:

@@ -113,10 +113,10 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
     )
     lag = world.model.velocity_age_s()
     count = len(time_s)
-    wander = gauss_markov(rng, count, period, spec.position_std_m, spec.position_tau_s, 3)
+    drift = gauss_markov(rng, count, period, spec.position_std_m, spec.position_tau_s, 3)
     white = spec.white_std_m * rng.standard_normal((count, 3))
     velocity = gauss_markov(rng, count, period, spec.velocity_std_mps, spec.velocity_tau_s, 2)
-    error = (wander + white) * np.array([1.0, 1.0, 1.8])  # heights are worse: no satellites from below
+    error = (drift + white) * np.array([1.0, 1.0, 1.8])  # heights are worse: no satellites from below
     error[:, :2] += _jumps(time_s, spec, rng)
     valid = _valid(time_s, spec, rng)
     hdop = np.maximum(spec.hdop + gauss_markov(rng, count, period, 0.08, 120.0, 1)[:, 0], 0.5)
@@ -155,7 +155,7 @@ def nmea_lines(
     arrivals = world.host_s(clocks, epochs.time_s + age + jitter)
     utc = clocks.utc_s(epochs.time_s)
     altitude = epochs.height_m + epochs.up_error_m
-    believed = float(np.hypot(spec.position_std_m, spec.white_std_m))
+    stated_std_m = float(np.hypot(spec.position_std_m, spec.white_std_m))
     lines: list[NmeaLine] = []
     free = -np.inf
     for k in range(len(utc)):
@@ -170,7 +170,7 @@ def nmea_lines(
             course_deg=float(course[k]),
             hdop=float(epochs.hdop[k]),
             satellites=round(14 / float(epochs.hdop[k]) ** 0.5) if valid else 2,
-            position_std_m=believed * float(epochs.hdop[k]) / spec.hdop,
+            position_std_m=stated_std_m * float(epochs.hdop[k]) / spec.hdop,
         )
         when = max(float(arrivals[k]), free)
         for kind in spec.sentences:

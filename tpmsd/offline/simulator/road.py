@@ -23,9 +23,9 @@ class Style:
 
     transition_m: float
     """Length over which curvature builds up (clothoid)."""
-    wander_spacing_m: float
+    drift_spacing_m: float
     """Distance between the driver's small corrections within the lane."""
-    wander_m: float
+    drift_m: float
     """Standard deviation of the place within the lane."""
     lane_change: float
     """Chance of a change of lane per correction."""

@@ -34,7 +34,7 @@ class Driver:
     brake_mps2: float = 1.6
     lateral_mps2: float = 2.2
     """Taken in bends."""
-    speed_wander: float = 0.03
+    speed_drift: float = 0.03
     """Standard deviation of speed over limit."""
     start_wait_s: float = 4.0
     """Standing before setting off."""
@@ -84,7 +84,7 @@ def drive_along(
     """Drive along these segments from a standstill; they must last for the duration."""
     ends = np.cumsum([segment.length_m for segment in segments])
     path_m = np.arange(0.0, ends[-1], _GRID_M)
-    curvature = _curvature(segments, ends, path_m) + _wander(segments, ends, path_m, rng)
+    curvature = _curvature(segments, ends, path_m) + _lane_drift(segments, ends, path_m, rng)
     tan_grade = _tan_grade(segments, ends, path_m, rng)
     cap = _speed_cap(segments, ends, path_m, curvature, driver, rng)
     stops = [
@@ -120,7 +120,7 @@ def _curvature(segments: list[Segment], ends: FloatArray, path_m: FloatArray) ->
     return np.asarray(np.interp(path_m, knots, values))
 
 
-def _wander(
+def _lane_drift(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
     """Return the curvature of the driver's path beyond the road's: second derivative of the place across the
@@ -134,8 +134,8 @@ def _wander(
         style = segments[index].style
         if rng.random() < style.lane_change:
             lane = 0.0 if lane else _LANE_M
-        knots.append(knots[-1] + style.wander_spacing_m)
-        offsets.append(lane + style.wander_m * float(rng.standard_normal()))
+        knots.append(knots[-1] + style.drift_spacing_m)
+        offsets.append(lane + style.drift_m * float(rng.standard_normal()))
     return np.asarray(CubicSpline(knots, offsets, bc_type="natural")(path_m, 2))
 
 
@@ -166,8 +166,8 @@ def _speed_cap(
     which = np.minimum(np.searchsorted(ends, path_m, side="right"), len(segments) - 1)
     limit = np.array([segment.limit_mps for segment in segments])[which]
     knots = np.arange(0.0, path_m[-1] + 300.0, 150.0)
-    wander = CubicSpline(knots, driver.speed_wander * rng.standard_normal(len(knots)))(path_m)
-    limit = limit * (1.0 + np.clip(wander, -0.1, 0.1))
+    drift = CubicSpline(knots, driver.speed_drift * rng.standard_normal(len(knots)))(path_m)
+    limit = limit * (1.0 + np.clip(drift, -0.1, 0.1))
     in_bend = np.sqrt(driver.lateral_mps2 / np.maximum(np.abs(curvature), 1e-6))
     return np.asarray(np.minimum(limit, in_bend))
 

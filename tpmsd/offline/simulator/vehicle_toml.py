@@ -49,7 +49,7 @@ def vehicle_toml(
         if signal.role
     }
     # Wheels first, in their order.
-    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _place(role), role))
+    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _wheel_order(role), role))
     lines += [f'{role} = "{roles[role]}"' for role in ordered]
     lines += [
         "",
@@ -63,7 +63,7 @@ def vehicle_toml(
     return "\n".join(lines) + "\n"
 
 
-def _place(role: str) -> int:
+def _wheel_order(role: str) -> int:
     return WHEELS.index(role[-2:]) if role.startswith("wheel_") else len(WHEELS)
 
 

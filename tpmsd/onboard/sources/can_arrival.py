@@ -96,7 +96,7 @@ class MessageArrival:
         return other
 
     def judged_last(self, data: bytes) -> None:
-        """The frame judged last had this data, which was not at hand then."""
+        """Note the data of the frame judged last, which was not at hand then."""
         self._data = data
 
     def is_overdue(self, time_s: float) -> bool:
@@ -104,7 +104,7 @@ class MessageArrival:
         return time_s - self.last_s > self.timeout_s
 
     def clock_stepped(self) -> None:
-        """The clock was set back, as another input has shown: the next frame is the first after that."""
+        """Take the clock as set back, as another input has shown: the next frame is the first after that."""
         self._stepped = True
 
     def judge(self, time_s: float, data: bytes) -> Verdict:
@@ -132,8 +132,8 @@ class MessageArrival:
         return _USE
 
     def judge_regular(self, times_s: list[float]) -> list[float]:
-        """Return the period at each of frames, as `judge` learns it one by one, up to the first of which
-        there is something to say: late, repeated, after a loss, a time-out or a step."""
+        """Return the period at each of frames, as `judge` learns it one by one, up to the first that is not
+        regular: late, repeated, after a loss, a time-out or a step."""
         periods: list[float] = []
         while (at := len(periods)) < len(times_s):
             # As a rule there is nothing to say before the period is learned anew.

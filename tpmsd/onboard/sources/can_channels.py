@@ -17,7 +17,7 @@ import numpy as np
 from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
 
 LOOK_AT_FRAMES = 50_000
-"""About half a minute of a busy bus; each bus of a car has its say by then."""
+"""Frames that are looked at, about half a minute of a busy bus: each bus of a car has sent by then."""
 MAX_KEY = 0xFFFFFFFF
 """Keys beyond it are of further buses."""
 _NUMBER = re.compile(r"\D*(\d+)\Z")

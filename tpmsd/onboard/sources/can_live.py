@@ -127,7 +127,8 @@ class LiveCan:
 
     @staticmethod
     def _prepare(sock: socket.socket) -> None:
-        """Best effort: a kernel that refuses any of this still delivers frames."""
+        """Set the socket's options as far as possible: a kernel that rejects any of them still delivers
+        frames."""
         for option in (_SO_TIMESTAMPNS, _SO_RXQ_OVFL):
             with contextlib.suppress(OSError):
                 sock.setsockopt(socket.SOL_SOCKET, option, 1)

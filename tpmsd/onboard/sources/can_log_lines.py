@@ -48,7 +48,7 @@ class LogLines:
         return self._file.closed
 
     def resume(self) -> None:
-        """Called before a reader goes on after a bad line."""
+        """Prepare the file for a reader that goes on after a bad line."""
 
 
 class AscLines(LogLines):
@@ -91,7 +91,8 @@ class AscLines(LogLines):
         return f"{self._now_s:.9f}{match[2]}"
 
     def resume(self) -> None:
-        """Iterating again, the reader looks for a header, and would take the next frame for its end."""
+        """Give the reader a header, which it looks for again: it would take the next frame for the header's
+        end."""
         if not self._in_header:
             self._pushed.append("internal events logged\n")
 

@@ -34,7 +34,7 @@ def read_mf4(path: Path) -> Iterator[CanFrame]:
 
 
 def send_frames(path: Path, _: Iterator[str], send: Send) -> None:
-    """The child's part."""
+    """Send the frames of the file, as the child."""
     bring_in_mf4()
     from can.io.mf4 import MF4Reader
 

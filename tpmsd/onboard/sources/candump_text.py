@@ -39,7 +39,7 @@ except ImportError:  # not built: there was no compiler, or it was left out
 LONGEST_CHARS = 256
 """The longest line that is read in this way: CAN FD with 64 bytes takes about 170."""
 MOST_SHAPES = 64
-"""Lengths of line (with the place of the '#') that are read together, the commonest first."""
+"""Lengths of line (with the column of the '#') that are read together, the commonest first."""
 MOST_TEMPLATES = 8
 """Templates that are tried on the lines of one shape: channels, directions, flags of CAN FD."""
 EXACT_BELOW = 9.0e15
@@ -78,13 +78,13 @@ def _template(line: str) -> _Template | None:
     data = match.span(7 if fd else 5) if fd or match[5] is not None else (0, 0)
     used = {dot: False}
     for first, last in (stamp, identifier, data):
-        used.update((place, place != dot) for place in range(first, last))
+        used.update((column, column != dot) for column in range(first, last))
     return _Template(
         np.arange(stamp[0], dot),
         np.arange(dot + 1, stamp[1]),
         np.arange(*identifier),
         np.arange(*data),
-        np.array([place for place in range(len(line)) if not used.get(place, False)], dtype=np.intp),
+        np.array([column for column in range(len(line)) if not used.get(column, False)], dtype=np.intp),
         match[2],
         FD * fd + REMOTE * (match[6] is not None),
     )
@@ -104,14 +104,14 @@ class _Rows:
         self.channels: dict[str, int] = {}
 
     def widen(self, size: int) -> None:
-        """Room for frames of CAN FD."""
+        """Make room for frames of CAN FD."""
         if size > self.data.shape[1]:
             wider = np.zeros((len(self.data), size), dtype=np.uint8)
             wider[:, : self.data.shape[1]] = self.data
             self.data = wider
 
     def put(self, frames: list[CanFrame], at: list[int]) -> None:
-        """Frames that were read one by one, in their rows."""
+        """Put frames that were read one by one into their rows."""
         if not frames:
             return
         block = block_of(frames)
@@ -147,9 +147,9 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
     buffer = np.frombuffer(raw, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
     starts = np.concatenate([[0], ends[:-1] + 1])
-    lengths, places = ends - starts, _hash_places(buffer, starts, ends)
-    readable = (places >= 0) & (lengths < LONGEST_CHARS) & ~rows.found
-    shapes = np.where(readable, lengths * LONGEST_CHARS + places, 0)
+    lengths, hash_columns = ends - starts, _hash_columns(buffer, starts, ends)
+    readable = (hash_columns >= 0) & (lengths < LONGEST_CHARS) & ~rows.found
+    shapes = np.where(readable, lengths * LONGEST_CHARS + hash_columns, 0)
     often = np.bincount(shapes)
     often[0] = 0
     for shape in np.argsort(-often, kind="stable")[:MOST_SHAPES].tolist():
@@ -171,7 +171,7 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
 
 
 def _read_compiled(raw: bytes, rows: _Rows) -> bool:
-    """Fill the rows of the commonest lines on the channel of the first one; whether those are all."""
+    """Fill the rows of the commonest lines on the channel of the first one; return whether those are all."""
     first = raw[: raw.index(b"\n")].decode("latin-1")
     match = LINE.match(first)
     if match is None:
@@ -183,10 +183,10 @@ def _read_compiled(raw: bytes, rows: _Rows) -> bool:
     return bool(found == len(rows.found))
 
 
-def _hash_places(
+def _hash_columns(
     buffer: NDArray[np.uint8], starts: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """Return (lines,) place of the first '#' in each line; -1 where there is none."""
+    """Return (lines,) the column of the first '#' in each line; -1 where there is none."""
     hashes = np.flatnonzero(buffer == ord("#"))
     if len(hashes) == len(starts) and bool(np.all((hashes > starts) & (hashes < ends))):
         return hashes - starts
@@ -219,7 +219,7 @@ def _read_shape(
 def _read_alike(
     text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _Rows
 ) -> NDArray[np.bool_]:
-    """Fill the rows of the lines (n,) that the template fits; which ones those are. `text` (length, n)."""
+    """Fill the rows of the lines (n,) that the template fits; return them. `text` (length, n)."""
     digits = text[np.concatenate([template.whole, template.fraction])] - ord("0")
     nibbles = _HEX[text[np.concatenate([template.identifier, template.data])]]
     other = text[template.other]

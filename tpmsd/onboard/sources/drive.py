@@ -91,7 +91,7 @@ class Drive:
                 yield part
 
     def parts(self) -> Iterator[Part | Sentence]:
-        """Yield the same, with the frames between two sentences together."""
+        """Yield frames and sentences, with the frames between two sentences together."""
         can, gnss = _Frames(self._undamaged_frames()), _Sentences(self._undamaged_sentences())
         while can.head_s is not None or gnss.head_s is not None:
             stream = _next(can, gnss)
@@ -117,15 +117,17 @@ class Drive:
         frame."""
         watch = LeapWatch[FrameBlock]()
         for block in self._blocks():
-            place = 0
-            while place < len(block):
-                stop = watch.even_to(block.time_s, place)
-                if stop > place:
-                    yield block if stop - place == len(block) else block.taken(slice(place, stop))
-                    place = stop
+            frame_index = 0
+            while frame_index < len(block):
+                stop = watch.regular_to(block.time_s, frame_index)
+                if stop > frame_index:
+                    yield block if stop - frame_index == len(block) else block.taken(slice(frame_index, stop))
+                    frame_index = stop
                     continue
-                yield from watch.take(float(block.time_s[place]), block.taken(slice(place, place + 1)))
-                place += 1
+                yield from watch.take(
+                    float(block.time_s[frame_index]), block.taken(slice(frame_index, frame_index + 1))
+                )
+                frame_index += 1
         yield from watch.left()
         self._count_damaged("can", watch.damaged)
 
@@ -229,7 +231,7 @@ class _Frames:
         """`before_s`: the last time of the block before."""
         self._block, self._at = next(self._blocks, None), 0
         self._backward: list[int] = []
-        """Places before which the clock steps back."""
+        """Indices before which the clock steps back."""
         self._rises = True
         self._time_s: list[float] = []
         if self._block is not None:
@@ -246,7 +248,9 @@ class _Frames:
         head = 1  # the next is played whatever its time: it has been chosen
         while (block := self._block) is not None:
             start = self._at
-            step = next((place for place in self._backward if place >= start + head), len(block))
+            step = next(
+                (frame_index for frame_index in self._backward if frame_index >= start + head), len(block)
+            )
             stop = min(step, self._first_behind(limit_s, start + head))
             if stop > start:
                 yield Part(block, start, stop)
@@ -260,7 +264,7 @@ class _Frames:
             self._take_block(last_s)
 
     def _first_behind(self, limit_s: float, start: int) -> int:
-        """Return the place of the first frame from `start` on that is later than the limit."""
+        """Return the index of the first frame from `start` on that is later than the limit."""
         assert self._block is not None
         if self._rises:
             return max(bisect_right(self._time_s, limit_s), start)

@@ -37,7 +37,7 @@ class RotationRun(NamedTuple):
     wheel: int
     segment: int
     quantum_rad: float
-    places: list[int]
+    frame_indices: list[int]
     """Indices of their frames in the log, in whatever numbers rise with them."""
     time_s: list[float]
     angle_rad: list[float]

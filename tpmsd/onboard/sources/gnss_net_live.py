@@ -63,7 +63,7 @@ class _Lookup:
         return address
 
     def failed(self) -> None:
-        """The address that was tried last led nowhere: the name may point elsewhere by now."""
+        """Note that the address that was tried last led nowhere: the name may point elsewhere by now."""
         if self._found and self._turn % len(self._found) == 0:
             self._found = []
 

@@ -52,7 +52,7 @@ class Episodes:
         self._good: dict[str, int] = {}
 
     def note(self, time_s: float, kind: str, wrong: bool, detail: str = "") -> list[SourceFault]:
-        """Say whether an epoch has this fault; the report, if that begins an episode."""
+        """Note whether an epoch has this fault; return the report, if that begins an episode."""
         if not wrong:
             if kind in self._good:
                 self._good[kind] += 1
@@ -66,7 +66,7 @@ class Episodes:
 
 
 class FrozenPosition:
-    """Tells a receiver that repeats its last position while it reports motion."""
+    """Detects a receiver that repeats its last position while it reports motion."""
 
     def __init__(self) -> None:
         self._position = (NAN, NAN)
@@ -86,7 +86,7 @@ class FrozenPosition:
 
 
 class Leap:
-    """Tells a position that no car could have reached since the last one.
+    """Detects a position that no car could have reached since the last one.
 
     One damaged sentence in 256 passes its checksum. A leap is believed when REACH_COUNT fixes in a row,
     within reach of one another, say so: then the positions before were the wrong ones.
@@ -97,7 +97,7 @@ class Leap:
         self._doubted: list[GnssFix] = []
 
     def judge(self, fix: GnssFix) -> bool:
-        """Return whether the position of this fix is out of reach (and not yet believed)."""
+        """Return whether the position of this fix is out of reach (and not yet accepted)."""
         if self._good is None or _within_reach(self._good, fix):
             self._good = fix
             self._doubted.clear()
@@ -112,7 +112,7 @@ class Leap:
         return False
 
 
-class PlaceChecks:
+class PositionChecks:
     """Both checks of a position as episodes; a fix that fails one loses its position."""
 
     def __init__(self, episodes: Episodes) -> None:
@@ -131,7 +131,7 @@ class PlaceChecks:
 
 
 def without_position(fix: GnssFix) -> GnssFix:
-    """Return the same fix with its motion and time alone."""
+    """Return the fix with its motion and time alone."""
     return replace(fix, latitude_deg=NAN, longitude_deg=NAN, altitude_m=NAN, position_std_m=NAN)
 
 

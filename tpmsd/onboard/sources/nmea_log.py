@@ -118,7 +118,7 @@ def _read_prefixed(path: Path, report: _Report) -> Iterator[Entry]:
 
 
 def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
-    """Yield stamp plain sentences with their epoch's UTC.
+    """Yield plain sentences stamped with their epoch's UTC.
 
     A sentence without a time (VTG) belongs to the epoch before it, unless that epoch has one of its type
     already: then it is the first of the next, and is held until that tells its time.

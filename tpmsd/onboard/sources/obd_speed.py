@@ -1,4 +1,4 @@
-"""The car's own speed by OBD-II, as bytes: what asks for it, and what an answer says.
+"""Speed of the car by OBD-II, as bytes: the request and its answer.
 
 In: the data of a CAN frame. Out: km/h. SAE J1979 service 01, PID 0D (vehicle speed, one byte, 1 km/h), in
 single frames of ISO 15765-2; the identifiers of ISO 15765-4 are in `ObdConfig`. Pure.

@@ -48,7 +48,7 @@ def raw_bits(field: BitField, data: NDArray[np.uint8]) -> RawArray:
 
 
 def numbers(field: BitField, raw: RawArray) -> FloatArray:
-    """Return (n,) what raw bits say: integers (two's complement if signed) or IEEE 754 numbers."""
+    """Return (n,) the numbers in raw bits: integers (two's complement if signed) or IEEE 754 numbers."""
     if field.is_float:
         unsigned, floating = _FLOATS[field.length]
         return raw.astype(unsigned).view(floating).astype(np.float64)

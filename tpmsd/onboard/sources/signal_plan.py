@@ -249,10 +249,10 @@ def bit_field(signal: Signal) -> BitField:
     if signal.is_float and signal.length not in _FLOATS:
         raise ConfigError(f"signal {signal.name} is a floating-point number of {signal.length} bits")
     big = signal.byte_order == "big_endian"
-    return bit_place(signal.start, signal.length, big, signal.is_signed, signal.is_float)
+    return bit_position(signal.start, signal.length, big, signal.is_signed, signal.is_float)
 
 
-def bit_place(
+def bit_position(
     start: int, length: int, big_endian: bool, signed: bool = False, is_float: bool = False
 ) -> BitField:
     """Return the position of `length` bits whose first one a DBC calls `start`."""

@@ -52,7 +52,7 @@ AGREEING = 6
 """Number of irregular readings in a row that, consistent with each other, are taken as the wheel's."""
 STUCK_S = 0.5
 STUCK_BITS = 4.0
-"""The other wheels have gone this far (in bits of this counter) while this one has not."""
+"""Distance that the other wheels have rolled while this one has not, in bits of this counter."""
 
 
 class WheelCounter:
@@ -120,8 +120,8 @@ class WheelCounter:
         self._span = 0.0
         self._run_speed = math.nan
         self._withheld = False
-        """Since the value stopped changing it was found 'repeated', and stays so until the wheels together
-        show that the car stands."""
+        """True if, since the value stopped changing, it was found 'repeated', and stays so until the wheels
+        together show that the car stands."""
         self._released = False
         self._suspect: tuple[float, int] | None = None
         self._implausible: deque[tuple[float, int]] = deque(maxlen=AGREEING)
@@ -129,7 +129,7 @@ class WheelCounter:
 
     @property
     def travel_m(self) -> float:
-        """Way rolled since the start over all segments, by the nominal radius."""
+        """Distance rolled since the start over all segments, by the nominal radius, m."""
         return self._total * self.m_per_bit
 
     @property
@@ -179,7 +179,8 @@ class WheelCounter:
             self._accept_same(time_s, out)
 
     def regular_readings(self, time_s: FloatArray, raw: IntArray, period_s: FloatArray) -> RegularReadings:
-        """Return what `update` would make of n readings, as far as they are regular; changes nothing.
+        """Return the readings that `update` would make of n readings, as far as they are regular; changes
+        nothing.
 
         `time_s` (n,): rising times; `raw` (n,): the signal's bits; `period_s` (n,): the message's period at
         each. Readings of a counter that stands are regular as long as they stay the same.
@@ -283,12 +284,12 @@ class WheelCounter:
         assert self.still_since is not None
         if time_s - self.still_since <= STUCK_S:
             return None
-        moved = sum(map(self.is_a_way, others_m))
+        moved = sum(map(self.has_rolled, others_m))
         return moved >= min(2, max(1, len(others_m)))
 
-    def is_a_way(self, way_m: float) -> bool:
+    def has_rolled(self, distance_m: float) -> bool:
         """Return whether another wheel has rolled so far that this one cannot stand with it."""
-        return abs(way_m) >= STUCK_BITS * self.m_per_bit
+        return abs(distance_m) >= STUCK_BITS * self.m_per_bit
 
     def mark_stuck(self) -> None:
         """Give no samples until the value changes; that begins a new segment."""
@@ -296,7 +297,7 @@ class WheelCounter:
         self._suspect = self._held = None
 
     def mark_standing(self) -> None:
-        """The car stands: the same value again is a reading after all."""
+        """Accept the unchanged value as a reading: the car stands."""
         self._released = True
 
     def _possible(self, interval: float, period_s: float) -> tuple[int, float]:
@@ -307,18 +308,18 @@ class WheelCounter:
         speed = self._speed
         if speed != speed:  # NaN
             return -int(self._reverse * interval + SLACK_BITS), limit
-        way = speed * interval
+        distance = speed * interval
         slack = self._slack(interval)
         if speed >= 0.0:
             # Comparisons take half the time of min and max, and this is asked for every reading.
-            low, high = way - slack, way + slack + speed * stamp_s
+            low, high = distance - slack, distance + slack + speed * stamp_s
             if low > -SLACK_BITS:
                 low = -SLACK_BITS
             if high > limit:
                 high = limit
         else:
-            low = max(way - slack + speed * stamp_s, -limit)
-            high = max(SLACK_BITS, way + slack)
+            low = max(distance - slack + speed * stamp_s, -limit)
+            high = max(SLACK_BITS, distance + slack)
         return math.ceil(low), high
 
     def _slack(self, interval: float) -> float:
@@ -328,7 +329,7 @@ class WheelCounter:
         return 0.5 * self._accel * interval * since + SLACK_BITS + interval / self._span
 
     def _begin(self, time_s: float, raw: int, out: list[Event]) -> None:
-        """A new segment with this reading as its origin."""
+        """Begin a new segment with this reading as its origin."""
         if self._raw is not None or self._history:
             self.segment += 1
         self._base = self._total
@@ -354,7 +355,7 @@ class WheelCounter:
         self._follow(time_s, out)
 
     def _follow(self, time_s: float, out: list[Event]) -> None:
-        """The reading's sample, and the speed over the last SPEED_WINDOW_S."""
+        """Return the reading's sample, and update the speed over the last SPEED_WINDOW_S."""
         history, total = self._history, self._total
         history.append((time_s, total))
         while len(history) > 2 and time_s - history[1][0] >= SPEED_WINDOW_S:
@@ -388,7 +389,8 @@ class WheelCounter:
         self._follow(time_s, out)
 
     def _doubt(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
-        """A reading that cannot follow the last one: odd itself, or the first of a new level."""
+        """Keep a reading that cannot follow the last one: it is irregular itself, or the first of a new
+        level."""
         suspect = self._suspect
         if suspect is None:
             if not self._replace_last(time_s, raw, period_s, out):
@@ -403,13 +405,13 @@ class WheelCounter:
                 self._speed = math.nan
                 self._begin(time_s, raw, out)
             return
-        way = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
-        kind = "reset" if suspect[1] <= min(way, self._modulus / 4) else "jump"
+        distance = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
+        kind = "reset" if suspect[1] <= min(distance, self._modulus / 4) else "jump"
         self._faults.note(out, suspect[0], kind, self.wheel, f"from {self._raw} to {suspect[1]}")
         self._begin(time_s, raw, out)
 
     def _agree(self, time_s: float, raw: int) -> bool:
-        """Return whether the last readings, odd by the speed before, are those of one wheel at an even
+        """Return whether the last readings, irregular by the speed before, are those of one wheel at a steady
         speed."""
         readings = self._implausible
         readings.append((time_s, raw))
@@ -452,7 +454,7 @@ class WheelCounter:
         self._suspect = None
 
     def _resolve(self, time_s: float, raw: int, interval: float, period_s: float, out: list[Event]) -> None:
-        """Several numbers of roll-overs are possible: take the one that fits, if any does."""
+        """Return the number of roll-overs that fits among several possible ones, if any does."""
         assert self._raw is not None
         if self._speed != self._speed:
             # Nothing is known of the speed. Counters are built so that one period is never ambiguous,
@@ -462,8 +464,8 @@ class WheelCounter:
             else:
                 self._begin(time_s, raw, out)
             return
-        way, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
-        low, high = math.ceil(way - slack), way + slack
+        distance, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
+        low, high = math.ceil(distance - slack), distance + slack
         bits = low + ((raw - self._raw - low) % self._modulus)
         if bits > high or bits + self._modulus <= high:
             self._begin(time_s, raw, out)

@@ -38,5 +38,5 @@ class DirectionKeeper:
         return np.asarray((total + np.cumsum(np.where(backward, -step, step))) % modulus)
 
     def put(self, role: str, raw: int, total: int) -> None:
-        """The last value was `raw`, and came out as `total`."""
+        """Note that the last value was `raw`, and came out as `total`."""
         self._last[role] = raw, total

@@ -126,12 +126,12 @@ class Compensation:
         if tick.gap_s > 0.0:
             self._grade.reset()
         rolls = rotation * self._car.radius_m
-        way = float(rolls[RL] + rolls[RR]) / 2
-        if not math.isfinite(way):
+        rolled_m = float(rolls[RL] + rolls[RR]) / 2
+        if not math.isfinite(rolled_m):
             return
         wheels = float(rolls[RR] - rolls[RL]) / self._car.geometry.track_rear_m / tick.dt_s
         turning = yaw_rate if math.isfinite(yaw_rate) else wheels
-        speed = way / tick.dt_s
+        speed = rolled_m / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
         if math.isnan(self._speed_mps):
             self._speed_mps = speed
@@ -139,9 +139,9 @@ class Compensation:
         self._speed_mps += share * (speed - before)
         self._accel_mps2 += share * ((self._speed_mps - before) / tick.dt_s - self._accel_mps2)
         self._yaw_rate_radps += share * (turning - self._yaw_rate_radps)
-        self._distance_m += way
+        self._distance_m += rolled_m
         self._heading_rad += turning * tick.dt_s
-        self._grade.move(way)
+        self._grade.move(rolled_m)
 
     def _steer(self, tick: Tick) -> None:
         """Smooth the rate of the steering wheel; NaN leaves it as it was."""
@@ -175,10 +175,10 @@ class Compensation:
             "heading_rad": self._heading_rad,
             "steering_rad": math.atan(self._car.geometry.wheelbase_m * curvature),
         }
-        told = {"torque": tick.drive_torque_nm, "temperature": tick.ambient_temp_k}
+        known = {"torque": tick.drive_torque_nm, "temperature": tick.ambient_temp_k}
         if math.isfinite(self._steering_rad):
-            told |= {"steering": self._steering_rad, "steering_rate": self._steering_rate_radps}
-        measured = {name: np.array([value]) for name, value in told.items()}
+            known |= {"steering": self._steering_rad, "steering_rate": self._steering_rate_radps}
+        measured = {name: np.array([value]) for name, value in known.items()}
         return Motion(measured=measured, **{name: np.array([value]) for name, value in values.items()})
 
 

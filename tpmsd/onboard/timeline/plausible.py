@@ -15,7 +15,7 @@ PLAUSIBLE_FROM_RAD = 0.9
 rule."""
 
 
-def odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
+def implausible_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
     """Return wheels whose readings cannot be the rotation of a wheel of this car."""
     valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
     if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:

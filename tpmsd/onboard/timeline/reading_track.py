@@ -41,9 +41,9 @@ class ReadingTrack:
             times.append(time_s)
             self._values.append(value)
         else:  # of before a step of the clock
-            place = bisect_right(times, time_s)
-            times.insert(place, time_s)
-            self._values.insert(place, value)
+            index = bisect_right(times, time_s)
+            times.insert(index, time_s)
+            self._values.insert(index, value)
 
     def extend(self, times_s: list[float], values: list[float]) -> None:
         """Take readings in the order of their times."""

@@ -28,7 +28,7 @@ from tpmsd.onboard.sources.events import (
 )
 from tpmsd.onboard.timeline.host_clock import BACKWARD_STEP_S, HostClock
 from tpmsd.onboard.timeline.local_plane import LocalPlane
-from tpmsd.onboard.timeline.plausible import odd_wheels
+from tpmsd.onboard.timeline.plausible import implausible_wheels
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.onboard.timeline.speed_accuracy import SpeedAccuracy
@@ -175,7 +175,8 @@ class Timeline:
         return ticks
 
     def _add_fix(self, fix: GnssFix) -> list[Tick]:
-        """Return a fix bears the arrival of its epoch's first sentence, and comes when the last is in.
+        """Return the fix with the arrival of its epoch's first sentence; it comes when the last sentence is
+        in.
 
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
@@ -185,7 +186,7 @@ class Timeline:
         arrival = self._clock.placed(fix.arrival_s)
         ticks = self.advance(fix.arrival_s) if arrival > self._clock.latest_s else []
         arrival = self._clock.placed(fix.arrival_s)
-        valid = self._place(fix, arrival)
+        valid = self._valid_s(fix, arrival)
         needed = self._clock.latest_s - valid + HOLDBACK_MARGIN_S
         if self._holdback_s < needed < MAX_HOLDBACK_S:
             self._holdback_s = needed
@@ -290,7 +291,7 @@ class Timeline:
             return
         runs = [run for run in rotations if not observer.extend(run)]
         # In the order of the frames, and within one in the order of its wheels.
-        shown = [(place, k, row) for k, run in enumerate(runs) for row, place in enumerate(run.places)]
+        shown = [(frame, k, row) for k, run in enumerate(runs) for row, frame in enumerate(run.frame_indices)]
         for _, k, row in sorted(shown):
             run = runs[k]
             sample = run.time_s[row], run.wheel, run.angle_rad[row], run.quantum_rad, run.segment
@@ -342,7 +343,7 @@ class Timeline:
         else:
             self._planned_ends_s.append(end)
         rotation, std, means = plan
-        for wheel in odd_wheels(rotation.tolist(), self._dt_s):
+        for wheel in implausible_wheels(rotation.tolist(), self._dt_s):
             rotation[wheel] = std[wheel] = math.nan
             self.counts["implausible"] += 1
             at_s = self._clock.host(end)
@@ -372,7 +373,7 @@ class Timeline:
         means = {FIELDS[role]: track.mean_to(end) for role, track in self._inertial.items()}
         return PlannedTick(rotation, std, means)
 
-    def _place(self, fix: GnssFix, arrival: float) -> float:
+    def _valid_s(self, fix: GnssFix, arrival: float) -> float:
         """Put a fix into the plane and onto the time line; when it was valid."""
         valid = self._offset.update(arrival, fix.utc_s)
         self.counts["off_utc"] += self._offset.off_utc

@@ -350,7 +350,7 @@ class _Attempt:
     def _watch_silence(
         self, before: MessageArrival, indices: list[int], stamps: list[float], periods: list[float]
     ) -> None:
-        """The first frame of the range, of whatever message, at whose stamp this message is overdue.
+        """End the range at the first frame, of whatever message, at whose stamp this message is overdue.
 
         `before`: the arrival before the range; `indices`, `stamps`, `periods`: of the message's frames in it,
         up to the first irregular one.
@@ -374,7 +374,7 @@ class _Attempt:
         wheels: dict[WheelCounter | WheelSpeedIntegrator, RegularReadings],
         values: list[FloatArray | None],
     ) -> None:
-        """Speeds that all stay the same to the last bit."""
+        """End the range at the first speeds that all stay the same to the last bit."""
         assert group.frozen is not None
         frozen = group.frozen.copied()
         since = np.full(len(indices), -np.inf)
