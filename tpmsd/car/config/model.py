@@ -385,7 +385,7 @@ class VehicleStateConfig:
     method: str | None = None
     """One of VEHICLE_STATE_METHODS; None: it is not estimated."""
     particles: int = 100
-    """Of upf and arupf."""
+    """Number of particles of upf and arupf."""
 
 
 @brief

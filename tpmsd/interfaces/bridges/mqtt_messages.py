@@ -28,7 +28,7 @@ KIND = re.compile(r"[a-z][a-z_]{0,49}")
 """Kinds of alarms, of this version or of another: whoever may write to the broker must not put other text
 into our messages."""
 LONGEST_S = 1e12
-"""No alarm was raised later, Unix seconds."""
+"""Latest time at which an alarm can have been raised, Unix seconds."""
 
 
 class Message(NamedTuple):
@@ -167,11 +167,11 @@ def recalled(payload: bytes) -> Iterable[Alarm]:
     for one in raw if isinstance(raw, list) else []:
         if not isinstance(one, dict):
             continue
-        kind, wheel, told = one.get("kind"), one.get("wheel"), one.get("time")
-        time_s = number(told)
+        kind, wheel, raised = one.get("kind"), one.get("wheel"), one.get("time")
+        time_s = number(raised)
         if not isinstance(kind, str) or KIND.fullmatch(kind) is None or wheel not in (None, *WHEELS):
             continue
-        if told is not None and (time_s is None or abs(time_s) > LONGEST_S):
+        if raised is not None and (time_s is None or abs(time_s) > LONGEST_S):
             continue
         out.append(Alarm(kind, wheel, time_s))
     return out
