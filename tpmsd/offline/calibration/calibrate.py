@@ -22,7 +22,7 @@ from tpmsd.offline.inference.recording import Recording
 
 METHODS = ("joint", "paper")
 _MAX_STD_RATIO = 0.7
-"""An effect is reported where the drives narrowed what was believed of it to this share."""
+"""Ratio of posterior to prior standard deviation below which an effect is reported."""
 
 
 def calibrate(
@@ -31,7 +31,8 @@ def calibrate(
     method: str = "joint",
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Calibration, Vehicle]:
-    """Calibrate; also the vehicle as calibrated. `progress` is told the share of the work that is done.
+    """Calibrate; also return the vehicle as calibrated. `progress` is given the share of the work that is
+    done.
 
     ValueError on an unknown method, `RefusedError` (one, too).
     """

@@ -27,7 +27,7 @@ MIN_READ = 0.5
 STRAIGHT_RADIUS_M = 300.0
 MIN_STRAIGHT_S = 15.0
 MAX_TRACK_STD = 0.1
-"""Relative: half of what is believed beforehand."""
+"""Relative standard deviation of the track: half of the prior one."""
 MIN_TURN_RAD = math.radians(60.0)
 TURNING_RADPS = 0.03
 CHANGE_SIGMA = 5.0
@@ -55,9 +55,9 @@ class Change:
     """A change of one wheel's radius within a drive, or of all of them."""
 
     wheel: int | None
-    """None: all together."""
+    """Index of the wheel; None: all together."""
     relative: float
-    """Against the other wheels; of all together: against the receiver."""
+    """Change relative to the other wheels; of all together: relative to the receiver."""
     sigmas: float
     time_s: float
     """Time at which the change is complete, s."""
@@ -78,7 +78,7 @@ class Change:
 
 
 def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
-    """Refuse what needs no fit to be seen."""
+    """Reject recordings that need no fit to be seen as unusable."""
     straight = turned = 0.0
     for at, recording in enumerate(recordings):
         wheels = calibrated_wheels(recording)
@@ -126,7 +126,7 @@ def _near(times_s: FloatArray, fixes_s: FloatArray) -> float:
 
 
 def check_fit(recordings: list[Recording], fit: JointFit) -> None:
-    """Refuse what only the fit shows."""
+    """Reject recordings that only the fit shows to be unusable."""
     for at, (recording, rows) in enumerate(zip(recordings, fit.rows, strict=True)):
         change = worst_change(recording, rows)
         if change.informative:

@@ -57,7 +57,7 @@ MOVING_MPS = 3.0
 MAX_ACCEL_MPS2 = 2.5
 """Harder than this the tyres slip too much to be modelled: such windows' wheels weigh little."""
 SLIPPING = 1e4
-"""Factor on the variance of such a wheel's way: slip of a few per cent is a hundred times road noise."""
+"""Factor on the variance of such a wheel's distance: slip of a few per cent is a hundred times road noise."""
 _STOPPED_MPS = 0.3
 
 
@@ -74,7 +74,7 @@ class Equations(Linearised):
 
     @property
     def here(self) -> np.ndarray:
-        """(w, 9) what was measured."""
+        """(w, 9) True where a measurement exists."""
         return np.isfinite(self.y)
 
     @property

@@ -115,7 +115,7 @@ def _scores(
 
 
 def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """Return marginals over all ways to give the four roles to four members."""
+    """Return marginals over all assignments of the four roles to four members."""
     top = [list(np.argsort(-scores[:, k])[:6]) for k in range(4)]
     orders, weights = [], []
     for order in itertools.product(*top):
@@ -151,14 +151,16 @@ def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settin
 
 
 def _named(members: Sequence[Follower], order: Sequence[int], wheels: Sequence[str] = WHEELS) -> float:
-    """Return names count once for all wheels: a DBC that has the sides wrong has them wrong throughout."""
+    """Return the evidence of names, once for all wheels: a DBC that has the sides wrong has them wrong
+    throughout."""
     named = [named_wheel(members[i].series.field.signal) for i in order]
     named_wheels = [(name, wheel) for name, wheel in zip(named, wheels, strict=True) if name is not None]
     return CLEAR if named_wheels and all(name == wheel for name, wheel in named_wheels) else 0.0
 
 
 def _axles(members: Sequence[Follower], order: Sequence[int], settings: Settings) -> float:
-    """Return front wheels have the longer way in a bend, by half the square of the wheelbase."""
+    """Return the evidence of the axles: front wheels roll farther in a bend, by half the square of the
+    wheelbase."""
     q = [members[i].curve_m2 for i in order]
     stds = [float(np.hypot(members[i].curve_std_m2, settings.curvature_floor_m2)) for i in order]
     front, spread = 0.5 * settings.wheelbase_m**2, settings.wheelbase_m * settings.wheelbase_std_m
@@ -171,7 +173,8 @@ def _axles(members: Sequence[Follower], order: Sequence[int], settings: Settings
 
 
 def _coherence(members: Sequence[Follower], order: Sequence[int]) -> float:
-    """Return wheels of an axle come in one message, of one width, and equally late."""
+    """Return the evidence of the pairs: wheels of an axle come in one message, of one width, and equally
+    late."""
     score = 0.0
     for left, right in ((0, 1), (2, 3)):
         one, other = members[order[left]].series.field, members[order[right]].series.field

@@ -107,7 +107,7 @@ class _Buses:
 
 
 def _holds(condition: ConditionPlan, judged: MessageLog | None, message: MessageLog) -> NDArray[np.bool_]:
-    """Return (n,) whether the condition held when each frame came, by the last frame that tells it."""
+    """Return (n,) whether the condition held when each frame came, by the last frame that states it."""
     if judged is None:
         return np.zeros(len(message.time_s), dtype=np.bool_)
     judged = judged.held(condition.selectors)

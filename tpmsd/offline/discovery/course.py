@@ -104,7 +104,8 @@ def _with_track(
 
 
 def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
-    """Return the design with the columns of the yaw rate by what the receiver's yaw rate tells of them.
+    """Return the design with the columns of the yaw rate regressed on the receiver's yaw rate (instrumental
+    variables).
 
     On a motorway a count of one wheel is as large as a cell's yaw rate, which would draw the coefficients of
     latency, antenna and side slip to zero, each by its own share. The receiver's errors are others:
@@ -121,7 +122,7 @@ def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) 
 
 
 def _unexplained(rows: FloatArray, target: FloatArray, estimate: Fit) -> float:
-    """Share of the course that the heading leaves, the other columns taken out of both.
+    """Return the share of the course that the heading leaves, the other columns taken out of both.
 
     Noise of the heading makes the slope too small by at most this share: between the regression and the
     reverse one lies the truth (Frisch 1934).

@@ -327,7 +327,7 @@ def _count_role(
 def _speed_role(
     key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
 ) -> FoundRole:
-    """Return a speed, its unit and scale held against the receiver."""
+    """Return the role of a speed, with unit and scale checked against the receiver."""
     found = _in_unit(key, one, probability, rivals)
     return replace(found, invalid=tuple(sorted(one.series.no_value)))
 

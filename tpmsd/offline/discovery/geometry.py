@@ -1,4 +1,4 @@
-"""The car's measures and the antenna's place, once the wheels are known.
+"""Geometry of the car and position of the antenna, once the wheels are known.
 
 In: the wheels' speeds, the receiver's reference. Out: tracks, wheelbase, counts per revolution, driven
 axle, latency and lever arm, each with a standard deviation.
@@ -30,7 +30,7 @@ from tpmsd.offline.discovery.wheels import Follower, drag_slip_std
 
 
 def driven_axle(assignment: Assignment) -> tuple[str, float] | None:
-    """Return the axle that turns faster under drive force, and how sure that is; None for a pair alone."""
+    """Return the axle that turns faster under drive force, and its probability; None for a pair alone."""
     if assignment.pair_only:
         return None
     slip = [role.follower.slip for role in assignment.roles]
@@ -99,7 +99,7 @@ class CarGeometry:
             self._front(geometry["track_rear_m"])
 
     def _front(self, rear: Estimate) -> None:
-        """Front track and wheelbase, exact for rolling wheels.
+        """Fit front track and wheelbase, exact for rolling wheels.
 
         With u^2 = (v -+ r T / 2)^2 + (r x)^2 the difference of an axle's squares is 2 v r T, and the sum
         of the front's less the rear's is 2 r^2 L^2 (tracks alike).
@@ -142,7 +142,7 @@ class CarGeometry:
             self.geometry["wheelbase_m"] = Estimate(length, std)
 
     def _speed_fit(self) -> None:
-        """Latency and the antenna's place across, by the receiver's speed."""
+        """Fit latency and the antenna's lateral position, by the receiver's speed."""
         reference, settings, gnss = self._reference, self._settings, self.gnss
         speed = self._speed
         yaw = self._difference / settings.track_m

@@ -34,7 +34,7 @@ class Car:
         return {role: str(entry["signal"]) for role, entry in self._wheels().items()}
 
     def fields_by_wheel(self) -> dict[str, Field]:
-        """Return the wheel (`fl fr rl rr`) -> where its signal lies."""
+        """Return a mapping wheel (`fl fr rl rr`) -> field of its signal."""
         return {role[-2:]: field_of(entry) for role, entry in self._wheels().items()}
 
     def _wheels(self) -> dict[str, Mapping[str, Any]]:
@@ -80,7 +80,7 @@ class Match:
 
 
 def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
-    """Return the platform whose wheel signals are all on this bus, by name and place or by place alone.
+    """Return the platform whose wheel signals are all on this bus, by name and layout or by layout alone.
 
     `fields`: those of the DBC whose messages are in the log. A name alone is no match: makers call different
     messages alike.

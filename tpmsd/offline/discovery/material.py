@@ -69,7 +69,7 @@ def prepare(
 
 
 def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
-    """Return whether the number of a field of raw frames follows the speed, or counts, by a cheap look."""
+    """Return whether the number of a field of raw frames follows the speed, or counts, by a quick check."""
     at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
     at = at[(at > 0) & (at < len(raw))]
     speed = np.interp(log.time_s[at], reference.edge_s[:-1], np.nan_to_num(reference.speed_mps))

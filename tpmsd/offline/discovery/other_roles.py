@@ -160,8 +160,8 @@ def _ranked(
 
 
 def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows: np.ndarray) -> float:
-    """Return whether a signal is a road-wheel angle or a torque, not a steering-wheel angle: its ratio to the
-    curvature is wrong."""
+    """Return the evidence (nats) for a steering-wheel angle by its ratio to the curvature; that of a
+    road-wheel angle or a torque is wrong."""
     factor, _ = to_si("steering_wheel_angle", one.field.unit)
     ratio = (
         float(np.std(value[rows])) * factor / max(float(np.std(curvature[rows])), 1e-9) / SETTINGS.wheelbase_m
@@ -170,7 +170,8 @@ def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows:
 
 
 def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
-    """Return whether a temperature hardly changes, is one of weather, and is called so."""
+    """Return the signal of an ambient temperature, which hardly changes, is one of weather, and is called so;
+    None if there is none."""
     ranked = []
     for one in series:
         if one.kind != "value" or one.field.signal in taken:

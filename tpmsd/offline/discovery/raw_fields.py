@@ -62,7 +62,7 @@ def raw_fields(log: MessageLog) -> list[Field]:
 
 
 def _runs(line: FloatArray) -> list[tuple[int, int]]:
-    """Start and length of stretches in which flip rates fall, never-flipping bits on top left out."""
+    """Return start and length of stretches in which flip rates fall, never-flipping bits on top left out."""
     runs = []
     start = 0
     while start < len(line):
@@ -138,7 +138,7 @@ def _motorola_start(byte: int, bit: int, bits: int) -> int:
 
 
 def dbc_start(field: Field) -> int:
-    """Start bit as a DBC has it."""
+    """Return the start bit as a DBC has it."""
     layout = field.layout
     if not layout.big_endian:
         return layout.shift

@@ -33,8 +33,7 @@ class Fit:
 
 
 def with_prior(made: Fit, mean: FloatArray, std: FloatArray) -> Fit:
-    """Return the coefficients given what is known of them beforehand; `mean`, `std` (k,), infinite for
-    nothing.
+    """Return the coefficients with a prior; `mean`, `std` (k,), infinite for none.
 
     The product of two normal densities, the fit's with its own covariance: noise between rows that goes
     together is in that already, and a prior among the rows would be drowned by their number.

@@ -70,7 +70,7 @@ class Undecided:
     key: str
     why: str
     drive: str
-    """The drive that would."""
+    """Drive that would answer it."""
 
     def document(self) -> dict[str, str]:
         """Return the record as JSON has it."""

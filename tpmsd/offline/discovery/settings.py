@@ -73,7 +73,8 @@ class Settings:
     """Step, in 99th percentiles of the drive's steps, from which a count is not its neighbours': a car's
     greatest speed is twice to three times its usual one."""
     contrast_floor_m: float = 0.06
-    """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
+    """Least standard deviation of a wheel's lateral position, for what the model of a rolling car leaves
+    out."""
     curvature_floor_m2: float = 0.35
     """Floor for the front axle's longer distance in a bend, in m2 (half the square of the wheelbase is
     3.6)."""
@@ -83,7 +84,7 @@ class Settings:
     block_s: float = 10.0
     """Length of the blocks whose sums give standard errors: driving within one is one event."""
     named_platform: float = 6.0
-    """Log of the odds, per wheel, that a signal with name and place of a known platform is that wheel."""
+    """Log of the odds, per wheel, that a signal with name and layout of a known platform is that wheel."""
     platform_layout: float = 1.0
     """Evidence of a layout whose position agrees and not the name, nats: a DBC may have been written by hand,
     and four wheels in other roles are then 1 in 50."""
@@ -94,13 +95,14 @@ class Settings:
     right_speed_std: float = 0.012
     """Standard deviation of a maker's scale of wheel speeds."""
     wrong_scale_std: float = 0.06
-    """Spread of the same where the number of teeth, or a unit, is wrong."""
+    """Relative spread of a scale where the number of teeth, or a unit, is wrong."""
     antenna_left_floor_m: float = 0.1
-    """Standard deviation of a measured place beyond the regression's: the tape's, the phase centre's."""
+    """Standard deviation of a measured position beyond the regression's, m: the tape's, the phase
+    centre's."""
     antenna_forward_floor_m: float = 0.15
     """Floor along the car, where the middle of the rear axle is harder to find, m."""
     antenna_z: float = 3.7
-    """Standard deviations from which a stated place is wrong: 1 in 4,600 right ones."""
+    """Standard deviations from which a stated position is wrong: 1 in 4,600 right ones."""
     clocks_apart_s: float = 0.7
     """Clocks this far apart are no latency of a receiver, beyond the one that the file states."""
     clocks_apart_nats: float = 10.0
@@ -131,7 +133,7 @@ class Settings:
     slip_alike_s2pm: float = 0.0006
     """Slip per acceleration of two wheels of one axle: an open differential gives both the same torque."""
     decoy_std_m: float = 0.5
-    """Spread of lateral places of speeds that are no wheel's."""
+    """Spread of lateral positions of speeds that are no wheel's, m."""
 
     # -- `clock_offset`, `course`, `discover` --
 

@@ -183,7 +183,7 @@ class Compensation:
 
 
 def _put_right(fix: Fix, course_error_rad: float, speed_error_mps: float) -> Fix:
-    """Return the fix without these errors; what it does not tell stays NaN."""
+    """Return the fix without these errors; quantities that it lacks stay NaN."""
     if course_error_rad == 0.0 and speed_error_mps == 0.0:
         return fix
     return dataclasses.replace(

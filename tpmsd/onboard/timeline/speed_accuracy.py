@@ -23,9 +23,9 @@ MEMORY = 600
 QUANTILE = 0.25
 """Quantile of the statements: that under an open sky, as long as a quarter of the drive has one."""
 EVERY = 10
-"""The quantile is computed anew after so many fixes."""
+"""Number of fixes after which the quantile is computed again."""
 MOST = 30.0
-"""2 m/s: a speed that bad tells nothing."""
+"""Largest factor (2 m/s): a less accurate speed carries no information."""
 
 
 class SpeedAccuracy:

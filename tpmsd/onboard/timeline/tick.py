@@ -66,7 +66,7 @@ class Tick:
     tyre_set: float = NAN
     """Number of the set of tyres that the car says is mounted."""
     host_time_s: float = NAN
-    """End of the interval as the host clock had it; what users are told."""
+    """End of the interval as the host clock had it; the time that is reported."""
     gap_s: float = 0.0
     """Time before this interval for which there are no ticks (a pause of the bus, a step of the clock)."""
     faults: tuple[SourceFault, ...] = field(default=())

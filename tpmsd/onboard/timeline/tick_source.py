@@ -81,7 +81,7 @@ class TickSource:
         return ticks
 
     def pass_by(self, times_s: Iterable[float]) -> int:
-        """Take frames that carry nothing, up to the first that meets something due; how many those were."""
+        """Take frames that carry nothing, up to the first that meets something due; return their number."""
         decoder, pass_by, deadline_s = self.decoder, self.timeline.pass_by, self.assembler.deadline_s
         frames = 0
         for time_s in times_s:

@@ -152,7 +152,7 @@ class Timeline:
         return self._observer is not None and end_s >= shown_s + self._observer_delay_s
 
     def add(self, event: Event) -> list[Tick]:
-        """Take one event; the ticks that its stamp completes."""
+        """Take one event; return the ticks that its stamp completes."""
         if isinstance(event, GnssFix):
             return self._add_fix(event)
         clock = self._clock
@@ -175,8 +175,8 @@ class Timeline:
         return ticks
 
     def _add_fix(self, fix: GnssFix) -> list[Tick]:
-        """Return the fix with the arrival of its epoch's first sentence; it comes when the last sentence is
-        in.
+        """Take a fix, which bears the arrival of its epoch's first sentence and comes when the last is in;
+        return the ticks that it completes.
 
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
@@ -194,7 +194,7 @@ class Timeline:
         return ticks
 
     def advance(self, host_time_s: float) -> list[Tick]:
-        """Let time pass to a host stamp; the ticks that are complete by then."""
+        """Let time pass to a host stamp; return the ticks that are complete by then."""
         clock = self._clock
         before, steps = clock.latest_s, clock.steps
         now = clock.logical(host_time_s)
@@ -313,7 +313,7 @@ class Timeline:
         self._due_s = self._end(self._index + 1) + self._holdback_s
 
     def _skip(self, now: float) -> None:
-        """A pause of all sources, or a forward step of the clock: begin again behind it."""
+        """Begin again behind a pause of all sources, or a forward step of the clock."""
         end = self._end(self._index)
         self.counts["gaps"] += 1
         self._gap_s += max(now - end, 0.0)
@@ -374,7 +374,7 @@ class Timeline:
         return PlannedTick(rotation, std, means)
 
     def _valid_s(self, fix: GnssFix, arrival: float) -> float:
-        """Put a fix into the plane and onto the time line; when it was valid."""
+        """Put a fix into the plane and onto the time line; return its time of validity."""
         valid = self._offset.update(arrival, fix.utc_s)
         self.counts["off_utc"] += self._offset.off_utc
         if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
@@ -406,7 +406,7 @@ class Timeline:
         return valid
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
-        """Return the fixes valid in the tick, oldest first, with their place in it."""
+        """Return the fixes valid in the tick, oldest first, with their position in it."""
         if not self._fixes:
             return []
         due = sorted([one for one in self._fixes if one.time_s <= end], key=lambda one: one.time_s)

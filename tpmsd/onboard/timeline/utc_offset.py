@@ -1,4 +1,4 @@
-"""Tells when on the host's clock a fix was valid.
+"""Time of validity of a fix on the host's clock.
 
 In: each fix's time of arrival (host clock) and its own UTC. Out: the host time at which it was valid.
 
@@ -21,12 +21,12 @@ QUANTILE = 0.15
 """Quantile of the offsets; the minimum would be pulled down for a whole window by one early stamp."""
 SMOOTHING_S = 2.0
 JUDGE_S = 0.4
-"""The envelope is judged anew this often; it moves slower than SMOOTHING_S anyway."""
+"""Period at which the envelope is computed again, s; it moves slower than SMOOTHING_S anyway."""
 STEP_S = 0.25
 STEP_FIXES = 4
 STEP_SPREAD_S = 0.15
 MAX_DRIFT = 2e-3
-"""Host clock against UTC, s/s: free-running crystals keep 1e-4, the wander of logging hosts reached 1e-3."""
+"""Drift of the host clock against UTC, s/s: free-running crystals keep 1e-4, logging hosts reached 1e-3."""
 EARLIEST_S, LATEST_S = 0.05, 2.5
 """Delay of a fix's arrival after its validity on a host on UTC, s: none before it (but for the clock's own
 error), nor so much later."""
@@ -105,7 +105,7 @@ class UtcOffsetTracker:
             self._smooth(since_s)
 
     def _doubt(self, utc_s: float, offset_s: float) -> None:
-        """A level far away is believed when several fixes in a row agree on it.
+        """Accept a level far away when several fixes in a row agree on it.
 
         A line that was stalled and then delivers all at once does not agree: there UTC goes on while arrival
         stands.
