@@ -1,4 +1,4 @@
-"""The simulated bus: what the control units put on CAN.
+"""Simulated bus: the frames that the control units put on CAN.
 
 In: the world's truth, the bus's qualities, clocks, a Generator. Out: `FrameLog`, all frames in order of
 arrival. A count is the ring's edges up to the frame's sampling instant, floor(angle * teeth / 2 pi), on a
@@ -65,7 +65,7 @@ class FrameLog:
     """Frames in order of arrival."""
 
     time_s: FloatArray
-    """(n,) host clock."""
+    """(n,) arrival on the host clock, s."""
     frame_id: IntArray
     data: ByteArray
     """(n, 8)"""

@@ -28,11 +28,11 @@ class Fault:
     size_unit: str = "percent"
     """`percent` of the radius, `mm` of radius, or `pressure-percent` of the pressure."""
     wheel: str | None = None
-    """None for diffusion alone."""
+    """Wheel that loses pressure; None for diffusion alone."""
     onset_s: float = 0.0
     """Onset since the drive's start, s."""
     duration_s: float | None = None
-    """None: as usual for the kind."""
+    """Duration, s; None: as usual for the kind."""
 
     def __post_init__(self) -> None:
         if self.kind not in FAULT_DURATION_S:

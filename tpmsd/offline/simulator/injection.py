@@ -1,4 +1,4 @@
-"""Effects injected into a recording: what each reading becomes, by the time at which it was taken.
+"""Effects injected into a recording: the changed readings, by the time at which they were taken.
 
 In: a `Recording`, its configuration, an `ExtendedModel`. Out: `Injection`, which gives changed readings of
 wheels, gyro, accelerometers, steering wheel and receiver at times of the host's clock. Pure. The motion on

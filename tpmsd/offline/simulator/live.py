@@ -30,7 +30,7 @@ from tpmsd.offline.simulator.drive import SimulatedDrive
 
 _GLANCE_S = 0.25
 _HELD_UP_S = 0.02
-"""Later than this a frame is not sent any more if the next one of its message is due as well."""
+"""Lateness beyond which a frame is not sent any more if the next one of its message is due as well, s."""
 
 
 class PtyPort:
@@ -179,7 +179,7 @@ class LivePlayer:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the playing at once; harmless when it has ended."""
+        """End the playing at once; does nothing when it has ended."""
         self._stop.set()
 
     def join(self, timeout_s: float | None = None) -> bool:

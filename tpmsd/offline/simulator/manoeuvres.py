@@ -21,7 +21,7 @@ from tpmsd.foundation.wheels import FloatArray
 ROUNDED_S = 1.5
 """Width of the Hann window that rounds speeds, bends and slopes over time."""
 START_S = 4.0
-"""Standing before setting off."""
+"""Time of standing before setting off, s."""
 TRANSFER_MPS2 = 1.2
 """Change of speed from one manoeuvre to the next."""
 MAX_STEPS = 2000

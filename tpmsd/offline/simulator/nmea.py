@@ -30,7 +30,7 @@ class Epoch:
     hdop: float
     satellites: int
     position_std_m: float
-    """Per axis, as the receiver believes."""
+    """Standard deviation per axis, as the receiver states it, m."""
     geoid_separation_m: float = 47.0
 
 

@@ -31,7 +31,7 @@ from tpmsd.onboard.sources.signal_plan import compile_plans
 from tpmsd.onboard.timeline.tick import Tick
 
 CLOCK_STEP_S = 1e-3
-"""Change of the host's clock against the drive's own time (s) that is a step: stamps are told to that."""
+"""Change of the host's clock against the drive's own time that is a step, s: stamps are resolved to that."""
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class Series:
     """True if the frame holds the same bits as the one before it."""
     new: list[int] = field(default_factory=list)
     at: int = 0
-    """The next one to be written."""
+    """Index of the next reading to be written."""
 
 
 class CanRewriter:
@@ -141,7 +141,7 @@ class CanRewriter:
                 yield key, frame, group
 
     def _change(self, series: Series) -> bool:
-        """Compute the new bits of a signal; whether any differ."""
+        """Compute the new bits of a signal; return whether any differ."""
         series.new = series.bits
         if len(series.bits) < 2:
             return False

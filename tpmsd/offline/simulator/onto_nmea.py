@@ -59,7 +59,7 @@ class NmeaRewriter:
 
     injection: Injection
     offset_s: float = 0.0
-    """Added to the time of every line of a log without stamps, to be on the host's clock."""
+    """Offset added to the time of every line of a log without stamps, to be on the host's clock, s."""
     _left: dict[tuple[bytes, int], float] = field(default_factory=dict)
     """Remainder of rounding by sentence and field: it is added to the next one, so that changes below the
     last digit have their mean."""
@@ -150,7 +150,7 @@ class NmeaRewriter:
         return (made + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
     def _speed(self, kind: bytes, fields: list[bytes], layout: Layout, change: FixChange) -> None:
-        """Change speed and course as vectors; the speed alone where no course is told."""
+        """Change speed and course as vectors; the speed alone where no course is stated."""
         plain, acting = complex(change.plain_mps[0]), complex(change.acting_mps[0])
         if plain == acting:
             return

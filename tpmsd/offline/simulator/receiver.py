@@ -33,7 +33,7 @@ class ReceiverSpec:
     velocity_std_mps: float = 0.05
     velocity_tau_s: float = 1.0
     course_from_mps: float = 1.0
-    """Below this speed the course is left empty."""
+    """Speed below which the course is left empty, m/s."""
     latency_s: float = 0.06
     """Latency from validity to the first byte, s; the drive's vehicle.toml states it as known."""
     jitter_s: float = 0.004

@@ -37,7 +37,7 @@ class Driver:
     speed_drift: float = 0.03
     """Standard deviation of speed over limit."""
     start_wait_s: float = 4.0
-    """Standing before setting off."""
+    """Time of standing before setting off, s."""
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Driver:

@@ -1,4 +1,4 @@
-"""The simulated world: what car and receiver truly do, before any sensor looks.
+"""Simulated world: true motion and readings of car and receiver, before any sensor.
 
 In: motion, car, effects, per-wheel radii, roughness, a Generator. Out: `World` with wheel angles and antenna
 truth.

@@ -24,7 +24,7 @@ COUNTS_PER_TURN = 1_000_000
 """Counts of an angle's turn: six micrometres of road, and 32 bits last for 4,294 turns."""
 FIRST_WHEEL_ID, FIRST_INERTIAL_ID = 0x100, 0x200
 UTC_BASE_S = 1_700_000_000.0
-"""Added to times that start near zero, for NMEA has no dates before 1980."""
+"""Offset added to times that start near zero, s: NMEA has no dates before 1980."""
 FIRST_NMEA_S = 315_964_800.0
 """1980-01-06, the first day of GPS."""
 CHANNEL = "can0"
@@ -34,7 +34,7 @@ _MODES = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 8: "S"}
 
 @dataclass(frozen=True)
 class Encoded:
-    """A drive as a bus and a receiver would have told it."""
+    """Drive as the frames of a bus and the sentences of a receiver."""
 
     items: tuple[CanFrame | Sentence, ...]
     """Frames and sentences in the order of their stamps."""
@@ -42,7 +42,7 @@ class Encoded:
     signals: dict[str, str]
     """Role -> 'Message.Signal'."""
     counts_per_turn: float | None
-    """None where the table had counts: then the configured teeth hold."""
+    """Counts per turn of the angles; None where the table had counts: then the configured teeth hold."""
 
 
 def encode(signals: Signals) -> Encoded:

@@ -19,10 +19,10 @@ from tpmsd.offline.tables.roles import ANGLE_ROLES, COUNT_ROLES, SPEED_ROLES, ST
 from tpmsd.offline.tables.signals import Fixes, Series, Signals
 
 ORIGIN_DEG = (50.0, 8.0)
-"""Latitude and longitude at which the plane of a simulator touches the earth; any place will do."""
+"""Latitude and longitude at which the plane of a simulator touches the earth; any point will do."""
 WGS84_A_M, WGS84_E2 = 6_378_137.0, 0.0066943799901413165
 FINEST_RAD = 2.0e-5
-"""Counts finer than this, 6 um of road, are taken for exact."""
+"""Resolution of an angle below which it is taken for exact (6 um of road), rad."""
 PLANE_STD_M = 1.0
 """Standard deviation of positions of which the table says nothing."""
 
@@ -44,7 +44,7 @@ def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[s
 
 
 def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None = None) -> Signals:
-    """Sort the series out; `modulus`: at which number a wheel's count begins anew, by role.
+    """Return the signals of the series; `modulus`: the number at which a wheel's count begins again, by role.
 
     ConfigError where wheels are missing, or told in two ways.
     """

@@ -1,4 +1,4 @@
-"""The map of a table: which column is what, in which unit, and of which car. Checked like a configuration.
+"""Map of a table: meaning and unit of each column, and its car. Checked like a configuration.
 
 In: the path of a map.toml. Out: `TableMap`, or `ConfigProblems` with every problem and its line.
 

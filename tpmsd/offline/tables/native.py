@@ -112,7 +112,7 @@ class _Opened(Protocol):
 
 
 def serve_table(path: Path, requests: Iterator[str], send: Send) -> None:
-    """The child's part: names first, then each column that is asked for."""
+    """Serve a table as the child: names first, then each column that is asked for."""
     table = _OPEN[next(requests)](path)
     if len(table.names) > MAX_COLUMNS:
         raise ValueError(f"{len(table.names)} columns; at most {MAX_COLUMNS} are read")
@@ -148,7 +148,7 @@ class _Parquet:
         return self._file.read(columns=[name], use_threads=False).column(0).to_numpy()
 
     def own_time(self, name: str) -> Any:
-        """None: all columns share one."""
+        """Return None: all columns share one."""
         return ()
 
 
@@ -233,7 +233,7 @@ class _Hdf5:
         return values
 
     def own_time(self, name: str) -> Any:
-        """None: the map names the data set with the times."""
+        """Return None: the map names the data set with the times."""
         return ()
 
 

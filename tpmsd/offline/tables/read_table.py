@@ -25,7 +25,7 @@ SUFFIXES = (*TEXT_SUFFIXES, ".parquet", ".mf4", ".mdf", ".mat", ".h5", ".hdf5")
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
 MAX_FIELD_CHARS = 10_000
 MAX_LINE_CHARS = 1 << 20
-"""A row, and the header."""
+"""Length of a row, and of the header, at most."""
 
 
 class Table(Protocol):
@@ -108,11 +108,11 @@ class CsvTable:
         return np.array(self._columns[name], dtype=np.float64)
 
     def own_time(self, name: str) -> FloatArray | None:
-        """None: all columns share one."""
+        """Return None: all columns share one."""
         return None
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
 class _Lines:
@@ -136,7 +136,7 @@ class _Lines:
         return line
 
     def row_read(self) -> None:
-        """A row is complete: the next may be as long again."""
+        """Note that a row is complete: the next may be as long again."""
         self._chars = 0
 
 

@@ -1,4 +1,4 @@
-"""A car's signals as arrays in SI units: what a drive of tables is made of.
+"""Signals of a car as arrays in SI units, from which a drive of tables is made.
 
 In: nothing (plain records). Out: `Signals`, `Fixes`. Each signal has its own times, on one clock.
 """
@@ -49,7 +49,7 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Signals:
-    """All that a table tells of a drive."""
+    """Signals that a table holds of a drive."""
 
     angles: dict[str, Series] = field(default_factory=dict)
     """Wheel -> angle turned, rad."""
