@@ -441,6 +441,8 @@ TERMS_OPEN = {f"tpmsd/offline/tables/{name}.py" for name in ("guess", "guess_nam
 """Modules of these rooms that are not in these terms yet; shrinks."""
 _FRAGMENT = re.compile(r"(What|Whether|Of|Which|Why|How|As|By|Where|The same|An? `[^`]+` that is)\b")
 """Opening words of a docstring that is no sentence and no noun phrase."""
+_NO_VERB = re.compile(r"(The|An?|All|One|Its?|Up|Back)\b")
+"""Opening words that a function's docstring has where its verb is missing; a property is named as a field is."""
 TERMS: dict[str, str] = {
     **dict.fromkeys(("told", "tells", "telling"), "reported, stated, sent or cached"),
     "odd": "irregular or implausible",
@@ -468,6 +470,14 @@ def docstring_fragments(name: str, source: str) -> list[str]:
     """Return the docstrings of a source, those under a name included, that open as fragments, a line each."""
     faults = []
     for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name != "__init__":
+            text = ast.get_docstring(node) or ""
+            is_property = any(ast.unparse(each).endswith("property") for each in node.decorator_list)
+            if not is_property and (opening := _NO_VERB.match(text)):
+                faults.append(
+                    f"{name}:{node.lineno}: the docstring of {node.name} opens with {opening.group()!r}; "
+                    "begin with a verb ('Return ...')"
+                )
         if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
             continue
         text = node.value.value
@@ -521,6 +531,8 @@ def test_finished_rooms_are_in_terms_of_the_field() -> None:
         ('class C:\n    """A record."""\n    x = 0.0\n    """Of the front axle."""', 1),
         ('class C:\n    def f(self):\n        self.x = 0\n        """The same again."""', 1),
         ('class C:\n    """An `x` that is y."""', 1),
+        ('def f():\n    """The next frame."""', 1),
+        ('class C:\n    @property\n    def f(self):\n        """The next frame."""', 0),
         ('x = 1\n"""Offset of the clocks, s."""', 0),
         ('print("What is printed is no docstring")', 0),
         ("told = 1", 1),

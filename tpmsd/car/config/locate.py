@@ -61,7 +61,7 @@ class _Scanner:
         self._last_index: dict[KeyPath, int] = {}
 
     def document(self) -> None:
-        """All of the file."""
+        """Read all of the file."""
         table: KeyPath = ()
         while True:
             self._skip(_BLANK_LINES)

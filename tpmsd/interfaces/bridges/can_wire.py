@@ -1,4 +1,4 @@
-"""A CAN bus that frames are put on, opened again when it was away.
+"""CAN bus on which frames are put, opened again after it was away.
 
 In: frames. Out: whether each was taken. A SocketCAN interface must be virtual: a bridge has no business on a
 car's own bus, and `can0` is easily typed for `vcan0`.

@@ -1,4 +1,4 @@
-"""`tpmsd bridge dbus`: alarms as signals on D-Bus, and the state for who asks.
+"""`tpmsd bridge dbus`: alarms as signals on D-Bus, and the state on request.
 
 In: the status socket, a message bus. Out: signals `AlarmRaised`, `AlarmCleared`, `HealthChanged` of
 `org.tpmsd.Tpmsd1`, and answers to `GetState`. An alarm counts as told once the bus has taken its signal, so a
@@ -25,7 +25,7 @@ PATH = "/org/tpmsd/Tpmsd1"
 ANSWER_S = 2.0
 """Time that the bus may take to give the name, s."""
 MOST_CALLS = 50
-"""Calls answered after one document; what is beyond waits in the socket."""
+"""Number of calls answered after one document; further ones wait in the socket."""
 OWNER, ALREADY_OWNER = 1, 4
 """Answers to RequestName (D-Bus specification) that mean the name is ours."""
 
@@ -68,7 +68,7 @@ class DbusBridge:
         self._document: dict[str, Any] = {}
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Tell what the documents say until they end."""
+        """Publish the documents until they end."""
         try:
             for document in documents:
                 self.step(document)

@@ -45,7 +45,7 @@ class MqttSettings:
     """Name of the car in topics and identifiers."""
     base: str = "tpmsd"
     discovery_prefix: str = "homeassistant"
-    """Empty: Home Assistant is told nothing."""
+    """Prefix of the discovery topics; empty: no message to Home Assistant."""
     period_s: float = 10.0
     user: str | None = None
     password: str | None = None
@@ -106,7 +106,7 @@ class MqttBridge:
         self._full = MQTTErrorCode.MQTT_ERR_QUEUE_SIZE
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Publish what the documents say until they end."""
+        """Publish the documents until they end."""
         with self._network():
             for document in documents:
                 self.step(document, time.monotonic())
@@ -136,7 +136,7 @@ class MqttBridge:
         self._again = not all(done) if done else self._again
 
     def _introduce(self, summary: Summary) -> None:
-        """Tell Home Assistant of the wheels, when they are known and after every reconnection."""
+        """Announce the wheels to Home Assistant, when they are known and after every reconnection."""
         wheels = tuple(wheel.name for wheel in summary.wheels)
         settings = self._settings
         if not settings.discovery_prefix or not wheels or wheels == self._introduced:

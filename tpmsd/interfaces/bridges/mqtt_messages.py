@@ -71,7 +71,7 @@ class Announcer:
     """Turns summaries into messages."""
 
     def __init__(self, topics: Topics, period_s: float) -> None:
-        """`period_s`: how often numbers are told while nothing else changes."""
+        """`period_s`: period at which numbers are sent while nothing else changes."""
         self._topics = topics
         self._period_s = period_s
         self._known: dict[str, Alarm] | None = None

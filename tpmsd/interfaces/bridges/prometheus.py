@@ -21,7 +21,7 @@ from tpmsd.interfaces.bridges.metrics import families
 from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 SCRAPE_TIMEOUT_S = 3.0
-"""Below the 10 s of Prometheus's own default."""
+"""Time-out of a scrape, s; below the 10 s of Prometheus's own default."""
 MOST_REQUESTS = 16
 """Requests at a time, a thread each: a server or two scrape, every some seconds."""
 REQUEST_S = 10.0
@@ -64,7 +64,8 @@ class StatusCollector:
 
 
 def serve(path: Path, address: str, port: int, log: logging.Logger) -> tuple[int, Callable[[], None]]:
-    """Begin to serve; the port (of interest where 0 was asked for), and what ends it.
+    """Begin to serve; return the port (chosen by the system where 0 was asked for), and a function that ends
+    it.
 
     Raises ConfigError where prometheus-client is not installed, TpmsdError where nobody can listen there.
     """
@@ -99,7 +100,8 @@ class _Handler(WSGIRequestHandler):
 
 
 class _Server(ThreadingMixIn, WSGIServer):
-    """A thread per request: so many at most, each for a bounded time (prometheus-client's has no bounds)."""
+    """Server with a thread per request: a bounded number, each for a bounded time (prometheus-client's has no
+    bounds)."""
 
     daemon_threads = True
 

@@ -1,4 +1,4 @@
-"""`tpmsd bridge vss`: which tyre is soft, to a KUKSA databroker as signals of the VSS.
+"""`tpmsd bridge vss`: low pressure of each tyre, to a KUKSA databroker as signals of the VSS.
 
 In: the status socket, a databroker (gRPC, kuksa.val.v2). Out: `Tire.IsPressureLow` of each wheel
 (`vss_names.py`): true or false while the wheel is monitored, no value while nobody knows. A value counts as
@@ -41,7 +41,7 @@ class VssBridge:
     """One databroker, one daemon."""
 
     def __init__(self, settings: DatabrokerSettings, log: logging.Logger, period_s: float = 10.0) -> None:
-        """All values are told again every `period_s`. ConfigError as `Connection` has it."""
+        """Send all values again every `period_s`. ConfigError as `Connection` has it."""
         self._databroker, self._log, self._period_s = Connection(settings), log, period_s
         self._sent: dict[str, bool | None] = {}
         self._absent: set[str] = set()
@@ -50,7 +50,7 @@ class VssBridge:
         self._said = ""
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Tell what the documents say until they end; in the end nothing is known any more."""
+        """Send the documents until they end; at the end send that nothing is known any more."""
         try:
             for document in documents:
                 self.step(document, time.monotonic())
@@ -79,7 +79,7 @@ class VssBridge:
             self._sent[wheel] = low
 
     def _publish(self, wheel: str, low: bool | None) -> bool:
-        """Tell one value; False if it is to be tried again."""
+        """Send one value; return False if it is to be tried again."""
         databroker = self._databroker
         point = databroker.types.Datapoint()
         point.timestamp.GetCurrentTime()

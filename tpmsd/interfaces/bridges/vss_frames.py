@@ -22,9 +22,11 @@ import cantools
 from tpmsd.interfaces.bridges.vss_names import FIX_TYPE, GNSS_TIME
 
 LATE_S = 0.1
-"""A wheel speed may be that much older than usual: at 3 m/s2 one reading of many is wrong by 0.3 m/s."""
+"""Excess of a wheel speed's age over the usual one, at most, s: at 3 m/s2 one reading of many is wrong by 0.3
+m/s."""
 WINDOW_S = 30.0
-"""The least delay is that of the last one to two windows; a clock that was set right counts after that."""
+"""Window of the least delay, s: that of the last one to two windows; a clock that was set right counts after
+that."""
 
 
 class NotSent(StrEnum):
@@ -80,7 +82,7 @@ class VssFrames:
         return tuple(self._messages)
 
     def note(self, path: str, stamp_s: float) -> None:
-        """A value that was there before: known, and not sent."""
+        """Note a value that was there before: known, and not sent."""
         if path in self._messages:
             self._stamps_s[path] = stamp_s
 

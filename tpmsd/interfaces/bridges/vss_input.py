@@ -56,7 +56,7 @@ class VssInput:
             self._log.info("%s", ", ".join(f"{count} {name}" for name, count in self.counts.items()))
 
     def listen(self) -> None:
-        """Subscribe, and hand on values until the databroker ends it or is silent."""
+        """Subscribe, and hand on values until the databroker ends the call or is silent."""
         try:
             paths = self._known()
             if any(map(is_wheel, paths)):
@@ -135,7 +135,8 @@ def value_of(point: Any) -> object:
 
 @contextlib.contextmanager
 def cancelled_by_silence(call: Any, patience_s: float) -> Iterator[Callable[[], None]]:
-    """Cancels a call that is silent for one to two times `patience_s`; yields what notes a sign of life."""
+    """Cancel a call that is silent for one to two times `patience_s`; yield the function that notes a sign of
+    life."""
     heard, over = threading.Event(), threading.Event()
 
     def watch() -> None:

@@ -87,7 +87,7 @@ def messages(table: TickTable) -> Iterator[Message]:
 
 
 def _state(row: dict[str, float], time_s: float) -> Iterator[Message]:
-    """The vehicle state where it is known."""
+    """Yield the vehicle state where it is known."""
     if math.isfinite(row.get(VEHICLE_STATE[0].name, math.nan)):
         yield time_s, STATE_TOPIC, {column.name: row[column.name] for column in VEHICLE_STATE}
 

@@ -30,7 +30,7 @@ _CONTROLLER_STATES = {
     0x20: "error_passive",
     0x40: "error_active",
 }
-"""Bits of data[1] where the identifier has CAN_ERR_CRTL; receiver and transmitter are not told apart."""
+"""Bits of data[1] where the identifier has CAN_ERR_CRTL; receiver and transmitter are not distinguished."""
 
 HINTS = {
     "error_passive": "error-passive: most frames are damaged (wiring, termination or bit rate)",

@@ -97,7 +97,7 @@ class Feeder:
         return self._pipeline.on_sentence(item.time_s, item.line)
 
     def _mark(self, until_s: float) -> None:
-        """Tell the recording how time went on while nothing came."""
+        """Record how time went on while nothing came."""
         if self._recorder is None or until_s - self._written_s < MARK_S:
             return
         if self._written_s < self._advanced_s:

@@ -24,7 +24,8 @@ from tpmsd.onboard.sinks import can_layout as layout
 
 CLEARED_REPEATS = 5
 _SLACK_S = 1e-3
-"""Ticks fall on multiples of a period only to within rounding; far below the shortest tick (10 ms)."""
+"""Tolerance of the due time, s: ticks fall on multiples of a period only to within rounding; far below the
+shortest tick (10 ms)."""
 _NAN = math.nan
 
 
@@ -60,7 +61,7 @@ class Cycle:
 
 @dataclass(slots=True)
 class _Announced:
-    """An alarm that the bus has been told of."""
+    """Alarm that was sent on the bus."""
 
     event: AlarmEvent
     sequence: int

@@ -1,4 +1,4 @@
-"""The bits of tpmsd's own CAN frames: where each signal lies, its scale, and the checksum.
+"""Layout of tpmsd's own CAN frames: position and scale of each signal, and the checksum.
 
 In: physical values by signal name (NaN: not available). Out: 8 bytes.
 
@@ -98,7 +98,7 @@ STATUS_FIELDS: dict[int, tuple[Field, ...]] = {
         for wheel, start in (("FL", 16), ("FR", 28), ("RL", 40), ("RR", 52))
     ),
 }
-"""Per page, what follows the head."""
+"""Fields of each page behind the head."""
 
 ALARM_FIELDS = (
     Field("AlarmChecksum", 0, 8),

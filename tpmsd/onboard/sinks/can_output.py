@@ -1,4 +1,4 @@
-"""`[[can.output]]`: a car's own messages, filled with what the monitor knows.
+"""`[[can.output]]`: messages in a car's own format, filled with values of the monitor.
 
 In: the configuration, DBCs, reports, and which frames others send. Out: frames per bus. Nothing is sent whose
 identifier is not on the allow-list `[can] output_ids`; nothing before the bus was listened to for `LISTEN_S`;
@@ -31,7 +31,7 @@ LISTEN_S = 3.0
 """Time of listening for other senders, s: relevant messages of a running car come more often, and a lamp need
 not wait longer."""
 CHANGE_GAP_S = 0.02
-"""Changes are not sent closer than this, whatever flickers."""
+"""Shortest time between two changes that are sent, s."""
 
 
 @dataclass(slots=True)
@@ -40,11 +40,11 @@ class Output:
 
     label: str
     bus: int
-    """0 for the bus of [can], else the number of the further bus."""
+    """Number of the bus: 0 for that of [can], else the further bus."""
     identifier: int
     extended: bool
     make: Callable[[Mapping[str, float], int], list[bytes]]
-    """Values and counter -> the data of each frame."""
+    """Function of values and counter that returns the data of each frame."""
     watched: frozenset[str]
     """Values whose change is sent."""
     cycle: Cycle | None
@@ -57,7 +57,7 @@ class Output:
 
 
 class CanOutputs:
-    """All of them."""
+    """Outputs of one daemon."""
 
     def __init__(self, config: Config, database: Database) -> None:
         """Raises ConfigError for a message, signal or identifier that does not fit."""
@@ -95,7 +95,7 @@ class CanOutputs:
         ]
 
     def heard(self, bus: int, identifier: int, extended: bool) -> str:
-        """Another node sent a frame: a line for the log if that stops an output, else nothing."""
+        """Take a frame of another node; return a line for the log if that stops an output, else nothing."""
         out = self._watched.get((bus, extended, identifier))
         if out is None or out.stopped:
             return ""

@@ -1,4 +1,4 @@
-"""The request to learn the tyres again, in the two forms in which it reaches the pipeline.
+"""Request to learn the tyres again, in the two forms in which it reaches the pipeline.
 
 In: a CAN frame or a sentence. Out: the name of the set of tyres that is asked for. Both forms are inputs with
 a stamp: so a recording holds the request, and a replay resets at the very same tick.

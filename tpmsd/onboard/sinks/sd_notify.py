@@ -1,4 +1,4 @@
-"""Tells systemd how the daemon is (sd_notify(3)), without a library.
+"""Reports the daemon's state to systemd (sd_notify(3)), without a library.
 
 In: NOTIFY_SOCKET and WATCHDOG_USEC of the environment. Out: datagrams such as `READY=1`.
 Without a service manager every call does nothing. No call ever raises or blocks: the monitor goes on even if
@@ -52,7 +52,7 @@ class Notifier:
         return self._watchdog_usec / 2e6
 
     def ready(self, status: str = "") -> bool:
-        """Start-up is over."""
+        """Report that start-up is over."""
         return self._send(["READY=1", *self._status(status)])
 
     def status(self, text: str) -> bool:
@@ -64,7 +64,7 @@ class Notifier:
         return self._send(["WATCHDOG=1"])
 
     def stopping(self, status: str = "") -> bool:
-        """Shut-down has begun."""
+        """Report that shut-down has begun."""
         return self._send(["STOPPING=1", *self._status(status)])
 
     def extend_timeout(self, usec: int) -> bool:

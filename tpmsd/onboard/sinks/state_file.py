@@ -1,4 +1,4 @@
-"""Keeps what was learned over restarts and power cuts: one JSON file, replaced as a whole.
+"""Keeps the learned state over restarts and power cuts: one JSON file, replaced as a whole.
 
 In: a dictionary. Out: the same dictionary after a restart, or None.
 

@@ -34,7 +34,8 @@ def read_status(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
 
 
 def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """Ask to learn the tyres anew; the status as it was when the request was taken. Raises StatusError."""
+    """Ask to learn the tyres again; return the status as it was when the request was taken. Raises
+    StatusError."""
     with contextlib.closing(_documents(path, "reset", timeout_s, tyres)) as documents:
         return next(documents)
 

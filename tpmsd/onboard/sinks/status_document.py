@@ -42,7 +42,7 @@ class SourceState(StrEnum):
     SILENT = "silent"
     """Open, but what came before has stopped."""
     DOWN = "down"
-    """Gone or not to be opened; tried again with back-off."""
+    """Input that is gone or cannot be opened; tried again with back-off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,9 +51,9 @@ class SourceHealth:
 
     state: SourceState
     name: str = ""
-    """Channel or device."""
+    """Name of the channel or device."""
     received: int = 0
-    """Frames of the bus, fixes of the receiver."""
+    """Number of frames of the bus, or fixes of the receiver."""
     faults: Mapping[str, int] = field(default_factory=dict)
     """Count by kind (`SourceFault.kind`), since the start."""
     age_s: float = math.nan
@@ -118,7 +118,7 @@ def build_status(
 
 
 def state_entry(method: str, state: VehicleState | None) -> dict[str, Any]:
-    """The vehicle state as plain numbers, null where it is not known."""
+    """Return the vehicle state as plain numbers, null where it is not known."""
     values = [math.nan] * len(VehicleState._fields) if state is None else state
     entry = {name: finite(value) for name, value in zip(VehicleState._fields, values, strict=True)}
     return {"method": method, **entry}

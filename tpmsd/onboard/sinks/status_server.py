@@ -1,4 +1,4 @@
-"""Answers on a Unix socket how the tyres are, inside the daemon's one event loop.
+"""Serves the tyre status on a Unix socket, inside the daemon's one event loop.
 
 In: connections on a stream socket, and a function that makes the status document. Out: JSON lines.
 
@@ -33,7 +33,8 @@ from tpmsd.onboard.sinks.socket_path import check_socket_path
 
 MAX_CLIENTS = 128
 MAX_WATCHERS = 112
-"""The other places are for those who ask once: watchers stay for ever, and must not shut them out."""
+"""Number of watching clients, at most; the other connections are for those who ask once: watchers stay for
+ever."""
 MAX_TURNED_AWAY = 16
 """Clients beyond MAX_CLIENTS whose request is still read, so that the refusal reaches them: a socket that is
 closed with unread bytes is a reset connection at the other end."""
@@ -42,9 +43,9 @@ MAX_PENDING_BYTES = 65536
 SILENT_S = 1.0
 """Time without a request after which a client is given the status, s."""
 REQUEST_S = 5.0
-"""A request must be whole by then; so must the taking of an answer."""
+"""Time after which a request must be whole, s; so must the taking of an answer."""
 _ACCEPTS_PER_CALL = 32
-"""A storm of connections must not hold up the estimator."""
+"""Number of connections taken per call: a storm of them must not hold up the estimator."""
 _ACCEPT_PAUSE_S = 1.0
 TOO_MANY = f"too many clients: {MAX_CLIENTS} are served at a time; try again"
 
@@ -65,7 +66,7 @@ class _Client:
     answered: bool = False
     watching: bool = False
     turned_away: bool = False
-    """Came when all places were taken; is told so."""
+    """True if it came when all connections were in use; it is sent a refusal."""
     events: int = 0
     """Events for which the selector watches it."""
 
@@ -86,7 +87,7 @@ class StatusServer:
         reset: Callable[[str | None], str] | None = None,
         explain: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
-        """Nothing is opened yet. `document` is asked whenever a client is answered.
+        """Prepare the server; nothing is opened yet. `document` is called whenever a client is answered.
 
         `reset` takes a request to learn the tyres anew, with the name of the set if one is given; it answers
         with why it cannot be taken, or with nothing. `explain` makes the document of `tpmsd explain`.

@@ -150,7 +150,7 @@ class LiveCan:
         return number if number >= 0 else None
 
     def read(self, limit: int = 1000) -> list[CanFrame]:
-        """Up to `limit` frames that are there; never waits. `CanDown` if the bus is gone.
+        """Return up to `limit` frames that are there; never waits. `CanDown` if the bus is gone.
 
         If it goes while frames are being read, these are returned, and the next call raises.
         """

@@ -123,7 +123,7 @@ class SenderWatch:
         return other
 
     def restart(self, time_s: float) -> None:
-        """The clock stepped, or the message was away: judge no rate across that."""
+        """Judge no rate across a step of the clock or an absence of the message."""
         self._since_s += time_s - self._last_s
         self._last_s = self._window_s = time_s
         self._count = 0

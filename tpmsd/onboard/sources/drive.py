@@ -292,7 +292,7 @@ def _next(one: _Stream, other: _Stream) -> _Stream:
 
 
 def _limit_s(stream: _Stream, one: _Stream, other: _Stream) -> float:
-    """Up to when `_next` would choose this stream again, as long as it does not step."""
+    """Return the time up to which `_next` would choose this stream again, as long as it does not step."""
     rival = other if stream is one else one
     if rival.head_s is None:
         return math.inf

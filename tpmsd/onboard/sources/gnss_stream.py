@@ -42,7 +42,7 @@ class GnssStream(Protocol):
         """Return the lines that this piece completes."""
 
     def reset(self) -> None:
-        """The line was closed and opened again: forget what is unfinished."""
+        """Forget what is unfinished: the line was closed and opened again."""
 
 
 class NmeaStream:
