@@ -91,7 +91,7 @@ class Group:
         )
         speeds = tuple(fine)
         self.frozen = FrozenSpeeds(speeds) if len(speeds) > 1 else None
-        """Detector of frozen wheel speeds, if they are several and so fine that they cannot all stay the same."""
+        """Detector of frozen speeds, if they are several and so fine that they cannot all stay the same."""
         self.doubted = [False] * len(self.fields)
         """Flags per signal: True if its last reading was rejected for want of a single sender."""
 
