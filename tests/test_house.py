@@ -442,7 +442,7 @@ TERMS_OPEN = {f"tpmsd/offline/tables/{name}.py" for name in ("guess", "guess_nam
 _FRAGMENT = re.compile(r"(What|Whether|Of|Which|Why|How|As|By|Where|The same|An? `[^`]+` that is)\b")
 """Opening words of a docstring that is no sentence and no noun phrase."""
 _NO_VERB = re.compile(r"(The|An?|All|One|Its?|Up|Back)\b")
-"""Opening words of a function's docstring without a verb; that of a property is a noun phrase, as of a field."""
+"""Opening words of a function's docstring without a verb; a property has a noun phrase, as a field."""
 TERMS: dict[str, str] = {
     **dict.fromkeys(("told", "tells", "telling"), "reported, stated, sent or cached"),
     "odd": "irregular or implausible",
