@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,11 +34,11 @@ class TorqueSlip(Effect):
     limit = "longitudinal_slip"
     grid = Grid(
         "lag_s",
-        values=(0.0, 0.2),
-        middle=0.0,
-        range=(-0.5, 1.0),
-        price=lambda lag: 0.7 + 0.5 * ((lag - 0.1) / 0.2) ** 2,
-        step=1.5,
+        values=(0.03, 0.15),
+        middle=0.03,
+        range=(0.005, 1.0),
+        price=lambda lag: 0.7 + 0.5 * (math.log(lag / 0.1) / 1.0) ** 2,
+        step=2.0,
     )
     """A filling manifold and a drive shaft take a tenth of a second or two."""
     parameters = (
@@ -59,7 +60,7 @@ class TorqueSlip(Effect):
             -2.0,
             5.0,
             "age of the force behind the torque that is told",
-            prior=Prior(0.1, 0.2, "manifold and drive shaft: 0.1 to 0.3 s"),
+            prior=Prior(0.1, 0.1, "manifold and drive shaft: 0.1 to 0.3 s"),
         ),
     )
     slip_per_nm: float
