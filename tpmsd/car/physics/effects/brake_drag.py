@@ -35,6 +35,8 @@ class BrakeDrag(Effect):
         "cooling_s * dh/dt = v / 20 m/s - h"
     )
     sentence = "a brake drags on one wheel, which grows as it warms up"
+    noun = "a dragging brake"
+    answers = ("the brake of {wheel} drags, by a slip of {slip:size %}",)
     telling_drive = "roll fast for ten minutes and slowly for ten, without braking, twice"
     shows_in = ("wheel_ratio", "time")
     one_sign = True

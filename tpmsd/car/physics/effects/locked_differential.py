@@ -30,6 +30,8 @@ class LockedDifferential(Effect):
     formula = "omega * r = v_i + c * (v_axle - v_i) on driven wheels, v_axle the mean of the axle"
     contrast = True
     sentence = "the wheels of the driven axle turn alike in bends"
+    noun = "a locked differential"
+    answers = ("the wheels of the driven axle turn alike in bends, by {coefficient:just %}",)
     telling_drive = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in = ("wheel_ratio", "yaw_rate")
     one_sign = True

@@ -38,6 +38,8 @@ class RearAxleSteering(Effect):
     )
     needs = ("gnss",)
     sentence = "the rear wheels are steered"
+    noun = "steered rear wheels"
+    answers = ("the rear wheels are steered, by {gain:just %} of the front ones' angle",)
     telling_drive = "drive the same bends slowly and fast, to both sides"
     shows_in = ("gnss_course", "accel_lat")
     one_sign = True

@@ -27,6 +27,8 @@ class TorqueSlip(Effect):
     common = True
     formula = "omega * r = v * (1 + c * T(t - lag_s)) on driven wheels, T the drive torque"
     sentence = "driven wheels slip under the drive torque"
+    noun = "slip under drive torque"
+    answers = ("driven wheels slip under the drive torque, by {slip_per_nm}",)
     telling_drive = "accelerate firmly, coast and brake at the same speeds on a straight, ten times each"
     shows_in = ("wheel_ratio", "torque")
     needs = ("torque",)

@@ -34,6 +34,8 @@ class WheelSpeedFilter(Effect):
     kind = Kind.INSTRUMENT
     formula = "wheel speeds shown = first-order low-pass of time_constant_s of the speeds of the hubs"
     sentence = "the control unit smooths the wheel speeds"
+    noun = "smoothing of the wheel speeds"
+    answers = ("the control unit smooths the wheel speeds over {time_constant_s}",)
     telling_drive = "accelerate and brake as hard as the traffic allows, ten times"
     shows_in = ("wheel", "accel_long")
     needs = ("speeds", "gnss")
