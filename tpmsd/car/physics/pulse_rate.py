@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect import RARE, Effect, Kind, Parameter, Prior, WheelParameter
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -60,6 +60,11 @@ class PulseRate(Effect):
         turns_per_s = AT_MPS / (2.0 * np.pi * float(np.mean(car.radius_m)))
         most = MOST_SHARE * car.teeth_per_rev * turns_per_s
         return {"rate_per_s": (-most, most)}
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """A counter in order misses no pulse and makes none up."""
+        return RARE + super().against(value)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) share of the pulses on its wheel."""

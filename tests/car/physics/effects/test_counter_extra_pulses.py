@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tests.car.physics.motions import car, steady
-from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
 
 
 def test_extra_pulses_are_missed_ones_with_the_other_sign() -> None:
@@ -15,3 +15,9 @@ def test_extra_pulses_are_missed_ones_with_the_other_sign() -> None:
 
     np.testing.assert_allclose(extra, -missed)
     assert extra[0, 2] > 0.0
+
+
+def test_a_counter_in_order_makes_none_up() -> None:
+    """Odds of fifty against a name that counters seldom deserve, and of fifty more against the other sign."""
+    for name in ("counter_extra_pulses", "counter_missed_pulses"):
+        assert (4.0, 8.0) == (EFFECTS[name].against(3.0), EFFECTS[name].against(-3.0))
