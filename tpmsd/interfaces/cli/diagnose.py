@@ -79,11 +79,10 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--certify",
         type=_count,
-        default=REPLICATES,
         metavar="N",
         help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
-        " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it; with"
-        " --simulation there are none)",
+        f" not sure enough is a suspicion and makes no mismatch (default: {REPLICATES}, and 0 with a baseline"
+        " of vehicle dynamics; 0 skips it; with --simulation of the rolling baseline there are none)",
     )
     parser.add_argument(
         "--baseline",
@@ -164,7 +163,8 @@ def _run_rolling(args: argparse.Namespace) -> int:
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
         with Progress(1.0, "diagnose", rate=False) as progress:
             if simulation is None:
-                certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
+                most = REPLICATES if args.certify is None else args.certify
+                certify = Certification(most, np.random.default_rng(CERTIFY_SEED))
                 propose = args.propose is not None
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:

@@ -125,13 +125,14 @@ class Look:
         variance = np.diag(covariance)[first : first + len(self.columns[k].index)]
         term = self.terms[k]
         away = np.array([term.value(name) - term.neutral.get(name, 0.0) for name in term.free])
-        std = np.sqrt(variance * own.overdispersion + (SETTINGS.relative_std * away) ** 2)
+        spread = np.array([term.spread.get(name, 0.0) for name in term.free])
+        std = np.sqrt(variance * own.overdispersion + (SETTINGS.relative_std * away) ** 2 + spread**2)
         return Slot(
             term,
             self.evidence(k),
             own.overdispersion,
             std,
-            p_value_of(away / std, len(self.statistics.blocks.gradient)),
+            p_value_of(away / np.sqrt(std**2 - spread**2), len(self.statistics.blocks.gradient)),
             tuple(self.rivals(k)),
             self.heldout(k),
         )

@@ -60,7 +60,7 @@ class Search:
 
     def __post_init__(self) -> None:
         setup = self.setup
-        states = setup.states(self.fixed)
+        states = setup.states(self.theta)
         readings = setup.readings()
         self.noise = first_guess(states, setup.disturbances, list(readings.T))
         white, free = least(states, setup.disturbances)
@@ -92,7 +92,7 @@ class Search:
 
     def _refit_noise(self, rounds: int) -> None:
         self.noise = fitted_noise(self.setup, self.at, self.noise, rounds, self.floor)
-        self.at = smoothed(self.setup, self.theta, self.at.path, self.noise)
+        self.at = smoothed(self.setup, self.theta, self.at, self.noise)
 
     def fit(self, rounds: int = 3) -> None:
         """Fit parameters, path and noise again."""

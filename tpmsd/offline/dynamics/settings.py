@@ -47,8 +47,9 @@ class DynamicsSettings:
     """Rows from which noise is estimated: standard deviations to 2 %."""
     path_rounds: int = 8
     """Of Gauss-Newton for the path, at most."""
-    path_tolerance: float = 1e-3
-    """Largest remaining step of the path in its start's standard deviations."""
+    path_tolerance: float = 1e-2
+    """Decrease of the sum of squares that is left aside, per unit of it or per ten thousand residuals: 0.005
+    nats of log-likelihood, far below what any decision asks."""
     false_discovery: float = 0.02
     """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
     alternatives: the bar is one in fifty."""
@@ -79,6 +80,8 @@ class DynamicsSettings:
     """Slopes along the road: 3 to 7 % on rural roads (AASHTO 2018, ch. 3)."""
     wind_box_s: float = 5.0
     """Resolution of the spans in which wind is looked for."""
+    wind_edge_s: float = 0.5
+    """Resolution of begin and end of the likeliest span: a gust builds up in about a second."""
     slow_share: float = 1.6
     """Variance of slow sums of scores over that of white ones, from which slopes are looked at: with 25
     sums its standard deviation is 0.3 where nothing acts."""

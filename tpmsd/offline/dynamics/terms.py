@@ -6,7 +6,7 @@ In: a baseline. Out: `Term`s, one per effect, or one per value of its grid where
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class Term:
     """Whether it is looked for as a whole, at a value of its grid, by one column of size one."""
     alternatives: int = 1
     """Terms of this effect among which is chosen."""
+    spread: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviations by doubt about the span of time, beside those of the fit, by parameter."""
 
     @property
     def name(self) -> str:
