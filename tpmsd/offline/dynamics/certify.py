@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
@@ -137,8 +136,9 @@ def _disturbances(setup: Setup, noise: Noise, kicks: FloatArray, rng: np.random.
     step = float(np.median(np.diff(drive.time_s)))
     decay = float(np.exp(-step / SETTINGS.disturbance_time_s))
     out = np.zeros((len(drive.time_s), len(noise.disturbance)))
-    for first, last in zip(drive.starts, drive.ends, strict=True):
-        pushes = np.concatenate([np.zeros((1, kicks.shape[1])), kicks[first : last - 1]])
-        pushes[0] = noise.disturbance * rng.standard_normal(len(noise.disturbance))
-        out[first:last] = lfilter([1.0], [1.0, -decay], pushes, axis=0)
+    starts, ends = drive.starts, drive.ends
+    out[starts] = noise.disturbance * rng.standard_normal((len(starts), len(noise.disturbance)))
+    for k in range(int((ends - starts).max()) - 1):
+        rows = starts[starts + k + 1 < ends] + k
+        out[rows + 1] = decay * out[rows] + kicks[rows]
     return out

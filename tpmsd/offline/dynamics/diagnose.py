@@ -142,8 +142,12 @@ def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit], d
             UNITS[name],
             steps[0].rms[name],
             steps[-1].rms[name],
-            curve_rating(setup.drive.time_s, readings[:, k], guesses[0][:, k]),
-            curve_rating(setup.drive.time_s, readings[:, k], guesses[-1][:, k]),
+            *_ratings(
+                setup.drive.time_s,
+                readings[:, k],
+                before := guesses[0][:, k],
+                before if len(guesses) == 1 else guesses[-1][:, k],
+            ),
         )
         for k, name in enumerate(setup.channels)
     }
@@ -152,6 +156,14 @@ def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit], d
         for k, name in enumerate(setup.channels)
     }
     return tuple(steps), outputs, curves
+
+
+def _ratings(
+    time_s: FloatArray, recorded: FloatArray, before: FloatArray, after: FloatArray
+) -> tuple[float, float]:
+    """Return the ratings of a curve before and after; one where both are the same."""
+    first = curve_rating(time_s, recorded, before)
+    return first, first if after is before else curve_rating(time_s, recorded, after)
 
 
 def heldout(setup: Setup, stage: Stage) -> FloatArray:

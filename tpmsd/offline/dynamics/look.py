@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
@@ -140,7 +140,7 @@ class Look:
 
 def p_value_of(sizes: FloatArray, blocks: int) -> float:
     """Return the two-sided p-value of the largest of some standardised values, by Student's t over blocks."""
-    tail = 2.0 * student.sf(float(np.abs(sizes).max()), max(blocks - 1, 1))
+    tail = 2.0 * float(stdtr(max(blocks - 1, 1), -float(np.abs(sizes).max())))
     return float(min(tail * len(sizes), 1.0))
 
 

@@ -149,15 +149,39 @@ def transition(
 ) -> FloatArray:
     """Return the derivatives of the steps, (n - 1, t, t): the exponential of the mean Jacobian."""
     substeps = setup.baseline.substeps(inputs, float(np.median(dt)), theta)
-    matrix = 0.5 * (jacobian[:-1] + jacobian[1:]) * (dt / substeps)[:, None, None]
-    eye = np.eye(matrix.shape[1])
-    out = eye + matrix / 4.0
-    for order in (3.0, 2.0, 1.0):
-        out = eye + matrix @ out / order
+    mean = np.moveaxis(0.5 * (jacobian[:-1, :count] + jacobian[1:, :count]), 0, -1) * (dt / substeps)
+    own, driven = np.ascontiguousarray(mean[:, :count]), np.ascontiguousarray(mean[:, count:])
+    # exp [A B; 0 0] = [exp A, P B; 0 1] with P = 1 + A / 2 + A^2 / 6 + A^3 / 24 and exp A = 1 + A P
+    series = own / 4.0
+    for order in (3.0, 2.0):
+        series = _times(own, _plus_one(series)) / order
+    series = _plus_one(series)
+    by_own, by_driven = _plus_one(_times(own, series)), _times(series, driven)
     for _ in range(int(np.log2(substeps))):
-        out = out @ out
-    for k in range(count, matrix.shape[1]):
+        by_own, by_driven = _times(by_own, by_own), _times(by_own, by_driven) + by_driven
+    out = np.zeros((len(dt), len(jacobian[0]), len(jacobian[0])))
+    out[:, :count, :count] = np.moveaxis(by_own, -1, 0)
+    out[:, :count, count:] = np.moveaxis(by_driven, -1, 0)
+    for k in range(count, out.shape[1]):
         out[:, k, k] = np.exp(-dt / SETTINGS.disturbance_time_s)
+    return out
+
+
+def _plus_one(matrix: FloatArray) -> FloatArray:
+    """Return matrices (s, s, n) with one added on the diagonal."""
+    for k in range(len(matrix)):
+        matrix[k, k] += 1.0
+    return matrix
+
+
+def _times(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return products of small matrices (i, k, n) and (k, j, n), over time at once."""
+    out = np.empty((left.shape[0], right.shape[1], left.shape[2]))
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = left[i, 0] * right[0, j]
+            for k in range(1, left.shape[1]):
+                out[i, j] += left[i, k] * right[k, j]
     return out
 
 

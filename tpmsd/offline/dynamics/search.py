@@ -136,8 +136,9 @@ class Search:
     def own(self, first: int) -> tuple[list[Columns], list[Probe]]:
         """Return the columns of the model's own terms, counted from `first`, and their probes."""
         columns, probes = [], []
+        covariates = self.covariates if self.terms else {}
         for k, term in enumerate(self.terms):
-            own = term.probes(self.without(k), self.covariates)
+            own = term.probes(self.without(k), covariates)
             offset, precision = term.prior()
             columns.append(Columns(tuple(range(first, first + len(own))), offset, precision))
             probes += own
@@ -165,8 +166,9 @@ class Search:
                 removal.append(((len(probes),), (1.0,)))
                 probes.append(Probe(self.without(k), 1.0))
         added = []
+        theta, covariates = self.theta, self.covariates if offered else {}
         for term in offered:
-            own = term.probes(self.theta, self.covariates)
+            own = term.probes(theta, covariates)
             offset, precision = term.prior()
             added.append(Columns(tuple(range(len(probes), len(probes) + len(own))), offset, precision))
             probes += own
