@@ -63,7 +63,7 @@ CAMPAIGNS = {
         _campaign(
             "onboard", "gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"
         ),
-        _campaign("onboard", "decode", "CAN frames decoded per second"),
+        _campaign("onboard", "decode", "CAN frames decoded per second, and how many of a log as arrays"),
         _campaign("onboard", "live", "the daemon in real time on a full bus"),
         _campaign("offline", "discover", "discovery of unknown cars among decoys, with a DBC and without"),
         _campaign(
