@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -11,12 +13,16 @@ from tests.offline.dynamics.drives import folder, hidden, loaded
 from tpmsd.car.physics.dynamics_effects.time_spline import Unknown
 from tpmsd.car.physics.own_dynamics import checked
 from tpmsd.car.physics.own_effects import dynamics_classes_of, module_of_file
+from tpmsd.foundation.schemas import schema_of
+from tpmsd.offline.dynamics.document import dynamics_document
 from tpmsd.offline.dynamics.located import Place, refined
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.proposals import dynamics_effect_file, proposals
-from tpmsd.offline.dynamics.result import Proposal
+from tpmsd.offline.dynamics.result import DynamicsDiagnosis, Proposal
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.terms import spline_term
+
+FORM = schema_of("tpmsd.diagnosis/2")["properties"]["proposals"]
 
 
 def test_a_moment_that_grows_with_speed_and_turn_is_described(tmp_path: Path) -> None:
@@ -28,8 +34,12 @@ def test_a_moment_that_grows_with_speed_and_turn_is_described(tmp_path: Path) ->
     knots = (-0.3, -0.1, 0.0, 0.1, 0.3)
     flat = Unknown(knots=knots, heights=(0.0,) * 5, on="moment", over="yaw_rate")
     assert search.attempt([refined(search, Place(spline_term(flat, 0.6), 0.0))])
-    best = proposals(search)[0]
+    every = proposals(search)
+    best = every[0]
+    made = DynamicsDiagnosis("mismatch", "", "single-track", False, (), 60.0, proposals=every)
 
+    jsonschema.validate(json.loads(json.dumps(dynamics_document(made, None)["proposals"])), FORM)
+    assert best.gain > best.heldout_gain
     assert best.on == "moment"
     assert set(best.covariates) & {"accel_lat", "yaw_rate", "speed"}
     assert best.heldout_gain > 50.0
@@ -49,7 +59,7 @@ def test_where_all_has_a_name_there_is_nothing_to_propose(tmp_path: Path) -> Non
 def test_the_file_of_a_proposal_is_an_effect(tmp_path: Path, on: str) -> None:
     """It is read as a module, passes the trial of an own effect and adds what the formula says."""
     proposal = Proposal(
-        "made_up", "speed * np.abs(steering)", ("speed", "steering"), "m/s.rad", on, "x", 0.3, 0.01, 9.0
+        "made_up", "speed * np.abs(steering)", ("speed", "steering"), "m/s.rad", on, "x", 0.3, 0.01, 9.5, 9.0
     )
     name, text = dynamics_effect_file(proposal, "a drive")
     path = tmp_path / f"{name}.py"

@@ -14,6 +14,7 @@ from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, Unknown
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
 from tpmsd.offline.dynamics.look import fold_blocks
@@ -99,14 +100,16 @@ def _judged(
     both = joined([stay, added])
     estimate, covariance = statistics.fit(both, held, values)
     ratio = statistics.addition(stay, added, held, values).overdispersion
-    fixed = np.array(values)
-    gain = 0.0
-    for blocks in fold_blocks(len(statistics.blocks.gradient)):
+    folds = fold_blocks(len(statistics.blocks.gradient))
+
+    def gained(blocks: IntArray | None, left_out: IntArray | None) -> float:
+        total = 0.0
         for sign, free in ((1.0, both), (-1.0, stay)):
-            fitted = statistics.fit(free, held, values, blocks)[0] if free.index else np.zeros(0)
-            gain += sign * statistics.log_likelihood(
-                (*free.index, *held), np.concatenate([fitted, fixed]), blocks
-            )
+            fitted = statistics.fit(free, held, values, left_out)[0] if free.index else np.zeros(0)
+            columns = (*free.index, *held)
+            total += sign * statistics.log_likelihood(columns, np.concatenate([fitted, values]), blocks)
+        return total
+
     return Proposal(
         name=f"{on}_{form.name}" if on in EQUATIONS else f"{on}_reading_{form.name}",
         formula=form.formula,
@@ -116,7 +119,8 @@ def _judged(
         on_unit=EQUATIONS.get(on) or UNITS[on],
         coefficient=float(estimate[-1]),
         std=float(np.sqrt(covariance[-1, -1] * ratio)),
-        heldout_gain=gain,
+        gain=gained(None, None),
+        heldout_gain=sum(gained(blocks, blocks) for blocks in folds),
     )
 
 

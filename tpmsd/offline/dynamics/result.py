@@ -103,6 +103,8 @@ class Proposal:
     on_unit: str
     coefficient: float
     std: float
+    gain: float
+    """Nats in sample."""
     heldout_gain: float
     """Nats on held-out blocks, in the place of the term without a name."""
 
