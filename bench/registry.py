@@ -95,6 +95,15 @@ CAMPAIGNS = {
             "alarms.run",
             "alarms.md",
         ),
+        _campaign(
+            "onboard",
+            "filters",
+            "alarms of both filters on the very same drives, and real losses",
+            page="filters.md",
+        ),
+        _campaign(
+            "onboard", "intervals", "NEES and coverage of both filters, cell by cell", page="intervals.md"
+        ),
         _campaign("onboard", "first-start", "tyres that were soft before the first start"),
         _campaign(
             "onboard",

@@ -78,12 +78,19 @@ def replayed(
     return result, None if ticks is None else ticks.table()
 
 
-def explained(drive: Drive, progress: Progress = ignore_progress, note: Note = ignore_note) -> dict[str, Any]:
-    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`."""
+def explained(
+    drive: Drive,
+    model: ExtendedModel | None = None,
+    progress: Progress = ignore_progress,
+    note: Note = ignore_note,
+) -> dict[str, Any]:
+    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`.
+
+    `model`: effects beyond rolling that are compensated, those of `[filter] model` unless given.
+    """
     config = drive.config
     stream, database = drive.recording.open(config, note)
-    extended = None if config.filter.model is None else load_model(config.filter.model)
-    pipeline = Pipeline(config, database, extended)
+    pipeline = Pipeline(config, database, known_effects([drive], model))
     report, start_s = None, None
     for step in play(stream, pipeline, progress, note):
         report = step.report
