@@ -43,6 +43,7 @@ examples:
   tpmsd diagnose drives/monday --simulation sims/monday    what your own simulator leaves out
   tpmsd diagnose drives/monday --alarms                    and what it means for the tyres
   tpmsd simulate drives/again --model model.toml           a drive that holds what was found
+  tpmsd diagnose drives/track --baseline three-dof --html track.html --certify 19
 
 Nothing is written but what was asked for: --model-out for the extended model, --json, --html, --plot.
 """
