@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.baselines.base import Baseline
@@ -58,8 +58,8 @@ def run_dynamics(args: argparse.Namespace) -> int:
     keys = tuple(drive.key if bound_to_time(effect) else "" for effect in diagnosis.effects)
     model = DynamicsModel(diagnosis.effects, diagnosis.stds, keys)
     origin = cache(lambda: provenance(SCHEMA, args.drives, args.config or folder))
-    if not outputs.fill_stdout:
-        print(dynamics_summary(diagnosis, model_file), flush=True)
+    reason = None if known else diagnosis.reason
+    code = say_verdict(reason, lambda: dynamics_summary(diagnosis, model_file), outputs)
     comment = f"written by tpmsd diagnose --baseline {args.baseline} from {folder.resolve().name}"
     outputs.write(
         {
@@ -69,9 +69,9 @@ def run_dynamics(args: argparse.Namespace) -> int:
             "--json": lambda: json_text({**origin(), **dynamics_document(diagnosis, model_file)}),
         }
     )
-    if args.propose is not None:
+    if args.propose is not None and known:
         _propose(args.propose, diagnosis, drive.name)
-    return 0
+    return code
 
 
 def _picture(diagnosis: DynamicsDiagnosis, name: str, suffix: str) -> bytes:

@@ -6,19 +6,23 @@ In: a table (CSV, Parquet, MF4, MATLAB v7.3) and its map. Out: a drive folder th
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+from typing import Any
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 
+EXIT_UNDECIDED = 4
 _DESCRIPTION = """\
 Makes a drive folder of a table that your own simulator or logger wrote, so that replay, diagnose
 and calibrate take it like a recording.
 
 TABLE is CSV, Parquet, MF4 or MATLAB v7.3. The map says which column is what, in which unit, and of which
 car; it is checked like a configuration. Without a map the columns' names tell role and unit, as in the
-tables that `tpmsd replay --csv` and `--parquet` write.
+tables that `tpmsd replay --csv` and `--parquet` write. --guess prints a map to begin with: roles by
+names, units, signs and the rolling radius by the values.
 """
 _EPILOG = """\
 a map:
@@ -31,9 +35,35 @@ a map:
   gnss_longitude = "lon"
 
 examples:
+  tpmsd import log.csv --guess > map.toml
   tpmsd import log.csv --map map.toml drives/monday
   tpmsd import monday.parquet drives/again         a table of tpmsd replay --parquet
+
+exit codes: 0 done, 2 wrong usage or map, 3 unusable table, 4 --guess found no wheels
 """
+
+
+class _Guess(argparse.Action):
+    """A flag with which DRIVE is not required.
+
+    DRIVE keeps its place as a required argument, for argparse takes an optional one for absent as soon as an
+    option stands between it and TABLE.
+    """
+
+    def __init__(self, drive: argparse.Action, **named: Any) -> None:
+        super().__init__(nargs=0, default=False, **named)
+        self._drive = drive
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
+        """Take note."""
+        self._drive.required = False
+        setattr(namespace, self.dest, True)
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -46,13 +76,19 @@ def add_parser(subparsers: Subparsers) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("table", type=Path, metavar="TABLE", help="a table")
-    parser.add_argument("drive", type=Path, metavar="DRIVE", help="folder to write the drive to")
+    drive = parser.add_argument("drive", type=Path, metavar="DRIVE", help="folder to write the drive to")
     parser.add_argument("--map", type=Path, metavar="FILE", help="which column is what")
+    parser.add_argument(
+        "--guess", action=_Guess, drive=drive, help="print a map of TABLE, guessed; takes no DRIVE"
+    )
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Read, write, report."""
+    if args.guess:
+        return _guess(args)
+
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.api.import_table import load_table
     from tpmsd.interfaces.cli.drive_reading import say
@@ -78,3 +114,17 @@ def run(args: argparse.Namespace) -> int:
         print(f"{span_s:.0f} s, {frames} frames, {len(items) - frames} sentences: written to {args.drive}")
     outputs.write({"--json": lambda: json_text(document)})
     return 0
+
+
+def _guess(args: argparse.Namespace) -> int:
+    """Print the guessed map."""
+    from tpmsd.interfaces.api.import_table import guess_map
+
+    for given, name in ((args.drive, "DRIVE"), (args.map, "--map"), (args.json, "--json")):
+        if given is not None:
+            raise ConfigError(f"--guess and {name} contradict each other")
+    text, has_wheels = guess_map(args.table)
+    print(text, end="")
+    if not has_wheels:
+        print(f"tpmsd: {args.table}: no column was taken for each rear wheel", file=sys.stderr)
+    return 0 if has_wheels else EXIT_UNDECIDED
