@@ -125,6 +125,11 @@ def _count(text: str) -> int:
     return int(text)
 
 
+def _most(given: int | None) -> int:
+    """Return the most replicates of a certificate of the rolling baseline."""
+    return REPLICATES if given is None else given
+
+
 def run(args: argparse.Namespace) -> int:
     """Diagnose."""
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
@@ -165,8 +170,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
         with Progress(1.0, "diagnose", rate=False) as progress:
             if simulation is None:
-                most = REPLICATES if args.certify is None else args.certify
-                certify = Certification(most, np.random.default_rng(CERTIFY_SEED))
+                certify = Certification(_most(args.certify), np.random.default_rng(CERTIFY_SEED))
                 propose = args.propose is not None
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
