@@ -101,13 +101,14 @@ def _judged(
     estimate, covariance = statistics.fit(both, held, values)
     ratio = statistics.addition(stay, added, held, values).overdispersion
     folds = fold_blocks(len(statistics.blocks.gradient))
+    fixed: FloatArray = np.array(values, dtype=np.float64)
 
     def gained(blocks: IntArray | None, left_out: IntArray | None) -> float:
         total = 0.0
         for sign, free in ((1.0, both), (-1.0, stay)):
             fitted = statistics.fit(free, held, values, left_out)[0] if free.index else np.zeros(0)
             columns = (*free.index, *held)
-            total += sign * statistics.log_likelihood(columns, np.concatenate([fitted, values]), blocks)
+            total += sign * statistics.log_likelihood(columns, np.concatenate([fitted, fixed]), blocks)
         return total
 
     return Proposal(
