@@ -14,6 +14,7 @@ from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.terms import term_of
 
 SINGLE = {
     "mass_error": {"relative": 0.12},
@@ -135,6 +136,14 @@ def test_a_column_is_the_derivative_of_the_innovations_of_a_kalman_filter(tmp_pa
     assert found.gradient.sum() == pytest.approx(
         -0.5 * (high - low) / (2 * h), abs=0.05 * found.information.sum() * h
     )
+
+
+@pytest.mark.parametrize(("delay_s", "unusual"), [(0.03, False), (-0.05, False), (0.1, True)])
+def test_a_size_that_no_car_has_is_told(tmp_path: Path, delay_s: float, unusual: bool) -> None:
+    """Three prior standard deviations of a gyro's delay are 0.09 s."""
+    baseline, _ = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
+
+    assert term_of(make_dynamics_effect("gyro_delay", delay_s=delay_s), baseline).unusual is unusual
 
 
 def test_columns_that_act_in_different_blocks_are_shared(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_the_file_of_a_proposal_is_an_effect(tmp_path: Path, on: str) -> None:
     proposal = Proposal(
         "made_up", "speed * np.abs(steering)", ("speed", "steering"), "m/s.rad", on, "x", 0.3, 0.01, 9.5, 9.0
     )
-    name, text = dynamics_effect_file(proposal, "a drive")
+    name, text = dynamics_effect_file(proposal, 'a """drive')
     path = tmp_path / f"{name}.py"
     path.write_text(text)
     (effect,) = dynamics_classes_of(module_of_file(path))

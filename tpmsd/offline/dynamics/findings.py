@@ -87,7 +87,7 @@ def _finding(
     rivals = [(rival.name, value) for rival, value in slot.rivals]
     twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
-    stand_in = search.stand_in and term.name != "unknown"
+    stand_in = (search.stand_in and term.name != "unknown") or term.unusual
     confidence = 1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0)))
     return DynamicsFinding(
         effect=term.name,
@@ -106,6 +106,7 @@ def _finding(
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
         stand_in=stand_in,
+        unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, place], without[:, place], with_all[:, place]),
     )
 

@@ -6,6 +6,7 @@ on held-out blocks with that term taken out; `dynamics_effect_file`, a module th
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -179,6 +180,7 @@ def dynamics_effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
     """Return the name of the effect (its file is called so) and the module's text; `source` says what was
     fitted."""
     name = PREFIX + proposal.name
+    source = re.sub(r"[^\w .,-]", "_", source)
     value = float(f"{proposal.coefficient:.4g}")
     on = proposal.on
     if on in EQUATIONS:

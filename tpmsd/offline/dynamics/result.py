@@ -70,6 +70,8 @@ class DynamicsFinding:
     acts_on: str = ""
     stand_in: bool = False
     """Whether it may stand in for a term without a name."""
+    unusual: bool = False
+    """True if its size is one that hardly any car has."""
     term: int = 0
     """Position of its term in the selection."""
     p_value_is_bound: bool = False

@@ -56,6 +56,9 @@ class DynamicsSettings:
     most_prior_stds: float = 4.0
     """A fit stays within this many standard deviations of a prior: where a model lacks much, its terms would
     otherwise run to sizes that no car has."""
+    unusual_prior_stds: float = 3.0
+    """A value farther from its prior than that is one that a car in 400 has: its effect may stand in for
+    something else."""
     most_worse: float = 0.003
     """Largest increase of the mean log error of the prediction, over outputs and blocks, that a step may
     cost: what explains how readings follow each other but predicts them worse is a property of the noise."""

@@ -47,7 +47,10 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
             twins = _listed(list(one.indistinguishable_from), "or")
             advice = f"; to part them, {one.telling_drive}" if one.telling_drive else ""
             out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
-    if doubtful := [one.effect for one in sure if one.stand_in]:
+    if large := [one.effect for one in sure if one.unusual]:
+        are, they = ("is", "it") if len(large) == 1 else ("are", "they")
+        out.append(f"{_listed(large)} {are} larger than cars have: {they} may stand in for something else.")
+    if doubtful := [one.effect for one in sure if one.stand_in and not one.unusual]:
         out.append(
             f"What has no name may be the cause of {_listed(doubtful)} as well, which stand in for it then."
         )

@@ -120,6 +120,14 @@ class Term:
         return replace(self, free=free, prior_mean=means, prior_std=stds)
 
     @property
+    def unusual(self) -> bool:
+        """Return True if a value is one that hardly any car has."""
+        if self.free[0].startswith("heights["):
+            return False
+        away = np.abs(self.values() - np.array(self.prior_mean)) / np.array(self.prior_std)
+        return bool(np.any(away > SETTINGS.unusual_prior_stds))
+
+    @property
     def columns(self) -> int:
         """Return how many columns it has."""
         return 1 if self.jump else len(self.free)
