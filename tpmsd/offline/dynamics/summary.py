@@ -42,6 +42,16 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
         more = "this" if len(clauses) == 1 else f"{len(clauses)} things"
         out.append(f"{base[:1].upper()}{base[1:]} leaves out {more}: {'; '.join(clauses)}.")
         out += [_fit(diagnosis)] if diagnosis.outputs else []
+    out += _doubts(sure)
+    for one in diagnosis.findings:
+        if one.status == SUSPICION:
+            out.append(f"Suspected, not sure: {clause(one)}.")
+    return out
+
+
+def _doubts(sure: list[DynamicsFinding]) -> list[str]:
+    """Return what the findings may be confounded with, or stand in for."""
+    out = []
     for one in sure:
         if one.indistinguishable_from:
             twins = _listed(list(one.indistinguishable_from), "or")
@@ -54,9 +64,6 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
         out.append(
             f"What has no name may be the cause of {_listed(doubtful)} as well, which stand in for it then."
         )
-    for one in diagnosis.findings:
-        if one.status == SUSPICION:
-            out.append(f"Suspected, not sure: {clause(one)}.")
     return out
 
 
