@@ -106,8 +106,8 @@ def draw_store(path: Path, drives: int, cars: int, models: int, seed: int) -> St
         truth = offsets[car] + known * rng.standard_normal(len(known))
         statistics = {
             "names": list(PARAMETERS),
-            "information": [float(f"{value:.9g}") for value in matrix[rows, cols]],
-            "vector": [float(f"{value:.9g}") for value in matrix @ truth],
+            "information": matrix[rows, cols].tolist(),
+            "vector": (matrix @ truth).tolist(),
         }
         start = _FIRST_S + _DAY_S * (drive + car / cars)
         result = _result(start, 1e3 * 0.3 * truth[: len(WHEELS)], statistics, number % 20 == 7)

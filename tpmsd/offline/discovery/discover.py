@@ -13,6 +13,7 @@ from cantools.database.can import Database
 
 from tpmsd.car.config.units import UNITS, canonical_unit
 from tpmsd.offline.discovery.assign import Assignment, assign
+from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
 from tpmsd.offline.discovery.library import Car, Match, match_car
@@ -87,7 +88,11 @@ def decide(
     best = _best_assignment(material, match, settings)
     if best is None:
         why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
-        return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with many bends"))
+        return replace(
+            nothing,
+            undecided=_no_wheels(why, "10 min of mixed driving with many bends"),
+            candidates=candidates(_followers(material, settings), reference, settings),
+        )
     assignment = best
     car = None if match is None or not _as_matched(assignment, match) else match.car
     undecided: list[Undecided] = []
@@ -193,9 +198,7 @@ def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
 def _best_assignment(material: Material, match: Match | None, settings: Settings) -> Assignment | None:
     """Of all clusters the one with four wheels, counts before speeds, the surest first."""
     reference = material.reference
-    found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
-    if not material.has_dbc:
-        found = _disjoint(found)
+    found = _followers(material, settings)
     ranked = []
     for group in clusters(found, settings):
         if len(group) < 2:
@@ -213,6 +216,13 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
     if not ranked:
         return None
     return max(ranked, key=lambda entry: entry[0])[1]
+
+
+def _followers(material: Material, settings: Settings) -> list[Follower]:
+    """Signals that follow the receiver's speed; of readings of raw frames that share bits the best one."""
+    reference = material.reference
+    found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
+    return found if material.has_dbc else _disjoint(found)
 
 
 def _as_matched(assignment: Assignment, match: Match) -> bool:

@@ -9,8 +9,11 @@ from __future__ import annotations
 import io
 import json
 import math
+import sys
 from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
 
 from tpmsd.offline.fleet.joint import joint_rows
 from tpmsd.offline.fleet.store import DriveEntry, Store, write_atomic
@@ -93,10 +96,11 @@ COLUMNS: dict[str, dict[str, str]] = {
 def rows_of(store: Store) -> dict[str, list[Row]]:
     """All tables as rows, in their final order."""
     entries = sorted(store.entries(), key=lambda entry: (entry.model, entry.car, entry.key))
-    results = {entry.key: store.result(entry.key) for entry in entries}
+    brief: dict[str, dict[str, Any] | None] = {}
     tables: dict[str, list[Row]] = {name: [] for name in COLUMNS}
     for entry in entries:
-        result = results[entry.key]
+        result = store.result(entry.key)
+        brief[entry.key] = _for_joint(result)
         tables["drives"].append(_drive(entry, result))
         if result is None or result["status"] != "done":
             continue
@@ -106,10 +110,21 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
             tables["wheels"].append({**shared, "wheel": wheel, **one})
         tables["alarms"] += [{**shared, **alarm} for alarm in replay.get("alarms", ())]
         tables["findings"] += _findings(entry, (result.get("diagnose") or {}).get("findings", ()))
-    findings, statistics = joint_rows(entries, results)
+    findings, statistics = joint_rows(entries, brief)
     tables["findings"] += findings
     tables["statistics"] = statistics
     return tables
+
+
+def _for_joint(result: dict[str, Any] | None) -> dict[str, Any] | None:
+    """What the joint inference takes of a result, its numbers as arrays: a third of the memory of lists."""
+    told = ((result or {}).get("calibrate") or {}).get("statistics")
+    if result is None or told is None:
+        return None
+    packed = {name: np.array(told[name], dtype=np.float64) for name in ("information", "vector")}
+    start = (result.get("replay") or {}).get("start_time")
+    names = tuple(map(sys.intern, told["names"]))
+    return {"replay": {"start_time": start}, "calibrate": {"statistics": {"names": names, **packed}}}
 
 
 def write_tables(store: Store) -> dict[str, int]:
