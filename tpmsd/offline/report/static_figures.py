@@ -121,6 +121,13 @@ def _chart(chart: Chart) -> Canvas:
         )
     axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
     axes.set_ylim(*chart.extent())
+    _time_axis(axes, chart)
+    place_labels(axes, [(one.at, one.name, one.style) for one in chart.moments], fontsize=8.5)
+    return canvas
+
+
+def _time_axis(axes: Axes, chart: Chart) -> None:
+    """Marks at whole seconds of a drive or whole days, where x is one of these."""
     known = chart.x[np.isfinite(chart.x)]
     if chart.time and len(known):
         span_s = max(float(known[-1]), 1.0)
@@ -130,8 +137,6 @@ def _chart(chart: Chart) -> Canvas:
     if chart.date and len(known):
         axes.xaxis.set_major_locator(MultipleLocator(_days_step(float(np.ptp(known))) * DAY_S))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: utc_day(value)))
-    place_labels(axes, [(one.at, one.name, one.style) for one in chart.moments], fontsize=8.5)
-    return canvas
 
 
 def utc_day(time_s: float) -> str:
