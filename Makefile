@@ -30,6 +30,7 @@ DEMO_ARGS ?=
 SEED ?= 1
 BENCH_ARGS ?=
 SOAK_ARGS ?=
+ATTACKS_ARGS ?=
 FUZZ_ARGS ?=
 MUTATION_ARGS ?=
 HIL_ARGS ?=
@@ -46,7 +47,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo proof test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
+.PHONY: help demo proof test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak attacks fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -102,6 +103,9 @@ test-qemu: $(DEV)  ## smoke tests, one drive and instruction counts on aarch64 (
 
 soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)
+
+attacks: $(DEV)  ## the attacks of SECURITY.md on three drives with both filters, as a table, and its tests (ATTACKS_ARGS=...)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.attacks --tests $(ATTACKS_ARGS)
 
 fuzz: $(DEV)  ## C parts under sanitizers, then all that takes bytes, guided by coverage (FUZZ_ARGS="--seconds 600 nmea")
 	@$(PY) -c 'import atheris' 2>/dev/null || $(PIP) install -e '.[fuzz]'

@@ -63,7 +63,7 @@ CAMPAIGNS = {
         _campaign(
             "onboard", "gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"
         ),
-        _campaign("onboard", "decode", "CAN frames decoded per second"),
+        _campaign("onboard", "decode", "CAN frames decoded per second, and how many of a log as arrays"),
         _campaign("onboard", "live", "the daemon in real time on a full bus"),
         _campaign("offline", "discover", "discovery of unknown cars among decoys, with a DBC and without"),
         _campaign(
@@ -94,6 +94,15 @@ CAMPAIGNS = {
             "soft tyres and harmless drives: detection, false alarms per km",
             "alarms.run",
             "alarms.md",
+        ),
+        _campaign(
+            "onboard",
+            "filters",
+            "alarms of both filters on the very same drives, and real losses",
+            page="filters.md",
+        ),
+        _campaign(
+            "onboard", "intervals", "NEES and coverage of both filters, cell by cell", page="intervals.md"
         ),
         _campaign("onboard", "first-start", "tyres that were soft before the first start"),
         _campaign(

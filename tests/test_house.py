@@ -50,7 +50,7 @@ WITHIN: dict[str, set[str]] = {
     "pipeline": {*_CORE_FLOW, "resonance"},
     "resonance": {"sources"},
     # car
-    "vehicle_state": {"physics"},
+    "vehicle_state": {"config", "physics"},
     "physics": {"config"},
     "config": set(),
     "cars": set(),
@@ -150,7 +150,6 @@ BRANCHY = {
     "tpmsd.car.config.dbc.find_signal": 18,
     "tpmsd.foundation.plain.plain": 16,
     "tpmsd.interfaces.cli.check.summary": 16,
-    "tpmsd.interfaces.cli.replay.run": 17,
     "tpmsd.offline.calibration.vehicle_file.calibrated_toml": 16,
     "tpmsd.offline.diagnosis.assessment.simulated._take": 17,
     "tpmsd.offline.diagnosis.assessment.tangent.nonlinear_stds": 20,

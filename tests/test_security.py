@@ -32,6 +32,7 @@ FORBIDDEN_MODULES = {
         "xmlrpc",
         "telnetlib",
     ),
+    *("zipfile", "zipimport", "tarfile"),
 }
 ALLOWED_MODULES = {
     ("tpmsd/offline/simulator/live.py", "pty"),
@@ -45,6 +46,7 @@ C library's `mallopt` is called with two constants, by `tpmsd diagnose` alone.""
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__", "breakpoint"}
 FORBIDDEN_METHODS = {
     *("system", "popen", "execv", "execve", "execvp", "spawnl", "spawnv", "fork", "forkpty"),
+    *("unpack_archive", "extractall"),
 }
 
 
@@ -74,7 +76,8 @@ def findings(name: str, source: str) -> list[str]:
 
 
 def test_no_code_comes_from_data() -> None:
-    """No module of the package unpickles, evaluates, or starts a shell or another process."""
+    """No module of the package unpickles, evaluates, starts a shell or another process, or unpacks an archive
+    of files."""
     assert [] == [
         line
         for path in sorted((REPO / "tpmsd").rglob("*.py"))
@@ -93,8 +96,12 @@ os.system("ls")
 run("ls", shell=True)
 import numpy as np
 np.load("x", allow_pickle=True)
+import zipfile
+zipfile.ZipFile("x").extractall()
+import shutil
+shutil.unpack_archive("x")
 """
-    assert 6 == len(findings("example.py", source))
+    assert 9 == len(findings("example.py", source))
 
 
 def test_frames_of_the_bus_are_readings_and_no_commands() -> None:

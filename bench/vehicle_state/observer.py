@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.vehicle_state.kalman import Belief, Noise, Ukf
-from bench.vehicle_state.model import MIN_SPEED_MPS, Inputs, R, U, V
-from bench.vehicle_state.robust import RobustSettings
+from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.kalman import Belief, Noise, Ukf
+from tpmsd.car.vehicle_state.model import MIN_SPEED_MPS, Inputs, R, U, V
 from tpmsd.car.vehicle_state.slips import wheel_slips
 from tpmsd.foundation.wheels import FloatArray
 

@@ -1,16 +1,33 @@
-"""A longer drive for attackers: simulated once, its ticks and frames changed, played through the core."""
+"""Longer drives for attackers: simulated once, their ticks and frames changed, played through the core.
+
+    python -m tests.faults.attacks                          every attack, three drives, both filters: minutes
+    python -m tests.faults.attacks --drives rural --methods mpf-pn --only "frames twice"
+    python -m tests.faults.attacks --tests                  and the tests that SECURITY.md names, by pytest
+
+In: attacks. Out: a table with a row per attack, drive and filter. The rule is that of SECURITY.md: no false
+alarm of a tyre, and a `malfunction` within ten minutes of driving or right work. Right work means that the
+wheels are monitored at the end and that no radius is further from that of the same drive unattacked than
+`FAR_STDS` of its own standard deviations.
+"""
 
 from __future__ import annotations
 
+import argparse
 import functools
+import math
+import subprocess
+import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from tests.faults.drives import Item, Outcome, with_method
+from tests.faults import attack_changes as changes
+from tests.faults import drives
+from tests.faults.drives import Change, Item, Outcome, with_method
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.offline.simulator.bus import BusSpec
@@ -24,16 +41,21 @@ from tpmsd.onboard.sources.signal_plan import compile_plans
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
 
+REPO = Path(__file__).resolve().parents[2]
 DURATION_S = 420.0
 SEED = 11
 ROUTE = "rural"
+ROUTES = {"rural": 11, "motorway": 5, "mixed": 7}
+"""Route and seed of the drives of the command; the tests play the first."""
+FAR_STDS = 3.0
+SOON_S = 600.0
 
 
 @functools.cache
-def attacked() -> tuple[Config, tuple[Item, ...], tuple[Tick, ...]]:
-    """Configuration, items and ticks of the drive; the tyres are sound, the bus has wheels alone."""
+def attacked(route: str = ROUTE) -> tuple[Config, tuple[Item, ...], tuple[Tick, ...]]:
+    """Configuration, items and ticks of a drive; the tyres are sound, the bus has wheels alone."""
     folder = Path(tempfile.mkdtemp(prefix="tpmsd-attacks-"))
-    spec = DriveSpec(ROUTE, DURATION_S, SEED, bus=BusSpec(kind="counts16"))
+    spec = DriveSpec(route, DURATION_S, ROUTES[route], bus=BusSpec(kind="counts16"))
     write_drive(folder, simulate_drive(spec))
     config = load_config(folder)
     signals = {role: name for role, name in config.can.signals.items() if role.startswith("wheel_")}
@@ -56,9 +78,9 @@ def fed(source: TickSource, item: Item) -> list[Tick]:
     return source.on_sentence(item.time_s, item.line)
 
 
-def played_ticks(change: Callable[[list[Tick], float], Iterable[Tick]], source: str = "ticks") -> Outcome:
+def played_ticks(change: Callable[[list[Tick], float], Iterable[Tick]], route: str = ROUTE) -> Outcome:
     """Play the ticks as changed."""
-    config, _, ticks = attacked()
+    config, _, ticks = attacked(route)
     start_s = ticks[0].time_s
     outcome = Outcome(start_s)
     outcome.pipeline = Pipeline(with_method(config), load_database(config.can.dbc))
@@ -67,9 +89,9 @@ def played_ticks(change: Callable[[list[Tick], float], Iterable[Tick]], source: 
     return outcome
 
 
-def played_items(change: Callable[[list[Item], float], Iterable[Item]]) -> Outcome:
+def played_items(change: Callable[[list[Item], float], Iterable[Item]], route: str = ROUTE) -> Outcome:
     """Play the frames and sentences as changed, from the decoder on."""
-    config, items, _ = attacked()
+    config, items, _ = attacked(route)
     start_s = items[0].time_s
     outcome = Outcome(start_s)
     pipeline = outcome.pipeline = Pipeline(with_method(config), load_database(config.can.dbc))
@@ -82,6 +104,142 @@ def played_items(change: Callable[[list[Item], float], Iterable[Item]]) -> Outco
     return outcome
 
 
-def turned(tick: Tick, factors: list[float]) -> Tick:
-    """The tick with wheels that turn by these factors more."""
-    return replace(tick, rotation_rad=tick.rotation_rad * np.array(factors))
+@dataclass(frozen=True)
+class Attack:
+    """What is done to a drive."""
+
+    name: str
+    items: Change | None = None
+    ticks: changes.TickChange | None = None
+    """One of the two."""
+    promised: bool = True
+    """False where SECURITY.md says that it is not found out."""
+
+    def play(self, route: str = ROUTE) -> Outcome:
+        if self.items is not None:
+            return played_items(self.items, route)
+        assert self.ticks is not None
+        return played_ticks(self.ticks, route)
+
+
+ATTACKS = (
+    *(
+        Attack(f"frames twice, {1e3 * late_s:g} ms apart", changes.duplicated(late_s))
+        for late_s in (0.0, 0.001, 0.009, 0.3)
+    ),
+    Attack("counters of the rear wheels exchanged", changes.exchanged(2, 3), promised=False),
+    Attack("counters of the left wheels exchanged", changes.exchanged(0, 2), promised=False),
+    Attack("stamps 0.3 s early every other five seconds", changes.early_stamps),
+    Attack("wheel frames of a second node", changes.spoofed),
+    Attack("counters frozen", changes.frozen_counters),
+    Attack("rear left counter silent", ticks=changes.silent_counter(2)),
+    *(Attack(f"host clock set by {s:+g} s", changes.clock_set(s)) for s in (-3600.0, -0.5, 0.5, 3600.0)),
+    *(Attack(f"host clock {ppm:+g} ppm", changes.clock_rate(ppm)) for ppm in (-500.0, 500.0)),
+    *(Attack(f"bus clock {ppm:+g} ppm", changes.clock_rate(ppm, bus_alone=True)) for ppm in (-500.0, 500.0)),
+    *(Attack(f"UTC jumps by {s:+g} s", changes.utc_jumps(s)) for s in (-3600.0, -1.0, 1.0, 3600.0)),
+    Attack("fixes of an earlier drive", ticks=changes.replayed_fixes),
+    *(Attack(f"speed scaled by {p:+g} %", ticks=changes.speed_scaled(0.01 * p)) for p in (-3.0, 3.0)),
+    *(
+        Attack(f"speed and positions scaled by {p:+g} %", ticks=changes.receiver_scaled(0.01 * p))
+        for p in (-0.3, 0.3)
+    ),
+    Attack("positions frozen", changes.frozen_position),
+    Attack("positions 10 km off for a while", changes.jumped_position),
+    Attack("noise in place of sentences", changes.noise),
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What came of an attack."""
+
+    tyre_alarms: tuple[tuple[str, str | None], ...]
+    malfunction_s: float
+    """Time of the first one since the drive's beginning; NaN if there is none."""
+    monitored: bool
+    """At the end, all wheels."""
+    off_m: float
+    """The largest difference of a radius to that of the drive unattacked, at the end, ..."""
+    off_stds: float
+    """... and in standard deviations of what is stated."""
+
+    @property
+    def held(self) -> bool:
+        """No tyre is accused, and the attack is told or does no harm."""
+        told = self.malfunction_s < SOON_S
+        return not self.tyre_alarms and (told or (self.monitored and self.off_stds <= FAR_STDS))
+
+
+def verdict(outcome: Outcome, honest: Outcome) -> Verdict:
+    """Hold a play against that of the same drive unattacked."""
+    alarms = outcome.alarms
+    last, true = outcome.steps[-1], honest.steps[-1]
+    off = np.abs(last.estimate.deviation_m - true.estimate.deviation_m)
+    stds = off / np.array([wheel.std_m for wheel in last.report.wheels])  # NaN where nothing is stated
+    told = any(kind == "malfunction" for kind, _, _ in alarms)
+    return Verdict(
+        tuple((kind, wheel) for kind, wheel, state in alarms if kind != "malfunction" and state == "raised"),
+        outcome.when("malfunction") if told else math.nan,
+        {"monitoring"} == {str(wheel.state) for wheel in last.report.wheels},
+        float(np.max(off)),
+        float(np.max(stds)),
+    )
+
+
+def table(methods: list[str], routes: list[str], wanted: list[Attack]) -> int:
+    """Print a row for each attack, drive and filter; the number of those that broke the rule."""
+    print("| attack | drive | filter | tyre alarms | malfunction | monitored at the end | radii off | |")
+    print("| --- | --- | --- | --- | --- | --- | --- | --- |")
+    broken = 0
+    for route in routes:
+        for method in methods:
+            drives.PLAYED_WITH.append(method)
+            honest = played_ticks(lambda ticks, start_s: ticks, route)
+            for attack in wanted:
+                found = verdict(attack.play(route), honest)
+                broken += attack.promised and not found.held
+                seen = "" if found.held else "BROKEN" if attack.promised else "not promised"
+                told = "-" if math.isnan(found.malfunction_s) else f"after {found.malfunction_s:.0f} s"
+                named = ", ".join(f"{kind} {wheel or ''}".strip() for kind, wheel in found.tyre_alarms) or "-"
+                print(
+                    f"| {attack.name} | {route} | `{method}` | {named} | {told} | "
+                    f"{'yes' if found.monitored else 'no'} | {1e3 * found.off_m:.2f} mm, "
+                    f"{found.off_stds:.1f} std | {seen} |",
+                    flush=True,
+                )
+            drives.PLAYED_WITH.pop()
+    return broken
+
+
+def named_tests() -> list[str]:
+    """Tests that SECURITY.md names, by pytest's own names."""
+    from tests.faults.test_table import ATTACKS as DOCUMENT
+    from tests.faults.test_table import NAME
+
+    return list(dict.fromkeys(f"{file}::{name}" for file, name in NAME.findall(DOCUMENT.read_text("utf-8"))))
+
+
+def main() -> int:
+    """Play the attacks; 1 if one of them broke the rule."""
+    parser = argparse.ArgumentParser(description="every attack on drives, with both filters")
+    parser.add_argument("--drives", default=",".join(ROUTES), metavar="LIST")
+    parser.add_argument("--methods", default=",".join(drives.METHODS), metavar="LIST")
+    parser.add_argument("--only", default="", metavar="TEXT", help="attacks whose names hold this")
+    parser.add_argument("--tests", action="store_true", help="run the tests that SECURITY.md names, too")
+    args = parser.parse_args()
+    routes, methods = args.drives.split(","), args.methods.split(",")
+    wanted = [attack for attack in ATTACKS if args.only in attack.name]
+    if {*routes} - {*ROUTES} or {*methods} - {*drives.METHODS} or not wanted:
+        parser.error(f"drives: {', '.join(ROUTES)}; filters: {', '.join(drives.METHODS)}; or no such attack")
+    began = time.monotonic()
+    broken = table(methods, routes, wanted)
+    plays = len(routes) * len(methods) * len(wanted)
+    print(f"\n{broken} of {plays} broke the rule, in {(time.monotonic() - began) / 60.0:.1f} min")
+    code = 0
+    if args.tests:
+        code = subprocess.run([sys.executable, "-m", "pytest", "-q", *named_tests()], cwd=REPO).returncode
+    return 1 if broken or code else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

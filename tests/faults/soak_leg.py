@@ -1,9 +1,10 @@
 """One leg of the soak's day, simulated in a process of its own, so that the daemon's memory is its own.
 
-In: a folder, the number of the leg, how many there are, the day's seed and where the car stands. Out, in
-that folder: `frames` (time, identifier, bytes in hexadecimal) and `sentences` (time, text), one to a line,
-times in seconds since the day's start; where the car stands afterwards, as JSON on standard output. The first
-leg also writes the configuration.
+In: a folder, the number of the leg, how many there are, the day's seed and where the car stands; after these,
+if it is another day than the first, true minus nominal radii and the day's beginning. Out, in that folder:
+`frames` (time, identifier, bytes in hexadecimal) and `sentences` (time, text), one to a line, times in
+seconds since the day's start; where the car stands afterwards, as JSON on standard output. The first leg also
+writes the configuration.
 """
 
 from __future__ import annotations
@@ -24,18 +25,26 @@ from tpmsd.offline.simulator.receiver import ReceiverSpec
 INERTIAL = 0xB4
 
 
-def drive(leg: int, legs: int, leg_s: float, seed: int, place: tuple[float, float]) -> SimulatedDrive:
-    """The leg; the last one ends with a puncture."""
+def drive(
+    leg: int,
+    legs: int,
+    leg_s: float,
+    seed: int,
+    place: tuple[float, float],
+    offset_m: tuple[float, ...] = OFFSET_M,
+    start_s: float = START_S,
+) -> SimulatedDrive:
+    """The leg; the last one of so many ends with a puncture."""
     punctured = (Fault("puncture", 2.0, "percent", "rr", leg_s - PUNCTURE_S, 15.0),)
     spec = DriveSpec(
         route=("mixed", "motorway", "rural")[leg % 3],
         duration_s=leg_s,
         seed=1000 * seed + leg,
-        radius_offset_m=OFFSET_M,
+        radius_offset_m=offset_m,
         faults=punctured if leg == legs - 1 else (),
         bus=BusSpec(lost_fraction=0.001),
         receiver=ReceiverSpec(latitude_deg=place[0], longitude_deg=place[1]),
-        clocks=Clocks(start_utc_s=START_S + leg * (leg_s + PARKED_S)),
+        clocks=Clocks(start_utc_s=start_s + leg * (leg_s + PARKED_S)),
     )
     return simulate_drive(spec)
 
@@ -61,9 +70,10 @@ def write(folder: Path, leg: int, leg_s: float, made: SimulatedDrive) -> None:
 def main() -> None:
     """Make the leg that the arguments name."""
     folder, leg, legs, seed = Path(sys.argv[1]), *map(int, sys.argv[2:5])
-    leg_s, latitude_deg, longitude_deg = map(float, sys.argv[5:8])
-    made = drive(leg, legs, leg_s, seed, (latitude_deg, longitude_deg))
-    if leg == 0:
+    leg_s, latitude_deg, longitude_deg, *more = map(float, sys.argv[5:])
+    offset_m, start_s = (tuple(more[:4]), more[4]) if more else (OFFSET_M, START_S)
+    made = drive(leg, legs, leg_s, seed, (latitude_deg, longitude_deg), offset_m, start_s)
+    if leg == 0 and not (folder / "vehicle.toml").exists():
         (folder / "vehicle.toml").write_text(made.configuration("virtual", "day", "day"), encoding="utf-8")
         (folder / "bus.dbc").write_text(made.dbc, encoding="utf-8")
     write(folder, leg, leg_s, made)

@@ -15,7 +15,7 @@ def rows(document: Path = FAULTS, columns: int = 3) -> list[list[str]]:
     """The cells of each row of the tables of so many columns, their heads left out."""
     lines = [line for line in document.read_text("utf-8").splitlines() if line.startswith("| ")]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    heads = {"fault", "who", "from"}
+    heads = {"fault", "who", "from", "attacker"}
     return [
         row for row in cells if len(row) == columns and row[0] not in heads and not set(row[0]) <= set("- ")
     ]
@@ -45,6 +45,15 @@ def test_every_attack_names_a_test_that_is_there() -> None:
     assert len(attacks) >= 25
     assert [] == [row[1] for row in attacks if not (row[0] and row[1] and row[2] and NAME.search(row[4]))]
     assert [] == missing_tests(attacks)
+
+
+def test_every_attacker_of_the_threat_model_names_a_test_that_is_there() -> None:
+    """Bus, sky, local user, network, files, upstream packages: what is promised, what is not, which tests."""
+    attackers = rows(ATTACKS, 4)
+    kinds = {row[0].partition(":")[0] for row in attackers}
+    assert {"bus", "sky", "local user", "network", "files", "upstream packages"} == kinds
+    assert [] == [row[0] for row in attackers if not (row[1] and row[2] and NAME.search(row[3]))]
+    assert [] == missing_tests(attackers)
 
 
 def test_every_test_of_a_fault_is_named_in_the_table() -> None:

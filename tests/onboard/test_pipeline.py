@@ -6,12 +6,14 @@ import heapq
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import DEFAULT_METHOD, Config
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.replay import replay
 from tpmsd.offline.report.replay_result import ReplayResult
@@ -40,16 +42,28 @@ def drive(bus: str, wheel: str | None, duration_s: float = 180.0, route: str = "
     )
 
 
-def replayed(folder: Path, simulated: SimulatedDrive) -> ReplayResult:
+BOTH = pytest.mark.parametrize("method", ["gaussian-sum", "mpf-pn"])
+"""The filters that are held to the same bars."""
+
+
+def configured(folder: Path, method: str) -> Config:
+    """The configuration of a drive with one of the filters."""
+    config = load_config(folder)
+    return replace(config, filter=replace(config.filter, method=method))
+
+
+def replayed(folder: Path, simulated: SimulatedDrive, method: str = DEFAULT_METHOD) -> ReplayResult:
     write_drive(folder, simulated)
-    return replay(folder, load_config(folder))
+    return replay(folder, configured(folder, method))
 
 
 @pytest.mark.parametrize("wheel", WHEELS)
-@pytest.mark.parametrize("bus", BUSES)
-def test_a_puncture_is_announced_on_its_wheel(tmp_path: Path, bus: str, wheel: str) -> None:
+@pytest.mark.parametrize(
+    ("bus", "method"), [*((bus, "gaussian-sum") for bus in BUSES), ("counts16", "mpf-pn")]
+)
+def test_a_puncture_is_announced_on_its_wheel(tmp_path: Path, bus: str, wheel: str, method: str) -> None:
     """-2 % within 30 s: deflation of that very wheel within 60 s of the onset, and no alarm of another."""
-    result = replayed(tmp_path, drive(bus, wheel))
+    result = replayed(tmp_path, drive(bus, wheel), method)
     assert {wheel} == {alarm.wheel for alarm in result.alarms}
     assert {"raised"} == {alarm.state for alarm in result.alarms}
     deflations = [alarm for alarm in result.alarms if alarm.kind == "deflation"]
@@ -104,8 +118,8 @@ def inputs(simulated: SimulatedDrive) -> Iterator[Input]:
     return heapq.merge(frames, lines, key=lambda item: item[0])
 
 
-def pipeline(folder: Path) -> Pipeline:
-    config = load_config(folder)
+def pipeline(folder: Path, method: str = DEFAULT_METHOD) -> Pipeline:
+    config = configured(folder, method)
     return Pipeline(config, load_database(config.can.dbc))
 
 
@@ -141,15 +155,16 @@ def test_a_timer_changes_nothing(tmp_path: Path) -> None:
     assert essence(a) == essence(b)
 
 
-def test_a_restart_goes_on_where_it_was(tmp_path: Path) -> None:
+@BOTH
+def test_a_restart_goes_on_where_it_was(tmp_path: Path, method: str) -> None:
     """A pipeline that took up another's snapshot monitors at once, and finds a puncture on the next drive."""
     learn = drive("counts16", None, duration_s=120.0)
     write_drive(tmp_path, learn)
-    first = pipeline(tmp_path)
+    first = pipeline(tmp_path, method)
     for item in inputs(learn):
         feed(first, item)
     saved = json.loads(json.dumps(first.snapshot(), allow_nan=False))
-    second = pipeline(tmp_path)
+    second = pipeline(tmp_path, method)
     second.restore(saved)
     assert saved["monitor"] == second.snapshot()["monitor"]
     steps = [
@@ -204,3 +219,22 @@ def test_any_bytes_pass_through_the_core(tmp_path: Path) -> None:
     assert len(steps) > 280
     assert all(math.isfinite(x) for step in steps for x in step.estimate.deviation_m)
     assert [] == [event for step in steps for event in step.report.events]
+
+
+def test_what_is_stated_holds_a_receivers_scale(tmp_path: Path) -> None:
+    """A standard deviation of a radius is that of the estimate and 0.1 % of the radius, in quadrature, for a
+    wheel, an alarm that stands and one that is raised."""
+    made = drive("counts16", "rl", duration_s=160.0)
+    write_drive(tmp_path, made)
+    steps = [step for core in [pipeline(tmp_path)] for item in inputs(made) for step in feed(core, item)]
+    radius_m = load_config(tmp_path).vehicle.wheel_radius_m
+    for step in steps:
+        known_m2 = np.diag(step.estimate.covariance_m2) + (1e-3 * np.array(radius_m)) ** 2
+        told = [wheel.std_m for wheel in step.report.wheels if np.isfinite(wheel.std_m)]
+        assert len(told) in (0, 4)
+        np.testing.assert_allclose(told, np.sqrt(known_m2)[: len(told)], rtol=1e-12)
+        for event in step.report.events:
+            assert event.wheel is not None
+            assert event.std_m == step.report.wheels[WHEELS.index(event.wheel)].std_m
+            assert event in step.report.active
+    assert any(step.report.events for step in steps)

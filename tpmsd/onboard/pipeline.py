@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from cantools.database import Database
@@ -19,11 +20,13 @@ from numpy.typing import NDArray
 from tpmsd.car.config.model import Config
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.bounds import check_like, check_plain
+from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import Estimator, RadiusEstimate
 from tpmsd.onboard.estimators.build import build_estimator, monitored_wheels
 from tpmsd.onboard.estimators.guarded import GuardedEstimator
+from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.monitor.monitor import Monitor
-from tpmsd.onboard.monitor.records import MonitorReport
+from tpmsd.onboard.monitor.records import AlarmEvent, MonitorReport
 from tpmsd.onboard.resonance.watch import ResonanceWatch
 from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
 from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
@@ -35,6 +38,10 @@ from tpmsd.onboard.timeline.compensation import Compensation, adjusted
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
 
+if TYPE_CHECKING:
+    from tpmsd.car.vehicle_state.estimator import VehicleStateEstimator
+    from tpmsd.car.vehicle_state.record import VehicleState
+
 REPEATED_S = 5.0
 """Frames that ask for a reset within so long after another are the same request."""
 
@@ -45,6 +52,30 @@ class Step(NamedTuple):
     tick: Tick
     estimate: RadiusEstimate
     report: MonitorReport
+    vehicle_state: VehicleState | None = None
+    """None where it is not asked for, or not known in this tick."""
+
+
+def stated(report: MonitorReport, scale_m: dict[str, float]) -> MonitorReport:
+    """Return the report with what a receiver's scale may do to each wheel's radius (m, by wheel) in its
+    standard deviation.
+
+    The scale s of a receiver makes every radius R seem R * s larger. It is independent of what the estimator
+    knows given the receiver, so the variances add; of a radius minus its baseline it is no part.
+    """
+    wheels = tuple(
+        [wheel._replace(std_m=math.hypot(wheel.std_m, scale_m[wheel.wheel])) for wheel in report.wheels]
+    )
+    if not report.active and not report.events:
+        return report._replace(wheels=wheels)
+    active, events = (tuple(_stated(one, scale_m) for one in told) for told in (report.active, report.events))
+    return report._replace(wheels=wheels, active=active, events=events)
+
+
+def _stated(event: AlarmEvent, scale_m: dict[str, float]) -> AlarmEvent:
+    if event.wheel is None:
+        return event
+    return replace(event, std_m=math.hypot(event.std_m, scale_m[event.wheel]))
 
 
 class Pipeline:
@@ -62,6 +93,8 @@ class Pipeline:
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
         self._config = config
+        radii = zip(WHEELS, config.vehicle.wheel_radius_m, strict=True)
+        self._scale_m = {wheel: SETTINGS.receiver_scale * radius_m for wheel, radius_m in radii}
         wheels = list(monitored_wheels(config))
         self.estimator = GuardedEstimator(
             self._new_estimator, wheels, np.array(config.vehicle.wheel_radius_m)
@@ -79,11 +112,13 @@ class Pipeline:
         self._heeded_at: list[int] = []
         """Where in the present block they stand."""
         self._reset_s = -math.inf
+        self.vehicle_state = _vehicle_state(config)
+        """None where it is not asked for."""
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
         self.resonance: ResonanceWatch | None = None
         if config.monitor.resonance:
             self.resonance = ResonanceWatch(config.vehicle.wheel_radius_m)
-            self.timeline.observe, self.timeline.observe_run = self.resonance.add, self.resonance.extend
+            self.timeline.observe_rotations(self.resonance)
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
@@ -168,8 +203,25 @@ class Pipeline:
             tick = raw if self._compensation is None else self._compensation.apply(raw)
             tick, estimate, agreement = self.estimator.step(tick)
             heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
-            steps.append(Step(tick, estimate, self.monitor.update(tick, estimate, heard, agreement)))
+            report = self.monitor.update(tick, estimate, heard, agreement)
+            state = None if self.vehicle_state is None else self._state(self.vehicle_state, tick, estimate)
+            steps.append(Step(tick, estimate, stated(report, self._scale_m), state))
         return steps
+
+    def _state(
+        self, estimator: VehicleStateEstimator, tick: Tick, estimate: RadiusEstimate
+    ) -> VehicleState | None:
+        """The vehicle state at the end of a tick."""
+        vehicle = self._config.vehicle
+        if tick.gap_s > 0.0:
+            estimator.reset()
+        speed = estimate.speed_mps
+        if not math.isfinite(speed):
+            rear = tick.rotation_rad[2:] * np.array(vehicle.wheel_radius_m[2:]) / tick.dt_s
+            speed = float(rear.mean())
+        steer = tick.steering_wheel_angle_rad / (vehicle.steering_ratio or math.nan)
+        signals = tick.accel_long_mps2, tick.accel_lat_mps2, tick.yaw_rate_radps
+        return estimator.step(tick.dt_s, *signals, steer, speed)
 
     def snapshot(self) -> dict[str, Any]:
         """What was learned, as plain numbers for the state file."""
@@ -199,3 +251,19 @@ class Pipeline:
             except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError):
                 # Saved without it, or by another version: learned anew, and the radii are kept.
                 self.resonance.forget()
+
+
+def _vehicle_state(config: Config) -> VehicleStateEstimator | None:
+    """The estimator of the vehicle state if one is asked for; ConfigError if the car is not known enough."""
+    settings, vehicle = config.vehicle_state, config.vehicle
+    if settings.method is None:
+        return None
+    # Imported where it is used: most cars do without.
+    from tpmsd.car.config.vehicle_state import check_vehicle_state
+    from tpmsd.car.vehicle_state.configured import configured_car
+    from tpmsd.car.vehicle_state.estimator import VehicleStateEstimator
+
+    check_vehicle_state(config)
+    car = configured_car(config.dynamics, vehicle.track_front_m, vehicle.track_rear_m, vehicle.driven_axle)
+    rng = np.random.default_rng((config.filter.seed, 1))  # apart from the draws of the radius filter
+    return VehicleStateEstimator(car, settings.method, rng, settings.particles)

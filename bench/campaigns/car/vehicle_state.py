@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
-from bench.vehicle_state.model import Inputs
-from bench.vehicle_state.particle import UnscentedParticleFilter
-from bench.vehicle_state.robust import RobustSettings
 from bench.worlds.commonroad_car import DT_S, GRAVITY_MPS2, Driver, Now, Run, parameters, run
+from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
+from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.particle import UnscentedParticleFilter
 from tpmsd.foundation.wheels import FloatArray
 
 KMH = 1 / 3.6

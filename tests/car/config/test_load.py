@@ -115,6 +115,7 @@ def test_schema_and_records_have_the_same_keys() -> None:
         "calibration": model.CalibrationConfig,
         "physics": model.PhysicsConfig,
         "dynamics": model.DynamicsConfig,
+        "vehicle_state": model.VehicleStateConfig,
     }
     schema = {table: set(rules) for table, rules in tables(Path()).items()}
     assert set(model.ROLES) == schema.pop("can.signals")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.vehicle_state.kalman import Belief
-from bench.vehicle_state.model import Inputs
 from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.kalman import Belief
+from tpmsd.car.vehicle_state.model import Inputs
 
 PAPER_CAR = CarDynamics(
     mass_kg=1558.0,

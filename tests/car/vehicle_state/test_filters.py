@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.vehicle_state import model
-from bench.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
-from bench.vehicle_state.model import Inputs
-from bench.vehicle_state.particle import UnscentedParticleFilter
-from bench.vehicle_state.robust import RobustSettings
 from tests.car.vehicle_state.cars import PAPER_CAR, START
+from tpmsd.car.vehicle_state import model
+from tpmsd.car.vehicle_state.adaptive import RobustSettings
+from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
+from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.particle import UnscentedParticleFilter
 
 NOISE = Noise()
 MAKERS: dict[str, Callable[[int], StateFilter]] = {

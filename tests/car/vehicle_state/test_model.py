@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.vehicle_state import model
-from bench.vehicle_state.linear import advance_jacobian, rates_jacobian, readings_jacobian
 from tests.car.vehicle_state.cars import PAPER_CAR, steering
 from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.car import CarDynamics, typical
+from tpmsd.car.vehicle_state.linear import advance_jacobian, rates_jacobian, readings_jacobian
 from tpmsd.car.vehicle_state.loads import wheel_loads
 from tpmsd.car.vehicle_state.tyre import DugoffTyre
 

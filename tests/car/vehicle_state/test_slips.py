@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.vehicle_state import model
-from bench.vehicle_state.model import Inputs
 from bench.vehicle_state.observer import SlipObserver
 from tests.car.vehicle_state.cars import PAPER_CAR, steering
+from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.loads import wheel_loads
+from tpmsd.car.vehicle_state.model import Inputs
 from tpmsd.car.vehicle_state.settings import SETTINGS
 from tpmsd.car.vehicle_state.slips import angle_for_force, slip_traces, wheel_slips
 from tpmsd.car.vehicle_state.tyre import DugoffTyre

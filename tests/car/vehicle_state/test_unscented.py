@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.vehicle_state.robust import MIN_FACTOR, MIN_WEIGHT, RobustSettings
-from bench.vehicle_state.unscented import moments, sigma_points, sigma_weights
+from tpmsd.car.vehicle_state.adaptive import MIN_FACTOR, MIN_WEIGHT, RobustSettings
 from tpmsd.car.vehicle_state.robust import igg3
+from tpmsd.car.vehicle_state.unscented import moments, sigma_points, sigma_weights
 
 
 def gaussian(size: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

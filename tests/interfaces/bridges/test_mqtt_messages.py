@@ -168,12 +168,30 @@ def test_anything_retained_is_borne(payload: bytes) -> None:
         b"[" * 100_000,
         b'[{"kind": 1}, {"kind": "deflation", "time": true}, {"kind": "deflation", "time": 1e400}, 3]',
         b'[{"kind": "deflation", "wheel": 3, "time": 1}]',
+        b'[{"kind": "deflation", "wheel": "fl", "time": NaN}, {"kind": "deflation", "time": -Infinity}]',
+        b'[{"kind": "deflation", "time": 1' + 400 * b"0" + b"}]",
+        b'[{"kind": "x\\u001b[2J", "time": 1}, {"kind": "a/#", "time": 1}, {"kind": "' + 51 * b"a" + b'"}]',
+        b'[{"kind": "deflation", "wheel": "fl\\u0000", "time": 1}, {"kind": "deflation", "wheel": "+"}]',
+        b'[{"kind": "deflation", "wheel": ["fl"], "time": 1}, {"kind": "\\ud800", "time": 1}]',
         b" " * 70_000 + b"[]",
     ],
 )
 def test_nonsense_that_is_retained_counts_for_nothing(payload: bytes) -> None:
     """Deep, huge and mistyped messages give no alarms."""
     assert [] == list(recalled(payload))
+
+
+def test_a_retained_message_puts_no_text_of_its_own_into_ours() -> None:
+    """Alarms of an earlier run are cleared by kind, wheel and time alone; what else stands there, control
+    characters and numbers that are none, neither ends the bridge nor goes out again."""
+    retained = b"""[{"kind": "deflation", "wheel": "fl", "time": 5, "reason": "\\u001b]0;x", "key": "#"},
+        {"kind": "deflation", "wheel": "fr", "time": NaN}, {"kind": "\\u0000", "wheel": null, "time": 5}]"""
+    announcer = ready(retained)
+    announcer.take(summarise(document()))
+    (event,) = announcer.events
+    assert "\\u" not in event.payload
+    assert event.payload.isprintable()
+    assert [("cleared", "deflation:fl:5.000")] == said(announcer)
 
 
 def test_home_assistant_gets_four_problems_and_their_numbers() -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 from tests.offline.report.drives import puncture
+from tests.onboard.timeline.events import Samples
 from tpmsd.offline.report.replay_document import replay_document
 from tpmsd.onboard.resonance.watch import ResonanceState, ResonanceStatus
 from tpmsd.onboard.sources.events import RotationSample
@@ -16,7 +17,7 @@ def test_the_timeline_shows_every_sample_once() -> None:
     """An observer sees all rotation samples, in order, and the ticks are those without it."""
     seen: list[RotationSample] = []
     watched, alone = Timeline(10.0), Timeline(10.0)
-    watched.observe = seen.append
+    watched.observe_rotations(Samples(seen))
     samples = [RotationSample(number * 0.01, 0, number * 0.5, 0.0, 0) for number in range(500)]
     ticks = [[tick.rotation_rad[0] for s in samples for tick in line.add(s)] for line in (watched, alone)]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from tpmsd.onboard.sources.events import Event, GnssFix, RotationSample
+from tpmsd.onboard.sources.events import Event, GnssFix, RotationRun, RotationSample
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.timeline import Timeline
 
@@ -14,6 +14,19 @@ QUANTUM = 2 * math.pi / 48
 _SQUARE = 0.00669437999014 * math.sin(math.radians(50.0)) ** 2
 EARTH_M_PER_DEG = math.radians(6335439.327 / (1.0 - _SQUARE) ** 1.5 + 100.0)
 """Of latitude, at 50 degrees and 100 m of height, by the WGS-84 meridian radius of curvature."""
+
+
+class Samples:
+    """An observer that keeps every rotation sample in a list, taken one by one."""
+
+    def __init__(self, seen: list[RotationSample]) -> None:
+        self._seen = seen
+
+    def add(self, sample: RotationSample) -> None:
+        self._seen.append(sample)
+
+    def extend(self, run: RotationRun) -> bool:
+        return False
 
 
 def stamp_of(event: Event) -> float:

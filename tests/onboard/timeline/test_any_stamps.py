@@ -14,6 +14,7 @@ from cantools.database import Database
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.onboard.timeline.events import Samples
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.wheels import FloatArray
@@ -159,7 +160,7 @@ def told(drive: Log, items: list[Part | Sentence], in_blocks: bool) -> dict[str,
     """All that a pass over a log tells: ticks with their faults, samples, counts."""
     source = TickSource(drive.config, drive.database)
     samples: list[Any] = []
-    source.timeline.observe = samples.append
+    source.timeline.observe_rotations(Samples(samples))
     blocks, ticks = BlockSource(source), []
     for item in items:
         if isinstance(item, Sentence):

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.places import RECORDINGS
+from tests.onboard.timeline.events import Samples
 from tpmsd.car.config.load import load_config
 from tpmsd.offline.drives.reading import FolderRecording, play
 from tpmsd.offline.simulator.bus import BusSpec
@@ -43,7 +44,7 @@ def one_by_one(folder: Path) -> dict[str, Any]:
     stream, database = FolderRecording(folder).open(config)
     source = TickSource(config, database)
     seen: list[Any] = []
-    source.timeline.observe = seen.append
+    source.timeline.observe_rotations(Samples(seen))
     ticks = []
     for item in stream:
         if isinstance(item, CanFrame):
@@ -72,7 +73,7 @@ def in_blocks(folder: Path) -> tuple[dict[str, Any], float]:
     stream, database = FolderRecording(folder).open(config)
     source = TickSource(config, database)
     seen: list[Any] = []
-    source.timeline.observe = seen.append
+    source.timeline.observe_rotations(Samples(seen))
     blocks = Counting(source)
     ticks = list(play(stream, blocks))
     return said(source, stream.counts, ticks, seen), 1.0 - blocks.single / source.decoder.counts["frames"]

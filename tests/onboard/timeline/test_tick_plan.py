@@ -1,4 +1,4 @@
-"""Ticks planned from whole stretches: the numbers that the tracks give one by one, to the last bit."""
+"""Ticks planned from decoded blocks: the numbers that the tracks give one by one, to the last bit."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.ahead.decoded_block import Angles, DecodedBlock, Frames, Values
 from tpmsd.onboard.sources.events import RotationRun
-from tpmsd.onboard.sources.stretch import Angles, Frames, Stretch, Values
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.onboard.timeline.tick_plan import planned
@@ -98,11 +98,11 @@ def test_a_plan_waits_for_its_frames() -> None:
     places = np.arange(12) * 10
     groups = (Frames(places, times_s), Frames(places[:8] + 5, times_s[:8] + 0.04))
     wheels = tuple(Angles(0, times_s * (k + 1), k, 0, 0.1) for k in range(4))
-    stretch = Stretch(0, 200, groups, wheels, (Values(1, times_s[:8], "yaw_rate"),), lambda: None)
+    decoded = DecodedBlock(0, 200, groups, wheels, (Values(1, times_s[:8], "yaw_rate"),), lambda: None)
     tracks = [RotationTrack() for _ in range(4)]
     edges_s = np.arange(2, 8) * 0.1
     readings = {"yaw_rate_radps": ("yaw_rate", ReadingTrack(1.0))}
-    plan = planned(stretch, 0.0, tracks, readings, 7, edges_s)
+    plan = planned(decoded, 0.0, tracks, readings, 7, edges_s)
     assert plan is not None
     end = float(edges_s[1])
     assert plan.tick(7, end, 30) is None  # the frame at 0.35 s has place 30
@@ -115,11 +115,11 @@ def test_a_plan_waits_for_its_frames() -> None:
 
 
 def test_a_wheel_that_falls_silent_is_not_planned() -> None:
-    """A wheel of which the track has readings and the stretch has none ends all planning."""
+    """A wheel of which the track has readings and the block has none ends all planning."""
     times_s = np.arange(12) * 0.1
     track = RotationTrack()
     track.extend(run(times_s, times_s, 0))
     wheels = (Angles(0, times_s, 1, 0, 0.1),)
-    stretch = Stretch(0, 12, (Frames(np.arange(12), times_s),), wheels, (), lambda: None)
+    decoded = DecodedBlock(0, 12, (Frames(np.arange(12), times_s),), wheels, (), lambda: None)
     tracks = [track, *(RotationTrack() for _ in range(3))]
-    assert planned(stretch, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None
+    assert planned(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None

@@ -16,10 +16,12 @@ from tpmsd.car.config.model import (
     ObdConfig,
     TyreConfig,
     VehicleConfig,
+    VehicleStateConfig,
 )
 from tpmsd.car.config.problems import BadValueError, show
 from tpmsd.car.config.schema import RADIUS
 from tpmsd.car.config.suggest import nearest
+from tpmsd.car.config.vehicle_state import lacking
 from tpmsd.foundation.wheels import WHEELS
 
 FRONT, REAR = WHEELS[:2], WHEELS[2:]
@@ -220,3 +222,12 @@ def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> 
         report(
             BadValueError("status_id and alarm_id are the same", f"0x{settings.alarm_id:X}"), "alarms", key
         )
+
+
+def vehicle_state(
+    settings: VehicleStateConfig, given: Mapping[str, Collection[str]], report: Reporter
+) -> None:
+    """A filter of the vehicle state needs masses and tyres of the car, and three signals."""
+    missing = lacking(given["dynamics"], given["vehicle"], given["can.signals"])
+    if settings.method is not None and missing:
+        report(BadValueError(f"{settings.method} needs {missing}"), "vehicle_state", "method")

@@ -31,6 +31,7 @@ from tpmsd.car.config.model import (
     StateConfig,
     StatusConfig,
     TyreConfig,
+    VehicleStateConfig,
 )
 from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show, show_key
 from tpmsd.car.config.rules import Rule
@@ -111,6 +112,8 @@ class _Parser:
         dbc = self._dbc(dbc, good["can"])
         channel = good["can"].get("channel")
         buses = self._buses(good["can"], dbc, options)
+        state = VehicleStateConfig(**good["vehicle_state"])
+        agree.vehicle_state(state, given, self._report)
         agree.obd(obd, good["can"].get("output_ids", ()), buses, self._report)
         self._distinct(signals, options)
         outputs = self._outputs()
@@ -136,6 +139,7 @@ class _Parser:
                 calibration=CalibrationConfig(**good["calibration"]),
                 physics=PhysicsConfig(**good["physics"]),
                 dynamics=DynamicsConfig(**good["dynamics"]),
+                vehicle_state=state,
                 file=self._document.file,
             )
         problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))

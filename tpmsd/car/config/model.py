@@ -43,6 +43,8 @@ FILTER_METHODS = (
 DEFAULT_METHOD = "gaussian-sum"
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
+VEHICLE_STATE_METHODS = ("ekf", "ukf", "upf", "arupf")
+"""Filters of the vehicle state (`tpmsd.car.vehicle_state.estimator`)."""
 MEASUREMENTS = ("position", "speed", "course", "yaw_rate", "steering")
 """Measurements that a filter may use beside the rotation of the wheels."""
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
@@ -375,6 +377,16 @@ class PhysicsConfig:
     """Folder of Python files with effects of one's own; not followed in a drive folder's own vehicle.toml."""
 
 
+@dataclass(frozen=True, slots=True)
+class VehicleStateConfig:
+    """The filter of the vehicle state: speeds, side slip and yaw rate of the centre of gravity."""
+
+    method: str | None = None
+    """One of VEHICLE_STATE_METHODS; None: it is not estimated."""
+    particles: int = 100
+    """Of upf and arupf."""
+
+
 @brief
 @dataclass(frozen=True, slots=True)
 class Config:
@@ -394,5 +406,6 @@ class Config:
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
+    vehicle_state: VehicleStateConfig = field(default_factory=VehicleStateConfig)
     file: Path | None = None
     """Where it was read from."""

@@ -11,7 +11,14 @@ from pathlib import Path
 from tpmsd.car.config import dynamics
 from tpmsd.car.config.can_output import Identifiers
 from tpmsd.car.config.gnss_source import DeviceRule, SourceRule
-from tpmsd.car.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, MEASUREMENTS, ROLES
+from tpmsd.car.config.model import (
+    FILTER_GATES,
+    FILTER_METHODS,
+    FIX_WEIGHTS,
+    MEASUREMENTS,
+    ROLES,
+    VEHICLE_STATE_METHODS,
+)
 from tpmsd.car.config.rules import (
     Channel,
     Choice,
@@ -135,6 +142,10 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "interval_s": Number(1.0, 86_400.0, "s"),
         },
         "dynamics": dict(dynamics.RULES),
+        "vehicle_state": {
+            "method": Choice(VEHICLE_STATE_METHODS),
+            "particles": Whole(10, 10_000),
+        },
         "calibration": {
             "made": Text(),
             "method": Text(),

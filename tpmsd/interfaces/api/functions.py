@@ -26,6 +26,7 @@ from tpmsd.offline.drives.reading import (
 )
 from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
+from tpmsd.onboard.timeline.compensation import left_alone
 
 if TYPE_CHECKING:
     pass
@@ -45,8 +46,10 @@ def replay(
 ) -> Replay:
     """Run a drive through the daemon's own core.
 
-    `model`: effects beyond rolling that are compensated; `seed` and `method` take the place of the configured
-    ones; `table`: keep a row per tick (0.6 kB each); `progress` is told the seconds of drive that are done.
+    `model`: effects beyond rolling (or their file) that are compensated, those of `[filter] model` unless
+    given; what of them cannot be compensated is in the notes. `seed` and `method` take the place of the
+    configured ones; `table`: keep a row per tick (0.6 kB each); `progress` is told the seconds of drive that
+    are done.
 
     InputError if nothing usable is in the drive; ConfigError on wrong arguments.
     """
@@ -62,7 +65,9 @@ def replay(
     if changes:
         config = dataclasses.replace(config, filter=dataclasses.replace(config.filter, **changes))
     notes: list[str] = []
-    extended = load_model(model) if isinstance(model, str | Path) else model
+    extended = known_effects([one], model)
+    if extended is not None:
+        notes += left_alone(config, extended)
     result, ticks = replayed(dataclasses.replace(one, config=config), extended, table, progress, notes.append)
     return Replay(result, ticks, tuple(notes), _source([one]))
 

@@ -11,16 +11,24 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
+from tpmsd.foundation.plain import number
+from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.bridges.summary import Alarm, Summary, Wheel
 
 MAX_EVENTS = 500
 """Events kept while the broker is away: an hour with one every seven seconds."""
 MAX_PAYLOAD_BYTES = 65536
+KIND = re.compile(r"[a-z][a-z_]{0,49}")
+"""Kinds of alarms, of this version or of another: whoever may write to the broker must not put other text
+into our messages."""
+LONGEST_S = 1e12
+"""No alarm was raised later, Unix seconds."""
 
 
 class Message(NamedTuple):
@@ -157,18 +165,15 @@ def recalled(payload: bytes) -> Iterable[Alarm]:
         return []
     out = []
     for one in raw if isinstance(raw, list) else []:
-        if not isinstance(one, dict) or not isinstance(one.get("kind"), str):
+        if not isinstance(one, dict):
             continue
-        time_s, wheel = one.get("time"), one.get("wheel")
-        if (
-            isinstance(time_s, bool)
-            or not isinstance(time_s, int | float | None)
-            or abs(time_s or 0.0) > 1e12
-        ):
+        kind, wheel, told = one.get("kind"), one.get("wheel"), one.get("time")
+        time_s = number(told)
+        if not isinstance(kind, str) or KIND.fullmatch(kind) is None or wheel not in (None, *WHEELS):
             continue
-        if wheel is not None and not isinstance(wheel, str):
+        if told is not None and (time_s is None or abs(time_s) > LONGEST_S):
             continue
-        out.append(Alarm(one["kind"][:50], None if wheel is None else wheel[:10], time_s))
+        out.append(Alarm(kind, wheel, time_s))
     return out
 
 

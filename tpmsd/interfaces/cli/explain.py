@@ -16,6 +16,12 @@ from tpmsd.car.config.model import StatusConfig
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.cli.daemon_socket import daemon_socket
+from tpmsd.interfaces.cli.filter_options import (
+    add_filter_options,
+    model_of,
+    refuse_without_drive,
+    with_filter,
+)
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 from tpmsd.offline.report.explanation_text import explanation_text
@@ -34,6 +40,7 @@ examples:
   tpmsd explain                          why does the daemon say what it says?
   tpmsd explain drives/monday            the alarms of a recorded drive
   tpmsd explain drives/monday --json -   as JSON
+  tpmsd explain drives/monday --method mpf-pn   by another estimator
 """
 
 
@@ -49,6 +56,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--config", metavar="FILE", type=Path, help="configuration instead of DRIVE/vehicle.toml"
     )
+    add_filter_options(parser)
     add_json_option(parser)
 
 
@@ -56,8 +64,10 @@ def run(args: argparse.Namespace) -> int:
     """Explain; raises TpmsdError with one line where the daemon or the drive cannot be asked."""
     if args.drive is not None and args.socket is not None:
         raise ConfigError("give a drive or the daemon's --socket, not both")
+    if args.drive is None:
+        refuse_without_drive(args)
     outputs = Outputs(("--json", args.json))
-    document = _of_daemon(args) if args.drive is None else _of_drive(args.drive, args.config)
+    document = _of_daemon(args) if args.drive is None else _of_drive(args.drive, args)
     if not outputs.fill_stdout:
         print(explanation_text(document), end="", flush=True)
     outputs.write({"--json": lambda: json_text(document)})
@@ -70,7 +80,7 @@ def _of_daemon(args: argparse.Namespace) -> dict[str, Any]:
     return {**provenance(SCHEMA, [], args.config), **read_explanation(daemon_socket(args))}
 
 
-def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:
+def _of_drive(folder: Path, args: argparse.Namespace) -> dict[str, Any]:
     from tpmsd.interfaces.cli.drive_reading import say, span_s
     from tpmsd.offline.drives.drive import Drive
     from tpmsd.offline.drives.playing import explained
@@ -78,8 +88,9 @@ def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:
 
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
-    config = load_config(config_file if config_file is not None else folder)
+    config = with_filter(load_config(args.config if args.config is not None else folder), args)
+    model = model_of(config, args, say)
     drive = Drive(folder.resolve().name, config, FolderRecording(folder))
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "explain") as progress:
-        found = explained(drive, progress.update, say)
+        found = explained(drive, model, progress.update, say)
     return {**provenance(SCHEMA, [folder], config.file), **found}

@@ -6,22 +6,25 @@ In: a drive folder. Out: a summary, JSON and a picture; progress on standard err
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from tpmsd.car.config.load import load_config
-from tpmsd.car.config.model import FILTER_METHODS, Config
+from tpmsd.car.config.model import VEHICLE_STATE_METHODS, Config
+from tpmsd.car.config.vehicle_state import check_vehicle_state
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.car.physics.model_file import load_model
-from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.api.results import REPLAY_SCHEMA
 from tpmsd.interfaces.cli.drive_reading import say, span_s
+from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.replay_signals import has_signals_alone, run_signals
 from tpmsd.offline.drives import playing
 from tpmsd.offline.drives.drive import Drive, settings_of
 from tpmsd.offline.drives.reading import FolderRecording
@@ -32,7 +35,6 @@ from tpmsd.offline.tables.car_file import toml_text
 from tpmsd.offline.tables.tick_table import TickTable
 from tpmsd.offline.tables.write import check_packages, csv_text, parquet_bytes
 from tpmsd.offline.tables.write_mcap import mcap_bytes
-from tpmsd.onboard.timeline.compensation import left_alone
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -47,6 +49,7 @@ examples:
   tpmsd replay drives/monday --html monday.html      one page with plots, track and tables
   tpmsd replay drives/monday --config other.toml     the same drive with another configuration
   tpmsd replay drives/monday --parquet monday.parquet --mcap monday.mcap
+  tpmsd replay drives/monday --vehicle-state arupf --csv monday.csv     speeds and side slip
 """
 _TABLES = {
     "csv": "as CSV",
@@ -72,39 +75,29 @@ def add_parser(subparsers: Subparsers) -> None:
     for kind, what in _TABLES.items():
         parser.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the tick table {what}")
     parser.add_argument(
-        "--model", type=Path, metavar="FILE", help="physics of a model.toml to be compensated"
+        "--vehicle-state",
+        choices=VEHICLE_STATE_METHODS,
+        metavar="FILTER",
+        help="also estimate speeds, side slip and yaw rate of the centre of gravity, by "
+        + ", ".join(VEHICLE_STATE_METHODS)
+        + "; needs [dynamics]; DRIVE may hold signals.csv instead of a bus",
     )
-    known = ", ".join(FILTER_METHODS)
-    parser.add_argument("--method", help=f"estimator instead of the configured one: {known}")
-    parser.add_argument("--seed", type=int, help="seed of the estimator instead of the configured one")
+    add_filter_options(parser)
     add_json_option(parser)
+
+
+_KINDS = ("csv", "parquet", "mcap")
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay the drive."""
-    from tpmsd.offline.report.replay_plot import check_plot_target, plot_replay
-
-    kinds = ("csv", "parquet", "mcap")
-    asked = [(f"--{kind}", getattr(args, kind)) for kind in kinds]
-    outputs = Outputs(("--plot", args.plot), ("--html", args.html), *asked, ("--json", args.json))
-    if args.plot is not None:
-        check_plot_target(args.plot)
-    if args.html is not None:
-        from tpmsd.offline.report.page import check_report_packages
-
-        check_report_packages()
-    for kind in kinds:
-        if outputs.asked(f"--{kind}"):
-            check_packages(kind)
+    if has_signals_alone(args.drive):
+        return run_signals(args)
+    outputs = _outputs(args)
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
-    config = _overridden(config, args)
-    model = None
-    model_file = args.model or config.filter.model
-    if model_file is not None:
-        model = load_model(model_file)
-        for note in left_alone(config, model):
-            print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
-    wanted = args.html is not None or any(outputs.asked(option) for option, _ in asked)
+    config = _with_vehicle_state(with_filter(config, args), args)
+    model = model_of(config, args, say)
+    wanted = args.html is not None or any(outputs.asked(f"--{kind}") for kind in _KINDS)
     car = toml_text(settings_of(config))
     keep_freed_memory()
     result, table = replayed(args.drive, config, model, table=wanted)
@@ -115,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
         print(replay_summary(result), flush=True)
     outputs.write(
         {
-            "--plot": lambda: plot_replay(result, args.plot.suffix),
+            "--plot": lambda: _plot(result, args.plot),
             "--html": lambda: _page(result, table, origin()),
             "--csv": lambda: csv_text(table) if table is not None else None,
             "--parquet": lambda: parquet_bytes(table, car) if table is not None else None,
@@ -124,6 +117,30 @@ def run(args: argparse.Namespace) -> int:
         }
     )
     return 0
+
+
+def _outputs(args: argparse.Namespace) -> Outputs:
+    """What is to be written; ConfigError where a package for it is missing."""
+    asked = [(f"--{kind}", getattr(args, kind)) for kind in _KINDS]
+    outputs = Outputs(("--plot", args.plot), ("--html", args.html), *asked, ("--json", args.json))
+    if args.plot is not None:
+        from tpmsd.offline.report.replay_plot import check_plot_target
+
+        check_plot_target(args.plot)
+    if args.html is not None:
+        from tpmsd.offline.report.page import check_report_packages
+
+        check_report_packages()
+    for kind in _KINDS:
+        if outputs.asked(f"--{kind}"):
+            check_packages(kind)
+    return outputs
+
+
+def _plot(result: ReplayResult, file: Path) -> bytes:
+    from tpmsd.offline.report.replay_plot import plot_replay
+
+    return plot_replay(result, file.suffix)
 
 
 def _page(result: ReplayResult, table: TickTable | None, origin: dict[str, Any]) -> str:
@@ -139,17 +156,13 @@ def _vehicle_of(drive: Path) -> Path:
     return drive
 
 
-def _overridden(config: Config, args: argparse.Namespace) -> Config:
-    from dataclasses import replace as changed
-
-    filter_config = config.filter
-    if args.method is not None:
-        filter_config = changed(filter_config, method=args.method)
-    if args.seed is not None:
-        if args.seed < 0:
-            raise ConfigError(f"--seed {args.seed}: a seed is 0 or more")
-        filter_config = changed(filter_config, seed=args.seed)
-    return changed(config, filter=filter_config)
+def _with_vehicle_state(config: Config, args: argparse.Namespace) -> Config:
+    """Return the configuration with the filter of `--vehicle-state`; ConfigError where the car is not known."""
+    if args.vehicle_state is None:
+        return config
+    check_vehicle_state(config)
+    chosen = dataclasses.replace(config.vehicle_state, method=args.vehicle_state)
+    return dataclasses.replace(config, vehicle_state=chosen)
 
 
 def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> ReplayResult:

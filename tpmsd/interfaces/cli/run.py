@@ -17,6 +17,7 @@ from tpmsd.car.config.model import GnssConfig
 from tpmsd.car.config.problems import BadValueError
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.lean import reserve_linear_algebra
+from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Subparsers
 
 if TYPE_CHECKING:
@@ -62,12 +63,12 @@ def add_parser(subparsers: Subparsers) -> None:
         help=f"configuration, or a drive folder with its vehicle.toml (default: {DEFAULT_CONFIG})",
     )
     parser.add_argument("-v", "--verbose", action="store_true", help="log a line of state every few seconds")
-    parser.add_argument("--model", metavar="FILE", type=Path, help="compensate the physics of a model.toml")
     instead = parser.add_argument_group("instead of what the configuration says")
     instead.add_argument("--interface", metavar="I", help="python-can interface, such as socketcan")
     instead.add_argument("--channel", metavar="C", help="CAN channel, such as can0")
     instead.add_argument("--dbc", metavar="FILE", type=Path, help="DBC of the bus")
     instead.add_argument("--device", metavar="D", help="serial device of the receiver ('' for none)")
+    add_filter_options(instead)
     instead.add_argument("--state", metavar="FILE", type=Path, help="what is kept over restarts")
     instead.add_argument("--socket", metavar="PATH", type=Path, help="Unix socket that tpmsd status asks")
     parser.add_argument(
@@ -86,7 +87,6 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the daemon to its end."""
     # Here, since --help needs neither numpy nor cantools.
-    from tpmsd.car.physics.model_file import load_model
     from tpmsd.onboard.daemon.clock import Clock
     from tpmsd.onboard.daemon.journal import set_up_logging
     from tpmsd.onboard.daemon.loop import Daemon
@@ -95,7 +95,6 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.onboard.pipeline import Pipeline
     from tpmsd.onboard.sinks.sd_notify import Notifier
     from tpmsd.onboard.sources.databases import load_databases
-    from tpmsd.onboard.timeline.compensation import left_alone
 
     duration_s = math.inf if args.duration is None else float(args.duration)
     if not duration_s > 0.0:
@@ -107,12 +106,7 @@ def run(args: argparse.Namespace) -> int:
     for warning in warnings:
         log.warning("%s", warning)
     recorder = None if args.record is None else DriveRecorder(args.record, config)
-    model = None
-    model_file = args.model or config.filter.model
-    if model_file is not None:
-        model = load_model(model_file)
-        for note in left_alone(config, model):
-            log.warning("%s: %s", model_file, note)
+    model = model_of(config, args, partial(log.warning, "%s"))
     with state_lock(config.state.file):
         Daemon(
             config,
@@ -158,7 +152,7 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     if state.file is not None and state.file.is_dir():
         raise ConfigError(f"{state.file}: a folder; the state is kept in a file")
     config = dataclasses.replace(config, can=can, gnss=gnss, state=state, status=status)
-    return config, warnings
+    return with_filter(config, args), warnings
 
 
 def _receiver(gnss: GnssConfig, device: str) -> GnssConfig:

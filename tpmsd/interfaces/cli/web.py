@@ -7,6 +7,7 @@ token are given. It is a process of its own: the daemon serves it like any other
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import os
 import stat
 import sys
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.text_file import read_text
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
+from tpmsd.interfaces.cli.filter_options import add_filter_options, refuse_without_drive, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers
 from tpmsd.offline.tables.extras import need
 
@@ -45,6 +47,7 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument("drive", metavar="DRIVE", nargs="?", type=Path, help="a drive folder to look into")
     add_socket_options(parser)
+    add_filter_options(parser.add_argument_group("the filter of a recorded drive"))
     server = parser.add_argument_group("the server")
     server.add_argument("--host", metavar="NAME", default="127.0.0.1", help="address (default: 127.0.0.1)")
     server.add_argument("--port", metavar="N", type=int, default=8377, help="default: 8377; 0: any free one")
@@ -126,13 +129,16 @@ def _app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
     from tpmsd.interfaces.web.app import drive_app, live_app
 
     if args.drive is None:
+        refuse_without_drive(args)
         return live_app(daemon_socket(args), settings)
     from tpmsd.interfaces.api.functions import replay
     from tpmsd.interfaces.cli.drive_reading import span_s
     from tpmsd.offline.drives.drive import load
 
+    drive = load(args.drive)
+    drive = dataclasses.replace(drive, config=with_filter(drive.config, args))
     with Progress(span_s(args.drive) if sys.stderr.isatty() else 0.0, "replay") as bar:
-        replayed = replay(load(args.drive), progress=bar.update)
+        replayed = replay(drive, model=args.model, progress=bar.update)
     for note in replayed.notes:
         print(f"tpmsd: {note}", file=sys.stderr)
-    return drive_app(replayed, settings)
+    return drive_app(replayed, settings, args.model)

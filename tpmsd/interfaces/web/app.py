@@ -119,10 +119,13 @@ class _Live(StreamingResponse):
             self._hub.streams -= 1
 
 
-def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
-    """The pages of a recorded drive: the drive, and the diagnosis where it lies in a folder."""
+def drive_app(replay: Replay, settings: WebSettings, model: Path | None = None) -> Starlette:
+    """The pages of a recorded drive: the drive, and the diagnosis where it lies in a folder.
+
+    `model`: effects that belong to the baseline of the diagnosis, those of `[filter] model` unless given.
+    """
     folders = replay.source.folders
-    job = DiagnosisJob(folders[0]) if folders else None
+    job = DiagnosisJob(folders[0], model) if folders else None
     overview = {**drive_data.overview(replay), "diagnosis": job is not None}
 
     @contextlib.asynccontextmanager

@@ -1,8 +1,8 @@
 """The diagnosis of a recorded drive for the page: made once, when asked for, by a process of its own.
 
-In: a drive folder. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how far it
-is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER`: it writes its progress to
-standard error and the page to standard output.
+In: a drive folder, a model. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how
+far it is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER [MODEL]`: it writes its
+progress to standard error and the page to standard output.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ class DiagnosisJob:
     """One diagnosis: not begun, under way, done or failed."""
 
     folder: Path
+    model: Path | None = None
+    """Effects that belong to the baseline; None: those of `[filter] model`."""
     page: str | None = None
     """HTML once it is done."""
     reason: str = ""
@@ -56,6 +58,7 @@ class DiagnosisJob:
     async def _run(self) -> None:
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "tpmsd.interfaces.web.diagnosis", str(self.folder)),
+            *([] if self.model is None else [str(self.model)]),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
@@ -87,7 +90,7 @@ class DiagnosisJob:
         return last
 
 
-def main(folder: Path) -> int:
+def main(folder: Path, model: Path | None = None) -> int:
     """The process: 0 with the page on standard output, else a line on standard error."""
     os.nice(NICE)
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -98,7 +101,7 @@ def main(folder: Path) -> int:
         print(f"progress {share:.3f}", file=sys.stderr, flush=True)
 
     try:
-        page = diagnose(folder, progress=tell).to_html(standalone=False)
+        page = diagnose(folder, model=model, progress=tell).to_html(standalone=False)
     except TpmsdError as error:
         print(error, file=sys.stderr)
         return error.exit_code
@@ -107,4 +110,4 @@ def main(folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(main(*map(Path, sys.argv[1:3])))

@@ -174,7 +174,9 @@ def settings_of(config: Config) -> dict[str, Table]:
             field.name: (getattr(record, field.name), field.default) for field in dataclasses.fields(record)
         }
         tables[name] = {
-            key: value for key, (value, usual) in values.items() if value not in (None, usual, ())
+            key: str(value) if isinstance(value, Path) else value
+            for key, (value, usual) in values.items()
+            if value not in (None, usual, ())
         }
     radii = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
     tables["vehicle"] = {**tables["vehicle"], "wheel_radius_m": radii}

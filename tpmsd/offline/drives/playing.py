@@ -26,6 +26,7 @@ from tpmsd.offline.drives.reading import (
 )
 from tpmsd.offline.report.replay_recorder import ReplayRecorder
 from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.vehicle_state_summary import StateSummary
 from tpmsd.offline.tables.tick_table import TickTable, TickTableRecorder
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.resonance.watch import ResonanceWatch
@@ -49,34 +50,47 @@ def replayed(
     config = drive.config
     stream, database = drive.recording.open(config, note)
     recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
-    ticks = TickTableRecorder() if table else None
+    method = config.vehicle_state.method
+    ticks = TickTableRecorder(method is not None) if table else None
+    states = None if method is None else StateSummary(method)
     begun = time.perf_counter()
     pipeline = Pipeline(config, database, model)
     if ticks is not None:
-        pipeline.timeline.observe_fix = ticks.observe_fix
+        pipeline.timeline.observe_fixes(ticks.observe_fix)
     watch = pipeline.resonance
     if watch is None:  # a report all the same
         watch = ResonanceWatch(config.vehicle.wheel_radius_m)
-        pipeline.timeline.observe, pipeline.timeline.observe_run = watch.add, watch.extend
-        pipeline.timeline.observe_late_s = REPORTED_LATE_S
+        pipeline.timeline.observe_rotations(watch, REPORTED_LATE_S)
     for step in play(stream, pipeline, progress, note):
         recorder.add(step.tick, step.estimate, step.report)
+        if states is not None:
+            states.add(step.tick.dt_s, step.vehicle_state)
         if ticks is not None:
             ticks.add(step)
     result = recorder.result(0.0)
     elapsed_s = max(time.perf_counter() - begun, 1e-9)
     result = dataclasses.replace(
-        result, realtime_factor=result.duration_s / elapsed_s, resonance=watch.status()
+        result,
+        realtime_factor=result.duration_s / elapsed_s,
+        resonance=watch.status(),
+        vehicle_state=states,
     )
     return result, None if ticks is None else ticks.table()
 
 
-def explained(drive: Drive, progress: Progress = ignore_progress, note: Note = ignore_note) -> dict[str, Any]:
-    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`."""
+def explained(
+    drive: Drive,
+    model: ExtendedModel | None = None,
+    progress: Progress = ignore_progress,
+    note: Note = ignore_note,
+) -> dict[str, Any]:
+    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`.
+
+    `model`: effects beyond rolling that are compensated, those of `[filter] model` unless given.
+    """
     config = drive.config
     stream, database = drive.recording.open(config, note)
-    extended = None if config.filter.model is None else load_model(config.filter.model)
-    pipeline = Pipeline(config, database, extended)
+    pipeline = Pipeline(config, database, known_effects([drive], model))
     report, start_s = None, None
     for step in play(stream, pipeline, progress, note):
         report = step.report

@@ -20,6 +20,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
     `wheels` holds the wheels that were on the bus; those that never were are named in `unavailable`.
     """
     seen = [outcome for outcome in result.wheels if outcome.seen_s > 0]
+    state = {} if result.vehicle_state is None else {"vehicle_state": result.vehicle_state.to_json()}
     return {
         "drive": result.drive,
         "start_time": finite(result.start_s),
@@ -49,6 +50,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
             for outcome, status in zip(result.wheels, result.resonance, strict=False)
             if outcome.seen_s > 0
         },
+        **state,
     }
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from tpmsd.car.config.model import MonitorConfig, VehicleConfig
 from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.report.vehicle_state_summary import StateSummary
 from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
 from tpmsd.onboard.resonance.watch import ResonanceStatus
 
@@ -132,6 +133,8 @@ class ReplayResult:
     tick_gap_s: float
     resonance: tuple[ResonanceStatus, ...] = ()
     """The torsional resonance of each wheel, in the order of WHEELS; empty where nobody looked."""
+    vehicle_state: StateSummary | None = None
+    """None where it is not estimated."""
 
     @property
     def states(self) -> dict[str, WheelState]:

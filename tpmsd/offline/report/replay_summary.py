@@ -29,6 +29,7 @@ def replay_summary(result: ReplayResult) -> str:
         _wheel_table(result),
         _unmonitored(result),
         f"{_drive(result)}\n{_inputs(result)}",
+        "" if result.vehicle_state is None else result.vehicle_state.sentence(),
     ]
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 

@@ -5,6 +5,7 @@ In: nothing. Out: `COLUMNS`, in the order in which every writer puts them. docs/
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from tpmsd.foundation.wheels import WHEELS
@@ -76,16 +77,32 @@ ESTIMATE = (
     Column("alarms", "", "alarms that stand, as kind:wheel, separated by blanks", text=True),
     Column("faults", "1", "faults of bus, receiver and clock in this tick"),
 )
+VEHICLE_STATE = (
+    Column("velocity_long_mps", "m/s", "longitudinal speed of the centre of gravity"),
+    Column("velocity_long_std_mps", "m/s", "its standard deviation"),
+    Column("velocity_lat_mps", "m/s", "lateral speed of the centre of gravity, positive to the left"),
+    Column("velocity_lat_std_mps", "m/s", "its standard deviation"),
+    Column("side_slip_rad", "rad", "side slip angle of the centre of gravity"),
+    Column("side_slip_std_rad", "rad", "its standard deviation"),
+    Column("yaw_rate_estimate_radps", "rad/s", "yaw rate of the filter of the vehicle state"),
+    Column("yaw_rate_estimate_std_radps", "rad/s", "its standard deviation"),
+)
+"""Only in the table of a drive whose vehicle state is estimated; the fields of `VehicleState`."""
 COLUMNS = (*TIME, *WHEEL, *INERTIAL, *GNSS, *ESTIMATE)
 NUMBERS = tuple(column.name for column in COLUMNS if not column.text)
 TEXTS = tuple(column.name for column in COLUMNS if column.text)
-BY_NAME = {column.name: column for column in COLUMNS}
+BY_NAME = {column.name: column for column in (*COLUMNS, *VEHICLE_STATE)}
+
+
+def columns_of(numbers: Collection[str]) -> tuple[Column, ...]:
+    """The columns of a table that has these columns of numbers, in their documented order."""
+    return (*COLUMNS, *(column for column in VEHICLE_STATE if column.name in numbers))
 
 
 def markdown() -> str:
     """The columns as a table for the docs, a row for all four wheels together."""
     rows = ["| column | unit | meaning |", "| --- | --- | --- |"]
-    for column in COLUMNS:
+    for column in (*COLUMNS, *VEHICLE_STATE):
         name, meaning = column.name, column.meaning
         wheel = meaning[:2] if meaning[2:4] == ": " else ""
         if wheel and wheel != WHEELS[0]:

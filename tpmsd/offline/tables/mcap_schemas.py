@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.tables.columns import VEHICLE_STATE
 
 Schema = dict[str, Any]
 
@@ -64,6 +65,10 @@ INPUT = _object(
         "drive_torque_nm": _number("drive torque"),
         "ambient_temp_k": _number("ambient temperature"),
     },
+)
+STATE = _object(
+    "tpmsd.VehicleState",
+    {"timestamp": _TIME, **{column.name: _number(column.meaning) for column in VEHICLE_STATE}},
 )
 LOCATION_FIX = _object(
     "foxglove.LocationFix",
@@ -124,3 +129,5 @@ TOPICS: dict[str, Schema] = {
     "/map": GEO_JSON,
     "/alarms": LOG,
 }
+STATE_TOPIC = "/vehicle_state"
+"""Only in the file of a drive whose vehicle state is estimated."""

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.tables.columns import COLUMNS, INERTIAL, NUMBERS, TEXTS
+from tpmsd.offline.tables.columns import INERTIAL, NUMBERS, TEXTS, columns_of
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.sources.events import GnssFix
 
@@ -61,7 +62,7 @@ class TickTable:
 
         columns = {
             column.name: list(self.texts[column.name]) if column.text else self.numbers[column.name]
-            for column in COLUMNS
+            for column in columns_of(self.numbers)
         }
         frame: pd.DataFrame = need_pandas().DataFrame(columns)
         return frame
@@ -70,9 +71,10 @@ class TickTable:
 class TickTableRecorder:
     """Gathers a `TickTable`; 0.6 kB per tick."""
 
-    def __init__(self) -> None:
+    def __init__(self, vehicle_state: bool = False) -> None:
+        self._names = (*NUMBERS, *VehicleState._fields) if vehicle_state else NUMBERS
         self._chunks: list[FloatArray] = []
-        self._chunk = np.full((CHUNK_ROWS, len(NUMBERS)), np.nan)
+        self._chunk = np.full((CHUNK_ROWS, len(self._names)), np.nan)
         self._filled = 0
         self._texts: dict[str, list[str]] = {name: [] for name in TEXTS}
         self._waiting: deque[GnssFix] = deque()
@@ -120,10 +122,11 @@ class TickTableRecorder:
             *_by_wheel({wheel.wheel: wheel.change_std_m for wheel in wheels}),
             *_by_wheel({wheel.wheel: wheel.deflation_probability for wheel in wheels}),
             float(len(tick.faults)),
+            *_state_columns(step.vehicle_state, len(self._names) - len(NUMBERS)),
         ]
         if self._filled == CHUNK_ROWS:
             self._chunks.append(self._chunk)
-            self._chunk = np.full((CHUNK_ROWS, len(NUMBERS)), np.nan)
+            self._chunk = np.full((CHUNK_ROWS, len(self._names)), np.nan)
             self._filled = 0
         self._chunk[self._filled] = row
         self._filled += 1
@@ -138,7 +141,7 @@ class TickTableRecorder:
         """The table so far."""
         rows = np.concatenate([*self._chunks, self._chunk[: self._filled]])
         return TickTable(
-            {name: rows[:, k].copy() for k, name in enumerate(NUMBERS)},
+            {name: rows[:, k].copy() for k, name in enumerate(self._names)},
             {name: tuple(values) for name, values in self._texts.items()},
             tuple(self._events),
             self._left_out,
@@ -156,3 +159,7 @@ def _fix_columns(fix: GnssFix | None) -> tuple[float, ...]:
         *(fix.arrival_s, fix.utc_s, fix.latitude_deg, fix.longitude_deg, fix.altitude_m),
         *(fix.position_std_m, fix.speed_mps, fix.course_rad, float(fix.quality), fix.hdop),
     )
+
+
+def _state_columns(state: VehicleState | None, count: int) -> tuple[float, ...]:
+    return (math.nan,) * count if state is None else state

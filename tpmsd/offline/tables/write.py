@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from tpmsd.offline.tables.columns import COLUMNS
+from tpmsd.offline.tables.columns import columns_of
 from tpmsd.offline.tables.extras import need
 from tpmsd.offline.tables.tick_table import TickTable
 
@@ -34,14 +34,15 @@ def csv_text(table: TickTable) -> str:
     """The table as CSV."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([column.name for column in COLUMNS])
+    known = columns_of(table.numbers)
+    writer.writerow([column.name for column in known])
     for begin in range(0, len(table), CHUNK_ROWS):
         part = slice(begin, begin + CHUNK_ROWS)
         columns = [
             table.texts[column.name][part]
             if column.text
             else [_cell(value) for value in table.numbers[column.name][part].tolist()]
-            for column in COLUMNS
+            for column in known
         ]
         writer.writerows(zip(*columns, strict=True))
     return out.getvalue()
@@ -58,7 +59,7 @@ def parquet_bytes(table: TickTable, vehicle_toml: str) -> bytes:
     pa = need("pyarrow", "tables", "Parquet files")
     parquet = need("pyarrow.parquet", "tables", "Parquet files")
     fields, arrays = [], []
-    for column in COLUMNS:
+    for column in columns_of(table.numbers):
         kind = pa.dictionary(pa.int32(), pa.string()) if column.text else pa.float64()
         meaning = {b"unit": column.unit.encode(), b"meaning": column.meaning.encode()}
         fields.append(pa.field(column.name, kind, metadata=meaning))

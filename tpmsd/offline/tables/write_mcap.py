@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.tables.columns import INERTIAL
+from tpmsd.offline.tables.columns import INERTIAL, VEHICLE_STATE
 from tpmsd.offline.tables.extras import need
-from tpmsd.offline.tables.mcap_schemas import DIAGONAL_KNOWN, ERROR, INFO, TOPICS
+from tpmsd.offline.tables.mcap_schemas import DIAGONAL_KNOWN, ERROR, INFO, STATE, STATE_TOPIC, TOPICS
 from tpmsd.offline.tables.tick_table import TickTable
 from tpmsd.onboard.monitor.records import AlarmEvent
 
@@ -35,7 +35,8 @@ def mcap_bytes(table: TickTable) -> bytes:
     writer = need("mcap.writer", "tables", "MCAP files").Writer(out)
     writer.start(profile="", library="tpmsd")
     channels, schemas = {}, {}
-    for topic, schema in TOPICS.items():
+    states = {STATE_TOPIC: STATE} if _has_state(table) else {}
+    for topic, schema in {**TOPICS, **states}.items():
         name = schema["title"]
         if name not in schemas:
             data = json.dumps(schema).encode()
@@ -75,6 +76,7 @@ def messages(table: TickTable) -> Iterator[Message]:
         yield time_s, "/motion", _known({**motion, "yaw_rate_radps": row["estimated_yaw_rate_radps"]})
         turns = {f"rotation_{wheel}_radps": rotation[wheel][k] for wheel in WHEELS}
         yield time_s, "/input", _known({**turns, **{name: row[name] for name in _INPUT}})
+        yield from _state(row, time_s)
         if math.isfinite(row["gnss_latitude_deg"]):
             yield row["gnss_arrival_s"], "/gnss/fix", _fix(row)
         while said < len(alarms) and alarms[said].time_s <= time_s:
@@ -82,6 +84,16 @@ def messages(table: TickTable) -> Iterator[Message]:
             said += 1
     for alarm in alarms[said:]:
         yield alarm.time_s, "/alarms", _log(alarm)
+
+
+def _state(row: dict[str, float], time_s: float) -> Iterator[Message]:
+    """The vehicle state where it is known."""
+    if math.isfinite(row.get(VEHICLE_STATE[0].name, math.nan)):
+        yield time_s, STATE_TOPIC, {column.name: row[column.name] for column in VEHICLE_STATE}
+
+
+def _has_state(table: TickTable) -> bool:
+    return VEHICLE_STATE[0].name in table.numbers
 
 
 def _wheel(row: dict[str, float], wheel: str, state: str, standing: list[str]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.car.config.model import Config
+from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.onboard.daemon.bus_link import BusLink
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink
@@ -89,7 +90,15 @@ class Health:
             method=self._config.filter.method,
             resonance=None if pipeline.resonance is None else pipeline.resonance.status(),
             last_known=self._last_known,
+            vehicle_state=self._vehicle_state(),
         )
+
+    def _vehicle_state(self) -> tuple[str, VehicleState | None] | None:
+        """Method and last state, if one is asked for."""
+        method = self._config.vehicle_state.method
+        if method is None:
+            return None
+        return method, None if self.last is None else self.last.vehicle_state
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
         """The most important in one line."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.plain import finite, millimetres
 from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
@@ -81,13 +82,15 @@ def build_status(
     method: str = "",
     resonance: Sequence[ResonanceStatus] | None = None,
     last_known: Mapping[str, tuple[float, WheelReport]] | None = None,
+    vehicle_state: tuple[str, VehicleState | None] | None = None,
 ) -> dict[str, Any]:
     """The document; `report` and `estimate` are None until the first tick.
 
     `last_known`: of each wheel its last report with a change, and the time of that.
     `resonance`: of each wheel in the order of WHEELS; None where nobody listens.
+    `vehicle_state`: method and last state; without it the document has no such key.
     """
-    return {
+    document = {
         "version": DOCUMENT_VERSION,
         "tpmsd": __version__,
         "time": None if report is None else finite(report.time_s),
@@ -109,6 +112,16 @@ def build_status(
         "alarms": [] if report is None else [alarm_entry(alarm) for alarm in report.active],
         "estimator": None if estimate is None else _estimator(estimate, method),
     }
+    if vehicle_state is not None:
+        document["vehicle_state"] = state_entry(*vehicle_state)
+    return document
+
+
+def state_entry(method: str, state: VehicleState | None) -> dict[str, Any]:
+    """The vehicle state as plain numbers, null where it is not known."""
+    values = [math.nan] * len(VehicleState._fields) if state is None else state
+    entry = {name: finite(value) for name, value in zip(VehicleState._fields, values, strict=True)}
+    return {"method": method, **entry}
 
 
 def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:

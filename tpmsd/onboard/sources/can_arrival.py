@@ -130,7 +130,7 @@ class MessageArrival:
             self._learn()
         return _USE
 
-    def judge_even(self, times_s: list[float]) -> list[float]:
+    def judge_regular(self, times_s: list[float]) -> list[float]:
         """The period at each of frames, as `judge` learns it one by one, up to the first of which there is
         something to say: late, repeated, after a loss, a time-out or a step."""
         periods: list[float] = []

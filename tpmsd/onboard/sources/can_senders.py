@@ -181,7 +181,7 @@ class SenderWatch:
             self._clean_since_s = self._last_s
         return odd > ODD_LIMIT
 
-    def even(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
+    def judge_regular(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
         """Take frames and their values, which are in order, as `frame` and `value` one by one, up to the
         first that is doubted: its place. `compared`: place and values of each signal that is compared."""
         place = 0

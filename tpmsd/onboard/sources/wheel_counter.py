@@ -23,6 +23,17 @@ import itertools
 import math
 from collections import deque
 
+import numpy as np
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.ahead.regular_readings import (
+    IntArray,
+    RegularReadings,
+    first_run_too_long,
+    first_true,
+    none_regular,
+    still_runs,
+)
 from tpmsd.onboard.sources.can_faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
 
@@ -53,9 +64,9 @@ class WheelCounter:
         "_faults",
         "_held",
         "_history",
+        "_implausible",
         "_max_speed",
         "_modulus",
-        "_odd",
         "_raw",
         "_released",
         "_reverse",
@@ -113,7 +124,7 @@ class WheelCounter:
         show that the car stands."""
         self._released = False
         self._suspect: tuple[float, int] | None = None
-        self._odd: deque[tuple[float, int]] = deque(maxlen=AGREEING)
+        self._implausible: deque[tuple[float, int]] = deque(maxlen=AGREEING)
         self._held: tuple[float, int, int] | None = None
 
     @property
@@ -166,6 +177,95 @@ class WheelCounter:
             self._accept(time_s, raw, bits, out)
         else:
             self._accept_same(time_s, out)
+
+    def regular_readings(self, time_s: FloatArray, raw: IntArray, period_s: FloatArray) -> RegularReadings:
+        """Return what `update` would make of n readings, as far as they are regular; changes nothing.
+
+        `time_s` (n,): rising times; `raw` (n,): the signal's bits; `period_s` (n,): the message's period at
+        each. Readings of a counter that stands are regular as long as they stay the same.
+        """
+        count, stands = len(time_s), self.stands
+        if self._raw is None or not self._may_run(stands):
+            return none_regular(count)
+        modulus = self._modulus
+        step = np.diff(raw, prepend=self._raw)
+        # Which number of bits a step is depends on the speed, and that on the steps: guessed, then judged.
+        bits = (step + modulus // 4) % modulus - modulus // 4
+        known = len(self._history)
+        times = np.concatenate([[at for at, _ in self._history], time_s])
+        totals = np.concatenate([[total for _, total in self._history], self._total + np.cumsum(bits)])
+        before_s = times[known - 1 : -1]
+        interval = time_s - before_s
+
+        first = _window_starts(times, known)
+        span = time_s - times[first]
+        wide = span >= 0.8 * SPEED_WINDOW_S
+        latest = np.maximum.accumulate(np.where(wide, np.arange(count), -1))
+        with np.errstate(divide="ignore"):
+            speeds = np.append((totals[known:] - totals[first]) / span, self._speed)[latest]
+        spans = np.append(span, self._span)[latest]
+        speed, width = np.append(self._speed, speeds)[:-1], np.append(self._span, spans)[:-1]
+
+        low, high = self._possible_all(speed, width, interval, period_s)
+        least = low + (step - low) % modulus
+        irregular = (least != bits) | (bits > high) | (bits + modulus <= high)
+        same = bits == 0
+        begin, since = still_runs(same, before_s)
+        if stands:
+            regular = first_true(irregular | ~same)
+            since = np.full(count, self.still_since)
+        else:
+            run = np.where(same, time_s - since, 0.0)
+            least_bits = np.abs(speed[begin]) * run - 0.5 * self._accel * run * (width + run)
+            last = np.arange(count) == count - 1
+            too_long = same & ((least_bits >= REPEATED_BITS) | (run > STUCK_S) | last)
+            regular = min(first_true(irregular), first_run_too_long(begin, too_long))
+
+        def commit() -> None:
+            self._total, self._raw = int(totals[-1]), int(raw[-1])
+            self._time_s = self._same_s = float(time_s[-1])
+            self._history.clear()
+            self._history.extend(zip(times[first[-1] :].tolist(), totals[first[-1] :].tolist(), strict=True))
+            self._speed, self._span = float(speeds[-1]), float(spans[-1])
+            self._released = stands
+            if same.any() and not stands:
+                self._run_speed = float(speed[begin[same][-1]])
+                self._withheld = False
+
+        angle = (totals[known:] - self._base) * self.rad_per_bit
+        return RegularReadings(angle, since, regular, commit)
+
+    def _may_run(self, stands: bool) -> bool:
+        """Return whether a regular run can begin: the last reading was taken, and its speed is known."""
+        return not (
+            self.stuck
+            or (self.still_since is not None and not stands)
+            or self._held is not None
+            or self._suspect is not None
+            or self._implausible
+            or math.isnan(self._speed)
+            or self._history[-1][0] != self._time_s
+            or self._same_s != self._time_s
+        )
+
+    def _possible_all(
+        self, speed: FloatArray, span: FloatArray, interval: FloatArray, period_s: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
+        """Return the bounds of `_possible` for readings (n,) with these speeds before them."""
+        stamp = np.where(period_s <= 0.0, interval, period_s + np.abs(interval - period_s))
+        limit = self._max_speed * (interval + np.where(period_s > 0.0, period_s, interval))
+        moved = speed * interval
+        slack = 0.5 * self._accel * interval * (span + interval) + SLACK_BITS + interval / span
+        forward = speed >= 0.0
+        low = np.where(
+            forward,
+            np.minimum(moved - slack, -SLACK_BITS),
+            np.maximum(moved - slack + speed * stamp, -limit),
+        )
+        high = np.where(
+            forward, np.minimum(moved + slack + speed * stamp, limit), np.maximum(SLACK_BITS, moved + slack)
+        )
+        return np.ceil(low).astype(np.int64), high
 
     def restart(self) -> None:
         """Forget the reading before: the clock stepped. The next reading begins a segment."""
@@ -238,7 +338,7 @@ class WheelCounter:
         self.still_since = None
         self.stuck = self._released = False
         self._suspect = self._held = None
-        self._odd.clear()
+        self._implausible.clear()
         out.append(RotationSample(time_s, self.wheel, 0.0, self.rad_per_bit, self.segment))
 
     def _accept(self, time_s: float, raw: int, bits: int, out: list[Event]) -> None:
@@ -248,8 +348,8 @@ class WheelCounter:
         self._raw, self._time_s, self._same_s = raw, time_s, time_s
         self.still_since = None
         self._released = False
-        if self._odd:
-            self._odd.clear()
+        if self._implausible:
+            self._implausible.clear()
         self._follow(time_s, out)
 
     def _follow(self, time_s: float, out: list[Event]) -> None:
@@ -309,15 +409,15 @@ class WheelCounter:
 
     def _agree(self, time_s: float, raw: int) -> bool:
         """Whether the last readings, odd by the speed before, are those of one wheel at an even speed."""
-        odd = self._odd
-        odd.append((time_s, raw))
-        if len(odd) < AGREEING:
+        readings = self._implausible
+        readings.append((time_s, raw))
+        if len(readings) < AGREEING:
             return False
-        pairs = list(itertools.pairwise(odd))
+        pairs = list(itertools.pairwise(readings))
         if not all(0.0 < after[0] - before[0] <= SPEED_WINDOW_S for before, after in pairs):
             return False
         bits = [(after[1] - before[1]) % self._modulus for before, after in pairs]
-        limit = self._max_speed * (odd[-1][0] - odd[0][0])
+        limit = self._max_speed * (readings[-1][0] - readings[0][0])
         return 0 < sum(bits) <= limit and max(bits) - min(bits) <= SLACK_BITS + 0.2 * max(bits)
 
     def _replace_last(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> bool:
@@ -382,3 +482,16 @@ class WheelCounter:
             return True
         self._accept(held_s, held_raw, bits, out)
         return False
+
+
+def _window_starts(times: FloatArray, known: int) -> IntArray:
+    """Index of the last reading at least `SPEED_WINDOW_S` before each new one (n,), or 0.
+
+    `times` (known + n,): those of the `known` readings of the history, then of the new ones.
+    """
+    time_s = times[known:]
+    first = np.maximum(np.searchsorted(times, time_s - SPEED_WINDOW_S, side="right") - 1, 0)
+    # The difference is what is compared one by one: it may round otherwise than the time that is sought.
+    first += time_s - times[np.minimum(first + 1, len(times) - 1)] >= SPEED_WINDOW_S
+    first -= (time_s - times[first] < SPEED_WINDOW_S) & (first > 0)
+    return np.minimum(first, np.arange(known - 1, len(times) - 1))

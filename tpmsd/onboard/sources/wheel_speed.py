@@ -16,6 +16,16 @@ from __future__ import annotations
 import copy
 import math
 
+import numpy as np
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.ahead.regular_readings import (
+    RegularReadings,
+    first_run_too_long,
+    first_true,
+    none_regular,
+    still_runs,
+)
 from tpmsd.onboard.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
 from tpmsd.onboard.sources.can_faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
@@ -172,6 +182,39 @@ class WheelSpeedIntegrator:
             self.still_since = self._time_s
         self._time_s = time_s
         out.append(RotationSample(time_s, self.wheel, self._angle, 0.0, self.segment))
+
+    def regular_readings(
+        self, time_s: FloatArray, omega_radps: FloatArray, period_s: FloatArray
+    ) -> RegularReadings:
+        """Return what `update` would make of n readings, as far as they are regular; changes nothing.
+
+        `time_s` (n,): rising times; `omega_radps` (n,); `period_s` (n,): the message's period at each.
+        """
+        count = len(time_s)
+        if self._omega is None or self.stuck or self.still_since is not None or self._suspect is not None:
+            return none_regular(count)
+        before = np.append(self._omega, omega_radps)[:-1]
+        before_s = np.append(self._time_s, time_s)[:-1]
+        interval = time_s - before_s
+        change = np.abs(omega_radps - before) * self.radius_m
+        irregular = np.abs(omega_radps) * self.radius_m > MAX_SPEED_MPS
+        irregular |= ~(change <= MAX_ACCEL_MPS2 * (interval + 2.0 * period_s) + SLACK_MPS)
+        irregular |= interval > np.maximum(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s)
+        turned = 0.5 * (before + omega_radps) * interval
+        angle = np.add.accumulate(np.append(self._angle, turned))
+        travelled = np.add.accumulate(np.append(self._turned, turned))
+        same = omega_radps == before
+        begin, since = still_runs(same, before_s)
+        run = np.where(same, time_s - since, 0.0)
+        last = np.arange(count) == count - 1
+        too_long = same & ((run > np.where(omega_radps == 0.0, STUCK_S, SETTINGS.frozen_s)) | last)
+
+        def commit() -> None:
+            self._omega, self._time_s = float(omega_radps[-1]), float(time_s[-1])
+            self._angle, self._turned = float(angle[-1]), float(travelled[-1])
+
+        regular = min(first_true(irregular), first_run_too_long(begin, too_long))
+        return RegularReadings(angle[1:], since, regular, commit)
 
     def restart(self) -> None:
         """Forget the reading before: the clock stepped. The next reading begins a segment."""

@@ -1,6 +1,6 @@
-"""What wheels and readings say in the ticks of a stretch of frames, computed at once.
+"""Rotations and readings of the ticks that a decoded block covers, computed at once.
 
-In: the tracks of a timeline, a decoded stretch, the edges of the ticks to come. Out: `TickPlan`: of each tick
+In: the tracks of a timeline, a decoded block, the edges of the ticks to come. Out: `TickPlan`: for each tick
 the very numbers that the tracks would give once its frames were played, and which frames those are. Pure; no
 track is changed.
 """
@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.sources.stretch import Stretch
+from tpmsd.onboard.sources.ahead.decoded_block import DecodedBlock
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack
 
 
 class PlannedTick(NamedTuple):
-    """What wheels and readings say in a tick."""
+    """Rotations and readings of one tick."""
 
     rotation_rad: FloatArray
     """(4,)"""
@@ -32,7 +32,7 @@ class PlannedTick(NamedTuple):
 
 
 class TickPlan:
-    """Of n ticks that follow each other."""
+    """Rotations and readings of n ticks that follow each other."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class TickPlan:
         needs: NDArray[np.intp],
     ) -> None:
         """`first`: index of the first; ends (n,), rotations (n, 4), means (n,) by field of `Tick`; `needs`
-        (n,): place in the log before which all frames must have been played."""
+        (n,): index in the block before which all frames must have been played."""
         self._first = first
         self._ends_s: list[float] = ends_s.tolist()
         self._rotation, self._std = rotation_rad, rotation_std_rad
@@ -54,41 +54,41 @@ class TickPlan:
         )
         self._needs: list[int] = needs.tolist()
 
-    def tick(self, index: int, end_s: float, place: int) -> PlannedTick | None:
-        """The tick of this index and end, if it is in the plan and all that it needs comes before a place."""
+    def tick(self, index: int, end_s: float, frame: int) -> PlannedTick | None:
+        """Return the tick of this index and end, if it is in the plan and needs no frame from `frame` on."""
         row = index - self._first
-        if not (0 <= row < len(self._needs) and self._needs[row] <= place and self._ends_s[row] == end_s):
+        if not (0 <= row < len(self._needs) and self._needs[row] <= frame and self._ends_s[row] == end_s):
             return None
         means = dict(zip(self._fields, self._means[row], strict=True))
         return PlannedTick(self._rotation[row], self._std[row], means)
 
 
 def planned(
-    stretch: Stretch,
+    decoded: DecodedBlock,
     shift_s: float,
     tracks: Sequence[RotationTrack],
     readings: Mapping[str, tuple[str, ReadingTrack]],
     first: int,
     edges_s: FloatArray,
 ) -> TickPlan | None:
-    """Plan as many ticks as the stretch tells of.
+    """Plan as many ticks as a decoded block covers.
 
     `shift_s`: logical time minus the host's; `tracks` of the four wheels; `readings`: role and track by field
-    of `Tick`, of all roles that are in a track or in the stretch; `first`: index of the tick between the
-    first two edges (n + 1,). None where the tracks would leave out or sort what the stretch holds, or where
-    it tells of no tick.
+    of `Tick`, of all roles that are in a track or in the block; `first`: index of the tick between the
+    first two edges (n + 1,). None where the tracks would leave out or sort what the block holds, or where it
+    covers no tick.
     """
-    times_s = [group.time_s + shift_s for group in stretch.groups]
+    times_s = [group.time_s + shift_s for group in decoded.groups]
     ticks = len(edges_s) - 1
     rotation, std = np.full((ticks, 4), math.nan), np.full((ticks, 4), math.nan)
     needs = np.zeros(ticks, dtype=np.intp)
-    told = {angles.wheel for angles in stretch.wheels}
-    further = {values.role: values for values in stretch.readings}
-    if len(told) < len(stretch.wheels) or len(further) < len(stretch.readings):
+    decoded_wheels = {angles.wheel for angles in decoded.wheels}
+    further = {values.role: values for values in decoded.readings}
+    if len(decoded_wheels) < len(decoded.wheels) or len(further) < len(decoded.readings):
         return None  # some of them twice
-    if any(wheel not in told and not track.is_empty for wheel, track in enumerate(tracks)):
+    if any(wheel not in decoded_wheels and not track.is_empty for wheel, track in enumerate(tracks)):
         return None
-    for angles in stretch.wheels:
+    for angles in decoded.wheels:
         found = tracks[angles.wheel].ahead(
             *(times_s[angles.group], angles.angle_rad, angles.segment, angles.quantum_rad, edges_s)
         )
@@ -97,7 +97,7 @@ def planned(
         ticks = min(ticks, len(found.needs))
         rotation[:ticks, angles.wheel] = found.rotation_rad[:ticks]
         std[:ticks, angles.wheel] = found.std_rad[:ticks]
-        needs[:ticks] = np.maximum(needs[:ticks], _behind(stretch, angles.group, found.needs[:ticks]))
+        needs[:ticks] = np.maximum(needs[:ticks], _behind(decoded, angles.group, found.needs[:ticks]))
     if not ticks:
         return None
     means: dict[str, FloatArray] = {}
@@ -110,10 +110,10 @@ def planned(
             return None
         means[field] = mean.value
         if values is not None:
-            needs[:ticks] = np.maximum(needs[:ticks], _behind(stretch, values.group, mean.needs))
+            needs[:ticks] = np.maximum(needs[:ticks], _behind(decoded, values.group, mean.needs))
     return TickPlan(first, edges_s[1 : ticks + 1], rotation[:ticks], std[:ticks], means, needs[:ticks])
 
 
-def _behind(stretch: Stretch, group: int, readings: NDArray[np.intp]) -> NDArray[np.intp]:
-    """The places behind so many of a group's frames; 0 for none."""
-    return np.append(0, stretch.groups[group].places + 1)[np.maximum(readings, 0)]
+def _behind(decoded: DecodedBlock, group: int, readings: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the index behind the given number of a group's frames; 0 for none."""
+    return np.append(0, decoded.groups[group].indices + 1)[np.maximum(readings, 0)]

@@ -20,14 +20,14 @@ from tpmsd.onboard.sources.gnss_on_can import CanFixAssembler
 from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 from tpmsd.onboard.sources.signal_plan import signal_steps
 from tpmsd.onboard.timeline.tick import Tick
-from tpmsd.onboard.timeline.timeline import Timeline
+from tpmsd.onboard.timeline.timeline import TickPlanner, Timeline
 
 
-class LookAhead(Protocol):
-    """Takes frames of a block before their time has come."""
+class LookAhead(TickPlanner, Protocol):
+    """Decodes frames of a block before their time has come, and plans the ticks that they make."""
 
     def covers(self, time_s: float) -> bool:
-        """Whether the decoder is ahead of a host time, so that no message can be overdue then."""
+        """Return whether the decoder is ahead of a host time, so that no message can be overdue then."""
         ...
 
     def leave(self) -> None:
@@ -49,8 +49,12 @@ class TickSource:
         """Where fixes are made, of sentences or of signals."""
         on_utc = config.gnss.host_clock == "utc"
         self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s, on_utc)
-        self.ahead: LookAhead | None = None
-        """Who feeds this with blocks; none in a live run."""
+        self._look_ahead: LookAhead | None = None
+
+    def follow(self, look_ahead: LookAhead) -> None:
+        """Let `look_ahead` decode frames before their time; a live run has none."""
+        self._look_ahead = look_ahead
+        self.timeline.plan_with(look_ahead)
 
     @property
     def may_look_ahead(self) -> bool:
@@ -107,13 +111,13 @@ class TickSource:
         deadline_s = self.assembler.deadline_s
         if deadline_s < time_s:
             ticks = timeline.advance(deadline_s) + self._take(self.assembler.advance(time_s))
-        covered = self.ahead is not None and self.ahead.covers(time_s)
+        covered = self._look_ahead is not None and self._look_ahead.covers(time_s)
         if not covered and (overdue := self.decoder.poll(time_s)):
             ticks += self._take(overdue)
         ticks += timeline.advance(time_s)
         if timeline.counts["clock_steps"] != steps:
-            if self.ahead is not None:
-                self.ahead.leave()
+            if self._look_ahead is not None:
+                self._look_ahead.leave()
             # A message by itself would need a second of late frames to tell a step from a late frame.
             self.decoder.clock_stepped()
         return ticks

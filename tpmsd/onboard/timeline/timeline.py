@@ -12,11 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.ahead.decoded_block import DecodedBlock
 from tpmsd.onboard.sources.events import (
     Event,
     GnssFix,
@@ -25,7 +26,6 @@ from tpmsd.onboard.sources.events import (
     RotationSample,
     SourceFault,
 )
-from tpmsd.onboard.sources.stretch import Stretch
 from tpmsd.onboard.timeline.host_clock import BACKWARD_STEP_S, HostClock
 from tpmsd.onboard.timeline.local_plane import LocalPlane
 from tpmsd.onboard.timeline.plausible import odd_wheels
@@ -77,13 +77,25 @@ class _Placed(NamedTuple):
     fix: GnssFix
 
 
-def _not_planned(*_: object) -> None:
-    """Has no ticks and no samples ready."""
+class TickPlanner(Protocol):
+    """Computes ticks ahead of the samples that they are made of."""
+
+    def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
+        """Return rotations and readings of the tick that is about to be made; None if it is not planned, and
+        then the timeline has been given all samples up to there (`Timeline.take`)."""
+        ...
 
 
-def _not_taken(_: RotationRun) -> bool:
-    """Takes samples one by one."""
-    return False
+class RotationObserver(Protocol):
+    """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
+
+    def add(self, sample: RotationSample) -> None:
+        """Take one sample."""
+        ...
+
+    def extend(self, run: RotationRun) -> bool:
+        """Take many samples of one wheel at once; return False to be given them one by one."""
+        ...
 
 
 class Timeline:
@@ -105,19 +117,12 @@ class Timeline:
         self._due_s = -math.inf
         """When the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
-        self.planned_tick: Callable[[int, float], PlannedTick | None] = _not_planned
-        """Asked for each tick (its index and end) before it is made: what wheels and readings say in it. Who
-        does not know has given all samples that it has by then (`take`)."""
+        self._planner: TickPlanner | None = None
         self._planned_ends_s: list[float] = []
-        """Of ticks that the tracks know nothing of yet."""
-        self.observe: Callable[[RotationSample], None] | None = None
-        """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
-        self.observe_run: Callable[[RotationRun], bool] = _not_taken
-        """Is offered many samples of one wheel instead; whether it has taken them."""
-        self.observe_late_s = 0.0
-        """By so much after the tick that they belong to samples may be shown."""
-        self.observe_fix: Callable[[GnssFix], None] | None = None
-        """Is shown every fix as the receiver sent it, before it is put into the plane."""
+        """Ends of ticks that the tracks know nothing of yet."""
+        self._observer: RotationObserver | None = None
+        self._observer_delay_s = 0.0
+        self._on_fix: Callable[[GnssFix], None] | None = None
         self.counts: dict[str, int] = {
             "ticks": 0,
             "late_fixes": 0,
@@ -127,6 +132,23 @@ class Timeline:
             "gaps": 0,
             "implausible": 0,
         }
+
+    def plan_with(self, planner: TickPlanner) -> None:
+        """Ask `planner` for each tick before it is made of samples."""
+        self._planner = planner
+
+    def observe_rotations(self, observer: RotationObserver, delay_s: float = 0.0) -> None:
+        """Show every rotation sample to `observer`, at most `delay_s` after the tick that it belongs to."""
+        self._observer, self._observer_delay_s = observer, delay_s
+
+    def observe_fixes(self, on_fix: Callable[[GnssFix], None]) -> None:
+        """Call `on_fix` with every fix as the receiver sent it, before it is put into the plane."""
+        self._on_fix = on_fix
+
+    def observer_needs(self, end_s: float, shown_s: float) -> bool:
+        """Return whether an observer has to be shown the samples before a tick's end, those before `shown_s`
+        having been shown."""
+        return self._observer is not None and end_s >= shown_s + self._observer_delay_s
 
     def add(self, event: Event) -> list[Tick]:
         """Take one event; the ticks that its stamp completes."""
@@ -142,8 +164,8 @@ class Timeline:
             if now != event.time_s:
                 event = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
             self._tracks[event.wheel].add(event)
-            if self.observe is not None:
-                self.observe(event)
+            if self._observer is not None:
+                self._observer.add(event)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value) and event.role in FIELDS:
                 self._readings(event.role).add(now, event.value)
@@ -157,8 +179,8 @@ class Timeline:
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
         """
-        if self.observe_fix is not None:
-            self.observe_fix(fix)
+        if self._on_fix is not None:
+            self._on_fix(fix)
         arrival = self._clock.placed(fix.arrival_s)
         ticks = self.advance(fix.arrival_s) if arrival > self._clock.latest_s else []
         arrival = self._clock.placed(fix.arrival_s)
@@ -207,12 +229,12 @@ class Timeline:
         """Logical time minus the host's."""
         return self._clock.placed(0.0)
 
-    def goes_on(self, host_time_s: float) -> bool:
-        """Whether a stamp is not before the latest, and there was no pause."""
+    def continues(self, host_time_s: float) -> bool:
+        """Return whether a stamp is not before the latest, and there was no pause."""
         return 0.0 <= self._clock.placed(host_time_s) - self._clock.latest_s <= MAX_PAUSE_S
 
-    def is_even(self, time_s: FloatArray) -> bool:
-        """Whether host times (n,) let time pass with no step of the clock and no pause."""
+    def is_continuous(self, time_s: FloatArray) -> bool:
+        """Return whether host times (n,) let time pass with no step of the clock and no pause."""
         before = self._clock.latest_s
         now = np.append(before, time_s + self.shift_s)
         latest = np.maximum.accumulate(now)
@@ -227,15 +249,15 @@ class Timeline:
         clock = self._clock
         clock.latest_s = max(clock.latest_s, clock.placed(host_time_s))
 
-    def plan(self, stretch: Stretch) -> TickPlan | None:
-        """What wheels and readings say in the next ticks, as far as a stretch tells; None if nothing."""
-        groups, shift_s, begin_s = stretch.groups, self.shift_s, self._end(self._index)
+    def plan(self, decoded: DecodedBlock) -> TickPlan | None:
+        """Compute rotations and readings of the next ticks that a decoded block covers; None if of none."""
+        groups, shift_s, begin_s = decoded.groups, self.shift_s, self._end(self._index)
         last_s = max((float(group.time_s[-1]) for group in groups), default=-math.inf) + shift_s
         ticks = math.floor((last_s - begin_s) / self._dt_s) if last_s > begin_s else 0
         edges_s = self._origin_s + (np.arange(ticks + 1) + (self._index - self._index_base)) * self._dt_s
-        roles = {*self._inertial, *(one.role for one in stretch.readings)} & FIELDS.keys()
+        roles = {*self._inertial, *(one.role for one in decoded.readings)} & FIELDS.keys()
         readings = {FIELDS[role]: (role, self._readings(role)) for role in sorted(roles)}
-        return planned(stretch, shift_s, self._tracks, readings, self._index + 1, np.asarray(edges_s))
+        return planned(decoded, shift_s, self._tracks, readings, self._index + 1, np.asarray(edges_s))
 
     def take(
         self,
@@ -262,15 +284,16 @@ class Timeline:
             ends_s.clear()
 
     def _show(self, rotations: Sequence[RotationRun]) -> None:
-        if self.observe is None:
+        observer = self._observer
+        if observer is None:
             return
-        runs = [run for run in rotations if not self.observe_run(run)]
+        runs = [run for run in rotations if not observer.extend(run)]
         # In the order of the frames, and within one in the order of its wheels.
         shown = [(place, k, row) for k, run in enumerate(runs) for row, place in enumerate(run.places)]
         for _, k, row in sorted(shown):
             run = runs[k]
             sample = run.time_s[row], run.wheel, run.angle_rad[row], run.quantum_rad, run.segment
-            self.observe(RotationSample(*sample))
+            observer.add(RotationSample(*sample))
 
     def _readings(self, role: str) -> ReadingTrack:
         if role not in self._inertial:
@@ -312,9 +335,9 @@ class Timeline:
         return ticks
 
     def _make(self, begin: float, end: float) -> Tick:
-        plan = self.planned_tick(self._index, end)
+        plan = None if self._planner is None else self._planner.planned_tick(self._index, end)
         if plan is None:
-            plan = self._told_by_tracks(begin, end)
+            plan = self._from_tracks(begin, end)
         else:
             self._planned_ends_s.append(end)
         rotation, std, means = plan
@@ -340,7 +363,7 @@ class Timeline:
             **means,
         )
 
-    def _told_by_tracks(self, begin: float, end: float) -> PlannedTick:
+    def _from_tracks(self, begin: float, end: float) -> PlannedTick:
         found = [rotation_between(track, begin, end) for track in self._tracks]
         for track in self._tracks:
             track.forget_before(end)

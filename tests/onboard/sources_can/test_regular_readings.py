@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tpmsd.onboard.sources.ahead.regular_readings import RegularReadings
 from tpmsd.onboard.sources.can_faults import FaultLog
-from tpmsd.onboard.sources.even_readings import Even, even_counts, even_speeds
 from tpmsd.onboard.sources.events import Event, RotationSample
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
@@ -28,18 +28,18 @@ def state(tracker: Tracker) -> dict[str, Any]:
 
 
 def assert_alike(
-    tracker: Tracker, even: Even, times: list[float], values: list[Any], period_s: float
+    tracker: Tracker, taken: RegularReadings, times: list[float], values: list[Any], period_s: float
 ) -> None:
-    """The readings before the first odd one give the same angles, and, if all are even, the same state."""
+    """Readings before the first irregular one give the same angles; if all are regular, the same state."""
     other = copy.deepcopy(tracker)
     out: list[Event] = []
-    for time_s, value in zip(times[: even.odd], values[: even.odd], strict=True):
+    for time_s, value in zip(times[: taken.regular], values[: taken.regular], strict=True):
         other.update(time_s, value, period_s, out)
     angles = [event.angle_rad for event in out if isinstance(event, RotationSample)]
-    assert angles == even.angle_rad[: even.odd].tolist()
+    assert angles == taken.angle_rad[: taken.regular].tolist()
     assert len(angles) == len(out)
-    if even.odd == len(times) > 0:
-        even.settle()
+    if taken.regular == len(times) > 0:
+        taken.commit()
         assert state(other) == state(tracker)
 
 
@@ -86,8 +86,8 @@ def test_counters(
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
     later, values = time_s[KNOWN:], raw[KNOWN:]
-    even = even_counts(tracker, later, values, np.full(len(later), period_s))
-    assert_alike(tracker, even, later.tolist(), values.tolist(), period_s)
+    taken = tracker.regular_readings(later, values, np.full(len(later), period_s))
+    assert_alike(tracker, taken, later.tolist(), values.tolist(), period_s)
 
 
 @settings(derandomize=True, deadline=None, max_examples=100)
@@ -97,7 +97,7 @@ def test_counters(
 def test_counters_that_stand(
     period_s: float, jitter: list[float], modulus: int, moved: list[int], released: bool
 ) -> None:
-    """Once the wheels together have shown that the car stands, all is even up to the next change."""
+    """Once the wheels together have shown that the car stands, all is regular up to the next change."""
     time_s, _ = drive(period_s, 0.0, 0.0, jitter)
     raw = np.full(len(time_s), 17)
     for place in moved:
@@ -108,9 +108,9 @@ def test_counters_that_stand(
     if released:
         tracker.mark_standing()
     later, values = time_s[KNOWN:], raw[KNOWN:]
-    even = even_counts(tracker, later, values, np.full(len(later), period_s))
-    assert min([*moved, len(later)]) * released == even.odd
-    assert_alike(tracker, even, later.tolist(), values.tolist(), period_s)
+    taken = tracker.regular_readings(later, values, np.full(len(later), period_s))
+    assert min([*moved, len(later)]) * released == taken.regular
+    assert_alike(tracker, taken, later.tolist(), values.tolist(), period_s)
 
 
 @settings(derandomize=True, deadline=None, max_examples=100)
@@ -126,16 +126,16 @@ def test_speeds(
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), float(omega[at]), period_s, [])
     later, values = time_s[KNOWN:], omega[KNOWN:]
-    even = even_speeds(tracker, later, values, np.full(len(later), period_s))
-    assert_alike(tracker, even, later.tolist(), values.tolist(), period_s)
+    taken = tracker.regular_readings(later, values, np.full(len(later), period_s))
+    assert_alike(tracker, taken, later.tolist(), values.tolist(), period_s)
 
 
 @pytest.mark.parametrize("period_s", [0.01, 0.02, 0.05])
-def test_an_even_drive_is_even(period_s: float) -> None:
-    """At a steady speed on an even clock no reading is odd."""
+def test_a_steady_drive_is_regular(period_s: float) -> None:
+    """At a steady speed on a steady clock no reading is irregular."""
     time_s, way_m = drive(period_s, 20.0, 0.0, [0.0] * 100)
     raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % 65536
     tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
-    assert 100 == even_counts(tracker, time_s[KNOWN:], raw[KNOWN:], np.full(100, period_s)).odd
+    assert 100 == tracker.regular_readings(time_s[KNOWN:], raw[KNOWN:], np.full(100, period_s)).regular

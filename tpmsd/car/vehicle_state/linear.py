@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.vehicle_state.model import (
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.model import (
     MIN_SPEED_MPS,
     Inputs,
     R,
@@ -19,8 +21,6 @@ from bench.vehicle_state.model import (
     substeps,
     wheels,
 )
-from tpmsd.car.physics.motion import GRAVITY_MPS2
-from tpmsd.car.vehicle_state.car import CarDynamics
 from tpmsd.foundation.wheels import FloatArray
 
 

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.vehicle_state import model
-from bench.vehicle_state.kalman import SIGMA, Belief, Noise, correct
-from bench.vehicle_state.model import Inputs
-from bench.vehicle_state.robust import RobustSettings
-from bench.vehicle_state.unscented import moments, sigma_points
+from tpmsd.car.vehicle_state import model
+from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.kalman import SIGMA, Belief, Noise, correct
+from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.unscented import moments, sigma_points
 from tpmsd.foundation.wheels import FloatArray
 
 DEFAULT_PARTICLES = 100

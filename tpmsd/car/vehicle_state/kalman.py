@@ -11,12 +11,12 @@ from typing import Protocol
 
 import numpy as np
 
-from bench.vehicle_state import model
-from bench.vehicle_state.linear import advance_jacobian, readings_jacobian
-from bench.vehicle_state.model import Inputs
-from bench.vehicle_state.robust import RobustSettings
-from bench.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
+from tpmsd.car.vehicle_state import model
+from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.linear import advance_jacobian, readings_jacobian
+from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
 from tpmsd.foundation.wheels import FloatArray
 
 SIGMA = sigma_weights(3)

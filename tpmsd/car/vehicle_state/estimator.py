@@ -1,0 +1,202 @@
+"""The vehicle state from tick to tick: speeds at the centre of gravity, side slip and yaw rate with their
+standard deviations, by one of the filters.
+
+In: of each tick its length, longitudinal and lateral acceleration, yaw rate, road-wheel angle and speed, NaN
+where there is no reading. Out: `VehicleState`, or None where nothing is known. Pure: `UPF` and `ARUPF` draw
+from the generator they are given.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.car.vehicle_state.adaptive import RobustSettings
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
+from tpmsd.car.vehicle_state.model import MIN_SPEED_MPS, Inputs, R, U, V
+from tpmsd.car.vehicle_state.particle import DEFAULT_PARTICLES, UnscentedParticleFilter
+from tpmsd.car.vehicle_state.record import VehicleState
+from tpmsd.foundation.wheels import FloatArray
+
+FILTERS = ("ekf", "ukf", "upf", "arupf")
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """What the estimator assumes of sensors and model, each with its unit and reason."""
+
+    noise: Noise = field(default_factory=lambda: Noise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3)))
+    """Process: what a tyre model of a car known by its data sheet leaves, per square root of a second.
+    Readings: a body-fixed accelerometer leans with the roll (0.6 m/s2 at 6 m/s2 and 6 degrees per g), a
+    production gyro has a bias of 1 deg/s at most, wheel speeds are within 1 % of 30 m/s."""
+    correlated_s: float = 0.1
+    """What lateral acceleration and speed are wrong by lasts for so long (roll, tyres): at shorter ticks
+    their variances are those above times this over the tick."""
+    start_side_slip_rad: float = 0.05
+    """Standard deviation of the side slip where an estimate begins, in a bend or out of one."""
+    start_speed_mps: float = 0.3
+    """The same of the speed ..."""
+    start_yaw_rate_radps: float = 0.05
+    """... and of the yaw rate."""
+    hold_s: float = 1.0
+    """For so long the last steering angle and acceleration stand in for missing ones."""
+    deaf_s: float = 2.0
+    """A reading refused by the robust weights for so long is right and the state wrong: start anew."""
+    hardly: float = 0.01
+    """Equivalent weight below which a reading counts as refused."""
+
+
+SETTINGS = EstimatorSettings()
+
+
+def make_filter(
+    method: str,
+    car: CarDynamics,
+    noise: Noise,
+    start: Belief,
+    rng: np.random.Generator,
+    particles: int = DEFAULT_PARTICLES,
+) -> StateFilter:
+    """Return one of `FILTERS`; ValueError for another name."""
+    if method == "ekf":
+        return Ekf(car, noise, start)
+    if method == "ukf":
+        return Ukf(car, noise, start)
+    if method not in FILTERS:
+        raise ValueError(f"{method!r} is none of {' '.join(FILTERS)}")
+    robust = RobustSettings() if method == "arupf" else None
+    return UnscentedParticleFilter(car, noise, start, rng, robust, particles)
+
+
+class VehicleStateEstimator:
+    """Keeps a filter from tick to tick; begins anew behind pauses, standstills and lost inputs."""
+
+    def __init__(
+        self,
+        car: CarDynamics,
+        method: str,
+        rng: np.random.Generator,
+        particles: int = DEFAULT_PARTICLES,
+        settings: EstimatorSettings = SETTINGS,
+    ) -> None:
+        if method not in FILTERS:
+            raise ValueError(f"{method!r} is none of {' '.join(FILTERS)}")
+        self._car, self._method, self._rng = car, method, rng
+        self._particles, self._settings = particles, settings
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the motion so far (behind a pause)."""
+        self._filter: StateFilter | None = None
+        self._deaf_s = np.zeros(3)
+        self._steer_rad = self._ahead_mps2 = self._speed_mps = math.nan
+        self._steer_age_s = self._ahead_age_s = 0.0
+
+    def step(
+        self,
+        dt_s: float,
+        accel_long_mps2: float,
+        accel_lat_mps2: float,
+        yaw_rate_radps: float,
+        steer_rad: float,
+        speed_mps: float,
+    ) -> VehicleState | None:
+        """Take one tick; each reading may be NaN.
+
+        The estimate begins with the first tick that has steering, yaw rate and a speed of at least
+        `MIN_SPEED_MPS`, and ends where the car is slower or the steering is lost. Without longitudinal
+        acceleration the change of the speed stands in.
+        """
+        if dt_s <= 0.0 or speed_mps < MIN_SPEED_MPS:
+            self.reset()
+            return None
+        steer_rad = self._held_steer(dt_s, steer_rad)
+        ahead_mps2 = self._held_ahead(dt_s, accel_long_mps2, speed_mps)
+        if self._filter is None:
+            if not all(map(math.isfinite, (steer_rad, yaw_rate_radps, speed_mps))):
+                return None
+            self._filter = self._started(dt_s, yaw_rate_radps, speed_mps)
+        elif not math.isfinite(steer_rad):
+            self.reset()
+            return None
+        reading = np.array([accel_lat_mps2, yaw_rate_radps, speed_mps], dtype=np.float64)
+        try:
+            with np.errstate(all="ignore"):  # what overflows is found below
+                belief = self._filter.step(Inputs(dt_s, ahead_mps2, steer_rad), reading)
+        except np.linalg.LinAlgError:
+            self.reset()
+            return None
+        if not self._sound(belief, dt_s):
+            self.reset()
+            return None
+        return state_of(belief)
+
+    def _started(self, dt_s: float, yaw_rate_radps: float, speed_mps: float) -> StateFilter:
+        settings = self._settings
+        mean = np.array([self._car.rear_m * yaw_rate_radps, speed_mps, yaw_rate_radps])
+        stds = (
+            settings.start_side_slip_rad * speed_mps,
+            settings.start_speed_mps,
+            settings.start_yaw_rate_radps,
+        )
+        start = Belief(mean, np.diag(np.square(stds)))
+        lateral, yaw, speed = settings.noise.readings
+        longer = math.sqrt(max(settings.correlated_s / dt_s, 1.0))
+        noise = Noise(settings.noise.process, (lateral * longer, yaw, speed * longer))
+        return make_filter(self._method, self._car, noise, start, self._rng, self._particles)
+
+    def _held_steer(self, dt_s: float, steer_rad: float) -> float:
+        """Return the steering angle, the last one where a tick has none."""
+        if math.isfinite(steer_rad):
+            self._steer_rad, self._steer_age_s = steer_rad, 0.0
+        else:
+            self._steer_age_s += dt_s
+        return self._steer_rad if self._steer_age_s <= self._settings.hold_s else math.nan
+
+    def _held_ahead(self, dt_s: float, accel_long_mps2: float, speed_mps: float) -> float:
+        """Return the longitudinal acceleration: measured, held, by the speed, or none at all."""
+        before, self._speed_mps = self._speed_mps, speed_mps
+        if math.isfinite(accel_long_mps2):
+            self._ahead_mps2, self._ahead_age_s = accel_long_mps2, 0.0
+            return accel_long_mps2
+        self._ahead_age_s += dt_s
+        if math.isfinite(self._ahead_mps2) and self._ahead_age_s <= self._settings.hold_s:
+            return self._ahead_mps2
+        by_speed = (speed_mps - before) / dt_s
+        return by_speed if math.isfinite(by_speed) else 0.0
+
+    def _sound(self, belief: Belief, dt_s: float) -> bool:
+        """Return whether the belief is one of a car that drives forward and whose readings are heard."""
+        if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
+            return False
+        if belief.mean[U] < MIN_SPEED_MPS or (np.diag(belief.covariance) < 0.0).any():
+            return False
+        weights: FloatArray | None = getattr(self._filter, "weights", None)
+        if weights is None:
+            return True
+        self._deaf_s = np.where(weights < self._settings.hardly, self._deaf_s + dt_s, 0.0)
+        return bool(self._deaf_s.max() <= self._settings.deaf_s)
+
+
+def state_of(belief: Belief) -> VehicleState:
+    """Return speeds, side slip beta = atan2(v, u) and yaw rate of a belief with their standard deviations.
+
+    The side slip's is that to first order: d beta = (u dv - v du) / (u^2 + v^2).
+    """
+    v, u, r = (float(value) for value in belief.mean)
+    by_state = np.array([u, -v]) / (u * u + v * v)
+    planar = belief.covariance[np.ix_((V, U), (V, U))]
+    stds = np.sqrt(np.diag(belief.covariance))
+    return VehicleState(
+        velocity_long_mps=u,
+        velocity_long_std_mps=float(stds[U]),
+        velocity_lat_mps=v,
+        velocity_lat_std_mps=float(stds[V]),
+        side_slip_rad=math.atan2(v, u),
+        side_slip_std_rad=math.sqrt(max(float(by_state @ planar @ by_state), 0.0)),
+        yaw_rate_estimate_radps=r,
+        yaw_rate_estimate_std_radps=float(stds[R]),
+    )

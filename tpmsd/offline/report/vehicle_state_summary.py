@@ -1,0 +1,56 @@
+"""What a replay says of the vehicle state as a whole.
+
+In: the state of each tick. Out: plain JSON values and a sentence.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tpmsd.car.vehicle_state.record import VehicleState
+from tpmsd.foundation.plain import finite
+
+
+class StateSummary:
+    """Counts how long the state was known, and keeps its extremes."""
+
+    def __init__(self, method: str) -> None:
+        self.method = method
+        self.known_s = 0.0
+        self.largest_side_slip_rad = self.largest_velocity_lat_mps = math.nan
+        self.last: VehicleState | None = None
+
+    def add(self, dt_s: float, state: VehicleState | None) -> None:
+        """Take the state at the end of a tick of so many seconds; None where it is not known."""
+        self.last = state
+        if state is not None:
+            self.known_s += dt_s
+            self.largest_side_slip_rad = _larger(self.largest_side_slip_rad, state.side_slip_rad)
+            self.largest_velocity_lat_mps = _larger(self.largest_velocity_lat_mps, state.velocity_lat_mps)
+
+    def to_json(self) -> dict[str, Any]:
+        """Method, seconds with a state, the largest amounts, and the last state (null where not known)."""
+        values = [math.nan] * len(VehicleState._fields) if self.last is None else self.last
+        return {
+            "method": self.method,
+            "known_s": finite(self.known_s),
+            "largest_side_slip_rad": finite(self.largest_side_slip_rad),
+            "largest_velocity_lat_mps": finite(self.largest_velocity_lat_mps),
+            **{name: finite(value) for name, value in zip(VehicleState._fields, values, strict=True)},
+        }
+
+    def sentence(self) -> str:
+        """The same in words."""
+        if self.known_s <= 0.0:
+            return f"Vehicle state ({self.method}): not known in any tick."
+        return (
+            f"Vehicle state ({self.method}): known for {self.known_s:.0f} s; side slip up to "
+            f"{self.largest_side_slip_rad:.3f} rad, lateral speed up to {self.largest_velocity_lat_mps:.2f} "
+            "m/s."
+        )
+
+
+def _larger(before: float, value: float) -> float:
+    """The larger amount; `before` may be NaN."""
+    return abs(value) if math.isnan(before) else max(before, abs(value))

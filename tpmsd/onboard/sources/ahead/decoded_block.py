@@ -1,0 +1,412 @@
+"""A range of regular frames decoded at once.
+
+In: a `CanDecoder`, a block of frames and a range of it. Out: a `DecodedBlock`: the samples that the decoder
+would make of the frames one by one, each with the index of its frame; or None, where the next frames have to
+go through the decoder one by one. Pure; nothing is changed before `DecodedBlock.commit`.
+
+Irregular is whatever makes the decoder report or count something: a frame lost, late, repeated, too short, a
+value that is invalid or that the wheel cannot have, a message that is silent, a wheel that stops or sets off.
+All that is left then is arithmetic on arrays: bits, numbers, angles. Arrivals and senders are judged by
+copies of the decoder's own objects, frame by frame, which takes little time.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.ahead.regular_readings import RegularReadings
+from tpmsd.onboard.sources.can_arrival import MessageArrival, timeout_of
+from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can_decoder import CanDecoder, Group
+from tpmsd.onboard.sources.settings import SETTINGS
+from tpmsd.onboard.sources.signal_bits import RawArray, numbers, raw_bits
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
+from tpmsd.onboard.sources.wheel_counter import WheelCounter
+from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
+
+MIN_FRAMES = 40
+"""Fewer are decoded faster one by one."""
+
+Indices = NDArray[np.intp]
+Commit = Callable[[], None]
+
+
+class Reason(StrEnum):
+    """Why a frame has to go through the decoder by itself."""
+
+    NOT_STARTED = "message not yet received"
+    ARRIVAL = "frame lost, late, repeated or of a second sender"
+    SILENCE = "another message is overdue"
+    UNUSABLE = "value short, invalid or doubted"
+    READING = "wheel stops, sets off or jumps"
+    FROZEN = "speeds frozen"
+
+
+class _IrregularFrame(Exception):  # noqa: N818  (no error: it ends an attempt)
+    """A frame has to go through the decoder by itself."""
+
+    def __init__(self, index: int, reason: Reason) -> None:
+        super().__init__(index, reason)
+        self.index, self.reason = index, reason
+
+
+class Frames(NamedTuple):
+    """The n frames that hold one group of signals, in their order."""
+
+    indices: Indices
+    """(n,) in the block."""
+    time_s: FloatArray
+    """(n,)"""
+
+
+class Angles(NamedTuple):
+    """Angles of one wheel: as many `RotationSample`s in columns."""
+
+    group: int
+    """Index of the frames in `DecodedBlock.groups`."""
+    angle_rad: FloatArray
+    """(n,)"""
+    wheel: int
+    segment: int
+    quantum_rad: float
+
+
+class Values(NamedTuple):
+    """Values of one other role."""
+
+    group: int
+    """Index of the frames in `DecodedBlock.groups`."""
+    value: FloatArray
+    """(n,) all finite."""
+    role: str
+
+
+@dataclass(frozen=True, slots=True)
+class DecodedBlock:
+    """Samples of the frames `start` to before `stop` of a block."""
+
+    start: int
+    stop: int
+    groups: tuple[Frames, ...]
+    """Frames of each group of signals that is decoded."""
+    wheels: tuple[Angles, ...]
+    readings: tuple[Values, ...]
+    commit: Commit
+    """Makes the decoder one that has decoded these frames."""
+
+
+class BlockFrames:
+    """The frames of a block by the message that they belong to."""
+
+    def __init__(self, decoder: CanDecoder, block: FrameBlock, bus: NDArray[np.intp]) -> None:
+        """`bus` (channels,): number of the bus of each channel."""
+        numbers_of = bus[block.channel] if bus.any() else None
+        self.block = block
+        without_data = block.flags & (ERROR | REMOTE) != 0
+        self._without_data: list[int] = np.flatnonzero(without_data).tolist()
+        self.of: dict[int, Indices] = {}
+        for key in decoder.plans:
+            mine = ~without_data & (block.identifier == (key & ((1 << BUS_SHIFT) - 1)))
+            if numbers_of is not None:
+                mine &= numbers_of == key >> BUS_SHIFT
+            elif key >> BUS_SHIFT:
+                continue
+            self.of[key] = np.flatnonzero(mine)
+        self._relevant: list[int] = np.sort(np.concatenate([*self.of.values()])).tolist() if self.of else []
+
+    def next_relevant(self, start: int) -> int:
+        """Return the first frame from `start` on that belongs to a message."""
+        number = bisect_left(self._relevant, start)
+        return self._relevant[number] if number < len(self._relevant) else len(self.block)
+
+    def data_until(self, start: int) -> int:
+        """Return the first frame from `start` on that has no data: a remote or an error frame."""
+        number = bisect_left(self._without_data, start)
+        return self._without_data[number] if number < len(self._without_data) else len(self.block)
+
+    def within(self, key: int, start: int, stop: int) -> Indices:
+        """Return the indices of a message's frames in a range."""
+        indices = self.of.get(key, np.zeros(0, dtype=np.intp))
+        first, last = np.searchsorted(indices, (start, stop))
+        return indices[first:last]
+
+
+def decode_block(
+    decoder: CanDecoder, frames: BlockFrames, start: int, stop: int
+) -> tuple[DecodedBlock | None, Reason | None]:
+    """Decode the longest range from `start` on, at most to before `stop`.
+
+    Returns the range, or None where it would be shorter than `MIN_FRAMES`, and why it ends before `stop`, or
+    None.
+    """
+    reason = None
+    while stop - start >= MIN_FRAMES:
+        try:
+            return _Attempt(decoder, frames, start, stop).decoded(), reason
+        except _IrregularFrame as irregular:
+            stop, reason = irregular.index, irregular.reason
+    return None, reason
+
+
+class _Attempt:
+    """Decodes a range; raises `_IrregularFrame` with the first frame that has to end it."""
+
+    def __init__(self, decoder: CanDecoder, frames: BlockFrames, start: int, stop: int) -> None:
+        self._decoder = decoder
+        self._frames = frames
+        self._start, self._stop = start, stop
+        self._end, self._reason = stop, Reason.ARRIVAL
+        """First irregular frame that was found, and why it is."""
+        self._commit: list[Commit] = []
+        self._groups: list[Frames] = []
+        self._wheels: list[Angles] = []
+        self._readings: list[Values] = []
+        self._held: dict[int, tuple[Indices, NDArray[np.bool_]]] = {}
+        """Condition -> frames that state it, and whether it held."""
+
+    def decoded(self) -> DecodedBlock:
+        """Decode all groups of all messages."""
+        messages = [
+            (plan, groups, self._frames.within(key, self._start, self._stop))
+            for key, (plan, groups) in self._decoder.plans.items()
+        ]
+        for plan, _, indices in messages:
+            for condition in plan.conditions:
+                self._compare(condition, indices)
+        relevant = 0
+        for plan, groups, indices in messages:
+            relevant += len(indices)
+            for group in groups:
+                self._take(plan, group, indices)
+        if self._end < self._stop:
+            raise _IrregularFrame(self._end, self._reason)
+        found = tuple(self._groups), tuple(self._wheels), tuple(self._readings)
+        return DecodedBlock(self._start, self._stop, *found, self._committer(relevant))
+
+    def _committer(self, relevant: int) -> Commit:
+        decoder, steps, frames = self._decoder, self._commit, self._stop - self._start
+
+        def commit() -> None:
+            for step in steps:
+                step()
+            decoder.counts["frames"] += frames
+            if frames > relevant:
+                decoder.counts["ignored"] += frames - relevant
+            decoder.forget_calm()
+
+        return commit
+
+    def _irregular(self, index: int, reason: Reason) -> None:
+        if index < self._end:
+            self._end, self._reason = index, reason
+
+    # -- bits ------------------------------------------------------------------------------------------------
+
+    def _present(self, selectors: tuple[tuple[BitField, frozenset[int]], ...], indices: Indices) -> Indices:
+        """The frames that hold a branch of the multiplexers."""
+        for field, values in selectors:
+            fits = self._frames.block.size[indices] >= field.min_bytes
+            indices = indices[fits]
+            indices = indices[np.isin(numbers(field, self._bits(field, indices)), list(values))]
+        return indices
+
+    def _bits(self, field: BitField, indices: Indices) -> RawArray:
+        try:
+            return raw_bits(field, self._frames.block.data[indices])
+        except ValueError:  # no frame of the block is so long
+            return np.zeros(len(indices), dtype=np.uint64)
+
+    def _compare(self, condition: ConditionPlan, indices: Indices) -> None:
+        """When a comparison held."""
+        indices = self._present(condition.selectors, indices)
+        indices = indices[self._frames.block.size[indices] >= condition.field.min_bytes]
+        bit_values, back = np.unique(self._bits(condition.field, indices), return_inverse=True)
+        holds = np.array([condition.holds(int(bits)) for bits in bit_values], dtype=bool)[back]
+        self._held[condition.number] = indices, holds
+        if len(indices):
+            self._commit.append(lambda: self._decoder.holds.__setitem__(condition.number, bool(holds[-1])))
+
+    def _holds(self, number: int, indices: Indices) -> NDArray[np.bool_]:
+        """Return whether a condition holds at each frame, as its message stated last."""
+        indices_of, holds = self._held[number]
+        before = self._decoder.holds.get(number, False)
+        return np.append(holds, before)[np.searchsorted(indices_of, indices, side="right") - 1]
+
+    # -- a group of signals ----------------------------------------------------------------------------------
+
+    def _take(self, plan: MessagePlan, group: Group, indices: Indices) -> None:
+        block = self._frames.block
+        indices = self._present(group.plan.selectors, indices)
+        time_s = block.time_s[indices]
+        raw = [self._bits(signal.field, indices) for signal in group.plan.signals]
+        values = [
+            None if signal.modulus else self._values(signal, bits, indices)
+            for signal, bits in zip(group.plan.signals, raw, strict=True)
+        ]
+        unusable = self._unusable(group, indices, raw, values)
+        if unusable.any():
+            self._irregular(int(indices[np.argmax(unusable)]), Reason.UNUSABLE)
+        frames = Frames(indices, time_s)
+        period_s = self._arrivals(group, frames, values)
+        # Stamps behind an irregular frame need not rise, and trackers are asked about rising ones alone.
+        sound = slice(int(np.searchsorted(indices, self._end)))
+        indices, time_s, period_s = indices[sound], time_s[sound], period_s[sound]
+        raw = [bits[sound] for bits in raw]
+        values = [None if value is None else value[sound] for value in values]
+        if len(indices) == 0:
+            return
+        frames = Frames(indices, time_s)
+        self._groups.append(frames)
+        wheels: list[RegularReadings] = []
+        for number, signal in enumerate(group.plan.signals):
+            tracker = group.fields[number][5]
+            value = values[number]
+            if isinstance(tracker, WheelCounter):
+                counts = self._counts(signal, raw[number], indices)
+                readings = tracker.regular_readings(time_s, counts, period_s)
+            elif isinstance(tracker, WheelSpeedIntegrator):
+                assert value is not None
+                readings = tracker.regular_readings(time_s, value, period_s)
+            else:
+                assert value is not None
+                self._readings.append(Values(len(self._groups) - 1, value, signal.role))
+                continue
+            if readings.regular < len(indices):
+                self._irregular(int(indices[readings.regular]), Reason.READING)
+            self._rotations(tracker, frames, readings)
+            wheels.append(readings)
+        if group.frozen is not None:
+            self._frozen(group, indices, time_s, dict(zip(group.trackers, wheels, strict=True)), values)
+
+    def _unusable(
+        self, group: Group, indices: Indices, raw: list[RawArray], values: list[FloatArray | None]
+    ) -> NDArray[np.bool_]:
+        """Frames with a signal that is short, invalid, not qualified or no number, shape of `indices`."""
+        if any(group.doubted) or group.watch.uneasy:
+            return np.ones(len(indices), dtype=bool)
+        found = np.zeros(len(indices), dtype=bool)
+        for signal, bits, value in zip(group.plan.signals, raw, values, strict=True):
+            found |= self._frames.block.size[indices] < signal.field.min_bytes
+            if signal.invalid:
+                found |= np.isin(bits, np.array(sorted(signal.invalid), dtype=np.uint64))
+            if signal.modulus:
+                found |= bits >= np.uint64(signal.modulus)
+            if signal.valid_when is not None:
+                found |= ~self._holds(signal.valid_when, indices)
+            if value is not None:
+                found |= ~np.isfinite(value)
+        return found
+
+    def _values(self, signal: SignalPlan, bits: RawArray, indices: Indices) -> FloatArray:
+        value = signal.gain * numbers(signal.field, bits) + signal.bias
+        if signal.wheel is not None and signal.backward_when is not None:
+            value = np.where(self._holds(signal.backward_when, indices), -value, value)
+        return value
+
+    def _counts(self, signal: SignalPlan, bits: RawArray, indices: Indices) -> NDArray[np.int64]:
+        raw = bits.astype(np.int64)
+        if signal.backward_when is None:
+            return raw
+        direction, backward = self._decoder.direction, self._holds(signal.backward_when, indices)
+        signed = direction.signed_all(signal.role, raw, signal.modulus, backward)
+        self._commit.append(lambda: direction.put(signal.role, int(raw[-1]), int(signed[-1])))
+        return signed
+
+    def _arrivals(self, group: Group, frames: Frames, values: list[FloatArray | None]) -> FloatArray:
+        """(n,) the message's period at each frame."""
+        if group.arrival is None:
+            raise _IrregularFrame(self._start, Reason.NOT_STARTED)
+        arrival, watch = group.arrival.copied(), group.watch.copied()
+        indices, stamps = frames.indices.tolist(), frames.time_s.tolist()
+        periods = arrival.judge_regular(stamps)
+        compared = [
+            (number, value.tolist())
+            for number, value in enumerate(values)
+            if value is not None and watch.compares[number]
+        ]
+        regular = min(len(periods), watch.judge_regular(stamps, compared))
+        if regular < len(indices):
+            self._irregular(indices[regular], Reason.ARRIVAL)
+        self._watch_silence(group.arrival, indices[:regular], stamps[:regular], periods[:regular])
+        if indices:
+            payload = self._frames.block.payload(indices[-1])
+
+            def commit() -> None:
+                arrival.judged_last(payload)
+                group.arrival, group.watch = arrival, watch
+
+            self._commit.append(commit)
+        return np.array(periods + [0.0] * (len(indices) - len(periods)))
+
+    def _watch_silence(
+        self, before: MessageArrival, indices: list[int], stamps: list[float], periods: list[float]
+    ) -> None:
+        """The first frame of the range, of whatever message, at whose stamp this message is overdue.
+
+        `before`: the arrival before the range; `indices`, `stamps`, `periods`: of the message's frames in it,
+        up to the first irregular one.
+        """
+        last_s = np.array([before.last_s, *stamps])
+        timeout_s = np.array([before.timeout_s, *map(timeout_of, periods)])
+        # A frame meets what is known before it.
+        frames = np.diff([self._start, *(index + 1 for index in indices), self._stop])
+        silent_s = self._frames.block.time_s[self._start : self._stop] - np.repeat(last_s, frames)
+        overdue = silent_s > np.repeat(timeout_s, frames)
+        if before.timed_out:
+            overdue[: frames[0]] = False
+        if overdue.any():
+            self._irregular(self._start + int(np.argmax(overdue)), Reason.SILENCE)
+
+    def _frozen(
+        self,
+        group: Group,
+        indices: Indices,
+        time_s: FloatArray,
+        wheels: dict[WheelCounter | WheelSpeedIntegrator, RegularReadings],
+        values: list[FloatArray | None],
+    ) -> None:
+        """Speeds that all stay the same to the last bit."""
+        assert group.frozen is not None
+        frozen = group.frozen.copied()
+        since = np.full(len(indices), -np.inf)
+        for (_, _, _, _, _, tracker), value in zip(group.fields, values, strict=True):
+            if isinstance(tracker, WheelSpeedIntegrator) and tracker in frozen.trackers:
+                assert value is not None
+                own = np.where(
+                    np.abs(value * tracker.radius_m) > SETTINGS.frozen_mps,
+                    wheels[tracker].still_since_s,
+                    np.nan,
+                )
+                since = np.maximum(since, own)
+        since = np.where(np.isnan(since), np.inf, since)
+        first = next(
+            value * tracker.radius_m
+            for (_, _, _, _, _, tracker), value in zip(group.fields, values, strict=True)
+            if tracker is frozen.trackers[0] and value is not None
+        )
+        rows = zip(time_s.tolist(), since.tolist(), first.tolist(), strict=True)
+        for at, (stamp, still_s, speed_mps) in enumerate(rows):
+            if frozen.take(stamp, still_s, speed_mps):
+                self._irregular(int(indices[at]), Reason.FROZEN)
+                return
+        self._commit.append(lambda: setattr(group, "frozen", frozen))
+
+    # -- out -------------------------------------------------------------------------------------------------
+
+    def _rotations(
+        self, tracker: WheelCounter | WheelSpeedIntegrator, frames: Frames, readings: RegularReadings
+    ) -> None:
+        quantum = tracker.rad_per_bit if isinstance(tracker, WheelCounter) else 0.0
+        group = len(self._groups) - 1
+        self._wheels.append(Angles(group, readings.angle_rad, tracker.wheel, tracker.segment, quantum))
+        heard_s, last_s = self._decoder.heard_s, float(frames.time_s[-1])
+        self._commit.append(readings.commit)
+        self._commit.append(lambda: heard_s.__setitem__(tracker.wheel, last_s))
