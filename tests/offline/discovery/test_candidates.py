@@ -98,7 +98,9 @@ def test_the_four_of_one_message_are_the_wheels() -> None:
 def test_a_recorded_minute_without_a_dbc(recordings: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The four wheel speeds of a recorded minute: left and right ones as the car's DBC has them, exit 4."""
     assert 4 == main(["discover", str(recordings / "rav4-suburb-60s"), "--no-dbc"])
-    told = [line.split() for line in capsys.readouterr().out.splitlines() if "a wheel's speed" in line]
+    text = capsys.readouterr().out
+    assert "can.signals.wheel_speed_rl: " in text
+    told = [line.split() for line in text.splitlines() if "a wheel's speed" in line]
 
     found = {words[0].rstrip(":").removeprefix("ID_0AA."): words for words in told}
     # WHEEL_SPEEDS of bus.dbc: FR at bit 7, FL at 23, RR at 39, RL at 55.

@@ -88,11 +88,10 @@ def decide(
     best = _best_assignment(material, match, settings)
     if best is None:
         why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
-        return replace(
-            nothing,
-            undecided=_no_wheels(why, "10 min of mixed driving with many bends"),
-            candidates=candidates(_followers(material, settings), reference, settings),
-        )
+        likely = candidates(_followers(material, settings), reference, settings)
+        kind = likely[0].kind if likely else "count"
+        undecided_wheels = _no_wheels(why, "10 min of mixed driving with many bends", kind)
+        return replace(nothing, undecided=undecided_wheels, candidates=likely)
     assignment = best
     car = None if match is None or not _as_matched(assignment, match) else match.car
     undecided: list[Undecided] = []
@@ -363,8 +362,8 @@ def _in_unit(key: str, one: Follower, probability: float, rivals: tuple[tuple[st
     return FoundRole(key, known, probability, rivals, unit="km/h", scale=scale, offset=base)
 
 
-def _no_wheels(why: str, drive: str) -> tuple[Undecided, ...]:
-    return (Undecided("can.signals.wheel_count_rl", why, drive),)
+def _no_wheels(why: str, drive: str, kind: str = "count") -> tuple[Undecided, ...]:
+    return (Undecided(f"can.signals.wheel_{kind}_rl", why, drive),)
 
 
 def _unknown_measures(
