@@ -87,11 +87,7 @@ def decide(
     match = None if database is None else match_car(cars, dbc_fields(database, material.logs))
     best = _best_assignment(material, match, settings)
     if best is None:
-        why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
-        likely = candidates(_followers(material, settings), reference, settings)
-        kind = likely[0].kind if likely else "count"
-        undecided_wheels = _no_wheels(why, "10 min of mixed driving with many bends", kind)
-        return replace(nothing, undecided=undecided_wheels, candidates=likely)
+        return _with_candidates(nothing, material, settings)
     assignment = best
     car = None if match is None or not _as_matched(assignment, match) else match.car
     undecided: list[Undecided] = []
@@ -215,6 +211,15 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
     if not ranked:
         return None
     return max(ranked, key=lambda entry: entry[0])[1]
+
+
+def _with_candidates(nothing: Discovery, material: Material, settings: Settings) -> Discovery:
+    """What is left where no wheels were found: what may be one."""
+    why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
+    likely = candidates(_followers(material, settings), material.reference, settings)
+    kind = likely[0].kind if likely else "count"
+    undecided = _no_wheels(why, "10 min of mixed driving with many bends", kind)
+    return replace(nothing, undecided=undecided, candidates=likely)
 
 
 def _followers(material: Material, settings: Settings) -> list[Follower]:
