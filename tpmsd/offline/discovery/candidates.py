@@ -88,10 +88,10 @@ def _weighed(members: Sequence[Follower], reference: Reference, settings: Settin
         alike = way if way[0] < way[2] else (way[2], way[3], way[0], way[1])  # front and rear for each other
         if alike not in slopes:
             slopes[alike] = _by_yaw(members, alike, reference, settings)
-        side = slopes[alike]
-        if side is not None:
+        by_yaw = slopes[alike]
+        if by_yaw is not None:
             ways.append(way)
-            scores.append(side + _shared(members, way))
+            scores.append(by_yaw + _shared(members, way))
     if not ways:
         return ()
     logs = np.append(np.array(scores) - np.log(len(ways)), 0.0)

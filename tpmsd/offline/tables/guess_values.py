@@ -111,15 +111,16 @@ def modulus_of(values: FloatArray) -> int | None:
     """
     known = values[np.isfinite(values)]
     steps = np.diff(known)
-    at = np.flatnonzero(steps < 0.0)
-    if not len(at):
+    at = np.flatnonzero(steps < 0.0).tolist()
+    if not at:
         return None
     top, rising = float(known.max()), steps[steps > 0.0]
     power = 2 ** math.ceil(math.log2(top + 1.0))
     if power - top <= 2.0 * float(rising.max()) + 1.0:
         return int(power)
     around = [0.5 * (steps[max(k - 1, 0)] + steps[min(k + 1, len(steps) - 1)]) for k in at]
-    return max(round(float(np.median(np.asarray(around) - steps[at]))), int(top) + 1)
+    over = [one - steps[k] for one, k in zip(around, at, strict=True)]
+    return max(round(float(np.median(over))), int(top) + 1)
 
 
 def rate_of(time_s: FloatArray, values: FloatArray, modulus: int | None = None) -> FloatArray:
