@@ -31,7 +31,7 @@ table(byId("wheels"), ["wheel", "state", "minus nominal (mm)", "change (mm)"],
     wheel.change_mm === null ? "–" : `${signed(wheel.change_mm, 2)} ± ${wheel.change_std_mm.toFixed(2)}`]));
 if (drive.alarms.length)
   table(byId("alarms"), ["time", "alarm", "wheel", "state", "reason"],
-    drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, alarm.reason ?? ""]));
+    drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, (alarm.reason ?? "").replaceAll("+-", "±")]));
 else byId("alarms").replaceChildren(element("caption", "No alarms."));
 byId("notes").replaceChildren(...drive.notes.map((note) => element("li", note)));
 

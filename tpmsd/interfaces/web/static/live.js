@@ -79,7 +79,7 @@ function showAlarms(standing, now) {
   box.replaceChildren(...standing.map((alarm) => {
     const node = element("div", "", { class: "alarm" });
     const what = { deflation: "is losing air", radius_deviation: "has another radius than learned", malfunction: "cannot be watched", slow_leak: "leaks slowly" }[alarm.kind] ?? alarm.kind;
-    node.append(element("p", `${alarm.wheel ? `${NAMES[alarm.wheel]} tyre` : "The car"} ${what}`), element("p", alarm.reason ?? "", { class: "hint" }), element("p", `raised ${new Date(1000 * alarm.time).toLocaleTimeString()}`, { class: "hint" }));
+    node.append(element("p", `${alarm.wheel ? `${NAMES[alarm.wheel]} tyre` : "The car"} ${what}`), element("p", (alarm.reason ?? "").replaceAll("+-", "±"), { class: "hint" }), element("p", `raised ${new Date(1000 * alarm.time).toLocaleTimeString()}`, { class: "hint" }));
     return node;
   }));
 }
