@@ -53,9 +53,11 @@ function dataOf(panel, found, scale) {
   return out;
 }
 
-/** Whether a panel has anything to show: faults that never came are a line of zeros. */
-function isEmpty(panel, found) {
-  return panel.series.every((name) => found[name].every((value) => value === null || value === 0));
+/** Why a panel has nothing to show, in words: faults that never came, fixes that never stayed away; "" else. */
+function nothingIn(panel, found) {
+  const most = Math.max(...panel.series.flatMap((name) => found[name].map((value) => Math.abs(value ?? 0))));
+  if (most === 0) return `${panel.title}: zero throughout.`;
+  return panel.series[0] === "gnss_age_s" && most < 1 ? `${panel.title}: at most ${most.toFixed(1)} s.` : "";
 }
 
 /** The y range of a panel with bands: where these are at most four times their median, so that the start-up, in
@@ -204,8 +206,8 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawMap);
 keepFitting(() => plots);
 await recolour();
 const found = await Promise.all(drive.panels.map(seriesOf));
-const full = drive.panels.map((panel, k) => [panel, found[k]]).filter(([panel, values]) => !isEmpty(panel, values));
+const told = drive.panels.map((panel, k) => [panel, found[k], nothingIn(panel, found[k])]);
+const full = told.filter(([, , why]) => !why);
 full.forEach(([panel, values], k) => makePlot(panel, values, k === full.length - 1));
-const empty = drive.panels.filter((panel) => !full.some(([one]) => one === panel)).map((panel) => panel.title.toLowerCase());
-if (empty.length) byId("plots").append(element("p", `Zero throughout: ${empty.join(", ")}.`, { class: "hint" }));
+for (const [, , why] of told) if (why) byId("plots").append(element("p", why, { class: "hint" }));
 document.body.dataset.ready = "1";
