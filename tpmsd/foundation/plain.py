@@ -20,7 +20,7 @@ Record = TypeVar("Record", bound=type)
 
 
 def with_unit(number: str, unit: str) -> str:
-    """A number's text with its unit; the unit of a pure number, `1`, is not printed."""
+    """Return a number's text with its unit; the unit of a pure number, `1`, is not printed."""
     return f"{number} {unit}" if unit not in ("", "1") else number
 
 

@@ -5,7 +5,7 @@ In: `Follower`s and the receiver's reference. Out: `Candidate`s, the most probab
 Where a drive turns little, the regression of each signal on the receiver's yaw rate is attenuated by the
 noise of that rate, and no signal stands apart from the common speed. The other way round it is not: with
 d = ((v_fr - v_fl) + (v_rr - v_rl)) / 2 of four signals as wheels, yaw rate = d / track + noise, and d is
-known far better than the yaw rate (errors in variables: Fuller 1987, ch. 1). So every way to give the
+known far better than the yaw rate (errors in variables: Fuller 1987, ch. 1). So every order to give the
 four places to four signals of one scale is weighed by the slope of the yaw rate on d against 1 / track,
 by how alike the differences of front and rear are, and by whether an axle's signals share a message,
 against the hypothesis that there is no wheel among them, with which both slopes are anywhere. Front and
@@ -28,10 +28,10 @@ from tpmsd.offline.discovery.series import Field
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower, clusters
 
-Way = tuple[int, ...]
+Order = tuple[int, ...]
 _AXLES_ALIKE = 0.15
 """Standard deviation of what the axles' differences differ by, in parts of their mean: tracks by 3 %, the
-longer way of the front axle in a bend, and loads that shift (0.1)."""
+longer order of the front axle in a bend, and loads that shift (0.1)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,12 +44,12 @@ class Candidate:
     side: str
     """left | right, the more probable one."""
     probability: float
-    """Of a wheel of that side."""
+    """Probability that the signal is a wheel of that side."""
     any_wheel: float
     """Probability that the signal is one of the four wheels."""
 
     def document(self) -> dict[str, str | float]:
-        """As JSON has it."""
+        """Return the candidate as JSON has it."""
         return {
             "signal": self.field.signal,
             "kind": self.kind,
@@ -81,25 +81,27 @@ def _of_wheels(made: Sequence[Candidate]) -> float:
 
 
 def _weighed(members: Sequence[Follower], reference: Reference, settings: Settings) -> tuple[Candidate, ...]:
-    """Marginal probabilities over all ways, `no wheel` being as probable beforehand as all ways together."""
-    slopes: dict[Way, float | None] = {}
-    ways, scores = [], []
-    for way in itertools.permutations(range(len(members)), len(WHEELS)):
-        alike = way if way[0] < way[2] else (way[2], way[3], way[0], way[1])  # front and rear for each other
+    """Marginal probabilities over all orders, `no wheel` being as probable beforehand as all orders together."""
+    slopes: dict[Order, float | None] = {}
+    orders, scores = [], []
+    for order in itertools.permutations(range(len(members)), len(WHEELS)):
+        alike = (
+            order if order[0] < order[2] else (order[2], order[3], order[0], order[1])
+        )  # front and rear for each other
         if alike not in slopes:
             slopes[alike] = _by_yaw(members, alike, reference, settings)
         by_yaw = slopes[alike]
         if by_yaw is not None:
-            ways.append(way)
-            scores.append(by_yaw + _shared(members, way))
-    if not ways:
+            orders.append(order)
+            scores.append(by_yaw + _shared(members, order))
+    if not orders:
         return ()
-    logs = np.append(np.array(scores) - np.log(len(ways)), 0.0)
+    logs = np.append(np.array(scores) - np.log(len(orders)), 0.0)
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()
     share: dict[int, dict[str, float]] = defaultdict(lambda: dict.fromkeys(WHEELS, 0.0))
-    for weight, way in zip(weights, ways, strict=False):
-        for wheel, member in zip(WHEELS, way, strict=True):
+    for weight, order in zip(weights, orders, strict=False):
+        for wheel, member in zip(WHEELS, order, strict=True):
             share[member][wheel] += float(weight)
     made = []
     for member, by_wheel in share.items():
@@ -112,14 +114,16 @@ def _weighed(members: Sequence[Follower], reference: Reference, settings: Settin
     return tuple(sorted(made, key=lambda one: (-one.any_wheel, one.field.signal)))
 
 
-def _by_yaw(members: Sequence[Follower], way: Way, reference: Reference, settings: Settings) -> float | None:
+def _by_yaw(
+    members: Sequence[Follower], order: Order, reference: Reference, settings: Settings
+) -> float | None:
     """Log-likelihood ratio of four signals as fl, fr, rl and rr against no wheel at all.
 
     By two slopes: that of the receiver's yaw rate on the mean difference of the axles, and that of the
     difference between front and rear on it, which is zero for wheels and 2/3 with the speed of the car itself
     in place of one.
     """
-    fl, fr, rl, rr = (members[k].speed for k in way)
+    fl, fr, rl, rr = (members[k].speed for k in order)
     turned = 0.5 * ((fr - fl) + (rr - rl))
     common = 0.25 * (fl + fr + rl + rr)
     moving = common > settings.min_speed_mps
@@ -141,9 +145,9 @@ def _by_yaw(members: Sequence[Follower], way: Way, reference: Reference, setting
     return score + _log_normal(unlike, alike) - _log_normal(unlike, float(np.hypot(stds[1], 1.0)))
 
 
-def _shared(members: Sequence[Follower], way: Way) -> float:
+def _shared(members: Sequence[Follower], order: Order) -> float:
     """Wheels of an axle come in one message and have one width, as in `assign`; a nat each."""
-    fields = [members[k].series.field for k in way]
+    fields = [members[k].series.field for k in order]
     axles = ((fields[0], fields[1]), (fields[2], fields[3]))
     return float(
         sum((one.key == other.key) + (one.place.length == other.place.length) for one, other in axles)

@@ -215,7 +215,7 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
 
 
 def _with_candidates(nothing: Discovery, material: Material, settings: Settings) -> Discovery:
-    """What is left where no wheels were found: what may be one."""
+    """Return what is left where no wheels were found: signals that may be one."""
     why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
     likely = candidates(_followers(material, settings), material.reference, settings)
     kind = likely[0].kind if likely else "count"

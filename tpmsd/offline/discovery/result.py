@@ -100,7 +100,7 @@ class Discovery:
     car: str | None = None
     """The entry of the car library that fits."""
     candidates: tuple[Candidate, ...] = ()
-    """Where no wheels were found: what may be one, the most probable first."""
+    """Signals that may be a wheel where no wheels were found, the most probable first."""
     duration_s: float = 0.0
     frames: int = 0
     has_dbc: bool = True

@@ -46,6 +46,8 @@ class CarView:
     note: str
     figure: Drawn | None
     drives: Table
+    is_open: bool
+    """Whether its drives are shown at once: those of cars that need attention."""
 
 
 def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) -> str:
@@ -154,6 +156,7 @@ def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[Car
             f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
             None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
             Table(heads, tuple(_drive(row, wheels[row["key"]], alarms[row["key"]]) for row in shown)),
+            car in first,
         )
 
 
