@@ -31,7 +31,7 @@ from tpmsd.offline.discovery.wheels import Follower, clusters
 Order = tuple[int, ...]
 _AXLES_ALIKE = 0.15
 """Standard deviation of what the axles' differences differ by, in parts of their mean: tracks by 3 %, the
-longer order of the front axle in a bend, and loads that shift (0.1)."""
+longer way of the front axle in a bend, and loads that shift (0.1)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def _of_wheels(made: Sequence[Candidate]) -> float:
 
 
 def _weighed(members: Sequence[Follower], reference: Reference, settings: Settings) -> tuple[Candidate, ...]:
-    """Marginal probabilities over all orders, `no wheel` being as probable beforehand as all orders together."""
+    """Marginal probabilities over all orders; beforehand `no wheel` is as probable as all of them."""
     slopes: dict[Order, float | None] = {}
     orders, scores = [], []
     for order in itertools.permutations(range(len(members)), len(WHEELS)):
@@ -150,7 +150,7 @@ def _shared(members: Sequence[Follower], order: Order) -> float:
     fields = [members[k].series.field for k in order]
     axles = ((fields[0], fields[1]), (fields[2], fields[3]))
     return float(
-        sum((one.key == other.key) + (one.place.length == other.place.length) for one, other in axles)
+        sum((one.key == other.key) + (one.layout.length == other.layout.length) for one, other in axles)
     )
 
 
