@@ -132,6 +132,7 @@ CAMPAIGNS = {
         ),
         _campaign("onboard", "slow-leak", "notices of slow leaks over years of simulated cars"),
         _campaign("offline", "fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
+        _campaign("offline", "fleet-scale", "a store of 100,000 drawn drives: joint, report, SQL"),
         _campaign("offline", "diagnosis-memory", "peak memory of the diagnosis over 1, 5 and 15 drives"),
         _campaign(
             "offline", "replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"

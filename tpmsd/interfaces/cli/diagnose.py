@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel
@@ -179,8 +179,8 @@ def _run_rolling(args: argparse.Namespace) -> int:
     model_file = str(args.model_out) if known and args.model_out is not None else None
     read = [*_read(args), *([] if known_file is None else [known_file])]
     origin = cache(lambda: provenance(SCHEMA, read, args.config or args.drives[0]))
-    if not outputs.fill_stdout:
-        print(diagnosis_summary(diagnosis, model_file, alarms), flush=True)
+    reason = None if known else diagnosis.reason
+    code = say_verdict(reason, lambda: diagnosis_summary(diagnosis, model_file, alarms), outputs)
     comment = f"written by tpmsd diagnose from {', '.join(drive.resolve().name for drive in args.drives)}"
     outputs.write(
         {
@@ -197,7 +197,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
     )
     if args.propose is not None and diagnosis.proposals:
         _propose(args.propose, diagnosis.proposals[0], ", ".join(names))
-    return 0
+    return code
 
 
 def _recordings(args: argparse.Namespace, names: Sequence[str]) -> tuple[list[Recording], Recording | None]:

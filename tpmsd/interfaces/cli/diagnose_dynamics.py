@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.interfaces.cli.output import Progress, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.baselines.base import Baseline
@@ -47,8 +47,8 @@ def run_dynamics(args: argparse.Namespace) -> int:
     keys = tuple(drive.key if bound_to_time(effect) else "" for effect in diagnosis.effects)
     model = DynamicsModel(diagnosis.effects, diagnosis.stds, keys)
     origin = cache(lambda: provenance(SCHEMA, args.drives, args.config or folder))
-    if not outputs.fill_stdout:
-        print(dynamics_summary(diagnosis, model_file), flush=True)
+    reason = None if known else diagnosis.reason
+    code = say_verdict(reason, lambda: dynamics_summary(diagnosis, model_file), outputs)
     comment = f"written by tpmsd diagnose --baseline {args.baseline} from {folder.resolve().name}"
     outputs.write(
         {
@@ -56,7 +56,7 @@ def run_dynamics(args: argparse.Namespace) -> int:
             "--json": lambda: json_text({**origin(), **dynamics_document(diagnosis, model_file)}),
         }
     )
-    return 0
+    return code
 
 
 def _refuse(args: argparse.Namespace) -> None:

@@ -65,10 +65,20 @@ class TableMap:
     """Tables of a vehicle.toml."""
     config: Config | None = None
     """The configuration of a vehicle.toml that the map names."""
+    named: tuple[tuple[str, str, int | None], ...] = ()
+    """Every column that [columns] names, also in an entry that is wrong: its name, the key and the line."""
 
 
 def load_map(path: Path) -> TableMap:
     """Read and check a map; ConfigProblems with everything that is wrong."""
+    found, problems = read_map(path)
+    if problems:
+        raise ConfigProblems(problems)
+    return found
+
+
+def read_map(path: Path) -> tuple[TableMap, list[Problem]]:
+    """Read a map, and everything that is wrong with it by its lines; ConfigProblems where it is no TOML."""
     return _Reader(read_document(path)).read()
 
 
@@ -76,8 +86,9 @@ class _Reader:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._problems: list[Problem] = []
+        self._named: list[tuple[str, str, int | None]] = []
 
-    def read(self) -> TableMap:
+    def read(self) -> tuple[TableMap, list[Problem]]:
         data = self._document.data
         cars = {name for name in config_tables(Path()) if "." not in name} - {
             "can",
@@ -97,10 +108,10 @@ class _Reader:
         time = self._text(table.get("time"), "table", "time")
         unit = self._time_unit(table.get("time_unit", "s"), "table", "time_unit")
         columns = self._columns(data["columns"]) if "columns" in data else None
-        if self._problems:
-            raise ConfigProblems(sorted(self._problems, key=lambda problem: problem.line or 0))
         line = self._document.line("table", "time")
-        return TableMap(self._document.file, time, unit, line, columns, car, config)
+        named = tuple(self._named)
+        found = TableMap(self._document.file, time, unit, line, columns, car, config, named)
+        return found, sorted(self._problems, key=lambda problem: problem.line or 0)
 
     def _config(self, vehicle: object) -> Config | None:
         if isinstance(vehicle, str):
@@ -115,6 +126,7 @@ class _Reader:
     def _columns(self, given: object) -> dict[str, ColumnMap]:
         found: dict[str, ColumnMap] = {}
         for role, value in self._table(given, "columns", ()).items():
+            self._note_names(role, value)
             if role not in ROLES:
                 near = nearest(role, ROLES)
                 allowed = None if near else " ".join(ROLES)
@@ -129,6 +141,14 @@ class _Reader:
             if made is not None:
                 found[role] = made
         return found
+
+    def _note_names(self, role: str, value: object) -> None:
+        """Keep the columns that an entry names, for the table may lack them."""
+        line = self._document.line("columns", role)
+        entry = value if isinstance(value, dict) else {"column": value}
+        for key, shown in (("column", role), ("time", f"{role}.time")):
+            if isinstance(entry.get(key), str):
+                self._named.append((entry[key], f"[columns] {shown}", line))
 
     def _column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
         before = len(self._problems)
