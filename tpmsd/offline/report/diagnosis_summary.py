@@ -90,18 +90,21 @@ def _rest(diagnosis: Diagnosis) -> str:
 
 
 def _unseen(diagnosis: Diagnosis) -> str:
-    """Sizes below which effects may have stayed unseen, a line each."""
-    if not diagnosis.not_detectable:
-        return ""
-    lines = ["\nBelow these sizes, or at all, effects may have stayed unseen on this drive:"]
+    """Sizes below which effects may have stayed unseen, a line each, and those that do not show at all."""
+    lines, hidden = [], []
     for one in diagnosis.not_detectable:
         sizes = [
             f"{name} {value:.2g} {unit if unit != '1' else ''}".rstrip()
             for name, (value, unit) in one.smallest.items()
             if value is not None
         ]
-        lines.append(f"  {one.effect:28}{', '.join(sizes) or 'nothing of it shows'}")
-    return "\n".join(lines)
+        if sizes:
+            lines.append(f"\n  {one.effect:28}{', '.join(sizes)}")
+        else:
+            hidden.append(one.effect)
+    text = "\nBelow these sizes effects may have stayed unseen on this drive:" if lines else ""
+    text += "".join(lines)
+    return text + (f"\nNothing of these shows on such a drive: {', '.join(hidden)}." if hidden else "")
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
