@@ -236,10 +236,10 @@ def test_the_answer_comes_first() -> None:
     found = replace(FOUND, not_detectable=UNSEEN)
     answer = (
         "Something without a name acts on rear left and rear right over speed. The fixes are 100 +- 4 ms"
-        " older than configured. This drive cannot tell age of the fixes from an antenna out of place. Tuesday:"
-        " left out, for the drive is shorter than 90 s. Nothing else was found beside the rolling model; growth"
-        " with speed below 1.5e-6 s2/m and an antenna out of place below 0.50 m may have stayed unseen on this"
-        " drive."
+        " older than configured. This drive cannot tell age of the fixes from an antenna out of place."
+        " Tuesday: left out, for the drive is shorter than 90 s. Nothing else was found beside the rolling"
+        " model; growth with speed below 1.5e-6 s2/m and an antenna out of place below 0.50 m may have"
+        " stayed unseen on this drive."
     )
     text = diagnosis_summary(found, None)
     page = diagnosis_page(found, ["monday"], ORIGIN)
