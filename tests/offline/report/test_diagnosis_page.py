@@ -99,6 +99,11 @@ def test_the_summary_says_where_a_shape_goes() -> None:
             "beyond that it has no significant gain (-1.2 +- 3 nats).",
         ),
         (
+            replace(REACH, left=-1575.0, left_std=1100.0),
+            "Of the held-out gain of a nonparametric model, 100 % was reached; beyond that it has no "
+            "significant gain (-1575 +- 1.1e+03 nats: it fits noise, and predicts worse than the findings).",
+        ),
+        (
             replace(REACH, found=0.0, left=2.0, left_std=3.0),
             "A nonparametric model has no significant held-out gain either (2 +- 3 nats).",
         ),

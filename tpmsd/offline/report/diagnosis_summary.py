@@ -134,7 +134,10 @@ def reached(reach: Reach) -> str:
         return f"A nonparametric model has no significant held-out gain either ({left})."
     share = f"Of the held-out gain of a nonparametric model, {100 * reach.share:.0f} % was reached"
     if not reach.structured:
-        return f"{share}; beyond that it has no significant gain ({left})."
+        worse = (
+            ": it fits noise, and predicts worse than the findings" if reach.left < -reach.left_std else ""
+        )
+        return f"{share}; beyond that it has no significant gain ({left}{worse})."
     most = max(reach.channels, key=lambda name: reach.channels[name].left)
     return f"{share}; {left} are left, most of them in {CHANNELS[most]}."
 
