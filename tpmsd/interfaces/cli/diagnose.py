@@ -74,7 +74,8 @@ def add_parser(subparsers: Subparsers) -> None:
         type=Path,
         metavar="SIM_DRIVE",
         help="drive folder that your own simulator wrote of the same drive: say what it lacks,"
-        " not what the rolling model lacks",
+        " not what the rolling model lacks; with --baseline single-track or three-dof also an FMU (.fmu),"
+        " run on the recording's inputs",
     )
     parser.add_argument(
         "--certify",
