@@ -89,6 +89,18 @@ def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.C
     assert f"tpmsd: {tmp_path / 'none'}: no such drive folder\n" == capsys.readouterr().err
 
 
+def test_too_little_data_is_one_line_and_code_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A minute of driving: the reason in one line, code 3, and a document that states the verdict."""
+    short = tmp_path / "short"
+    write_folder(drive(Spec(duration_s=60.0, road="rural"), 21), short)
+
+    assert 3 == main(["diagnose", str(short), "--json", str(tmp_path / "d.json")])
+    told = capsys.readouterr()
+    assert "tpmsd: insufficient data: the drive is shorter than 90 s" == told.err.splitlines()[-1]
+    assert "" == told.out
+    assert "insufficient_data" == json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["verdict"]
+
+
 def test_a_configuration_that_cannot_be_used_is_one_line_and_code_2(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

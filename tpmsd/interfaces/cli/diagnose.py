@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel
@@ -74,7 +74,8 @@ def add_parser(subparsers: Subparsers) -> None:
         type=Path,
         metavar="SIM_DRIVE",
         help="drive folder that your own simulator wrote of the same drive: say what it lacks,"
-        " not what the rolling model lacks",
+        " not what the rolling model lacks; with --baseline single-track or three-dof also an FMU (.fmu),"
+        " run on the recording's inputs",
     )
     parser.add_argument(
         "--certify",
@@ -169,7 +170,8 @@ def _run_rolling(args: argparse.Namespace) -> int:
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
-        for note in diagnosis.notes:
+        # The summary has them, unless standard output is the document's.
+        for note in diagnosis.notes if outputs.fill_stdout else ():
             print(f"tpmsd: {note}", file=sys.stderr)
         alarms = []
         if replays is not None and diagnosis.verdict != INSUFFICIENT:
@@ -178,8 +180,8 @@ def _run_rolling(args: argparse.Namespace) -> int:
     model_file = str(args.model_out) if known and args.model_out is not None else None
     read = [*_read(args), *([] if known_file is None else [known_file])]
     origin = cache(lambda: provenance(SCHEMA, read, args.config or args.drives[0]))
-    if not outputs.fill_stdout:
-        print(diagnosis_summary(diagnosis, model_file, alarms), flush=True)
+    reason = None if known else diagnosis.reason
+    code = say_verdict(reason, lambda: diagnosis_summary(diagnosis, model_file, alarms), outputs)
     comment = f"written by tpmsd diagnose from {', '.join(drive.resolve().name for drive in args.drives)}"
     outputs.write(
         {
@@ -196,7 +198,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
     )
     if args.propose is not None and diagnosis.proposals:
         _propose(args.propose, diagnosis.proposals[0], ", ".join(names))
-    return 0
+    return code
 
 
 def _recordings(args: argparse.Namespace, names: Sequence[str]) -> tuple[list[Recording], Recording | None]:

@@ -22,6 +22,7 @@ Content = Callable[[], str | bytes | None]
 """Makes what goes into a file; None where there is nothing to write."""
 
 STDOUT = "-"
+EXIT_UNUSABLE = 3
 
 
 class OutputError(TpmsdError):
@@ -176,3 +177,17 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def say_verdict(reason: str | None, summary: Callable[[], str], outputs: Outputs) -> int:
+    """Print the summary of a diagnosis, or one line on standard error where its data are insufficient.
+
+    Returns:
+        The exit code: 0, or 3 where there is a `reason` why the data are insufficient.
+    """
+    if reason is not None:
+        print(f"tpmsd: insufficient data: {reason}", file=sys.stderr)
+        return EXIT_UNUSABLE
+    if not outputs.fill_stdout:
+        print(summary(), flush=True)
+    return 0

@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem
 from tpmsd.car.config.suggest import nearest
-from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.map_file import ColumnMap, TableMap
 from tpmsd.offline.tables.read_table import Table, read_table
@@ -29,7 +29,7 @@ _USUAL_RADIUS_M = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class FileSignals:
-    """What a table file holds."""
+    """Content of a table file."""
 
     series: dict[str, Series]
     moduli: dict[str, int]
@@ -59,7 +59,7 @@ def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
     if columns is None:
         columns = _by_names(table, path)
     else:
-        _check_names(table, mapped, columns)
+        _check_names(table, mapped)
     radii = _radii(mapped, car)
     series: dict[str, Series] = {}
     for role, one in columns.items():
@@ -78,7 +78,7 @@ def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
 
 
 def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
-    """Columns whose names are a role with its unit, as in the tick table."""
+    """Return columns whose names are a role with its unit, as in the tick table."""
     found = {}
     for name in table.names:
         split = split_name(name)
@@ -91,20 +91,37 @@ def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
     return found
 
 
-def _check_names(table: Table, mapped: TableMap, columns: dict[str, ColumnMap]) -> None:
-    wanted = [(one.column, f"[columns] {role}", one.line) for role, one in columns.items()]
-    wanted += [(one.time, f"[columns] {role}.time", one.line) for role, one in columns.items() if one.time]
-    here = next((one.column for one in columns.values() if one.column in table.names), None)
+def _check_names(table: Table, mapped: TableMap) -> None:
+    problems = _lacking(table, mapped)
+    if problems:
+        raise ConfigProblems(problems)
+
+
+def names_told(path: Path, mapped: TableMap) -> list[Problem]:
+    """Columns that a map names and the table lacks; empty where the table itself cannot be read."""
+    try:
+        with closing(read_table(path, ())) as table:
+            return _lacking(table, mapped)
+    except TpmsdError:
+        return []
+
+
+def _lacking(table: Table, mapped: TableMap) -> list[Problem]:
+    wanted = list(mapped.named)
+    here = next((name for name, _, _ in wanted if name in table.names), None)
     shared = here is None or table.own_time(here) is None
     if mapped.time is not None and shared:
         wanted.append((mapped.time, "[table] time", mapped.time_line))
     problems: list[Problem] = []
+    all_timed = mapped.columns is not None and all(one.time for one in mapped.columns.values())
+    if mapped.time is None and shared and TIME not in table.names and not all_timed:
+        bad = BadValueError(f"missing; the table has no column {TIME}")
+        problems.append(bad.at(mapped.file or "map", mapped.time_line, "[table] time"))
     for name, key, line in wanted:
         if name not in table.names:
             bad = BadValueError(f"the table has no column {name!r}", suggestion=nearest(name, table.names))
             problems.append(bad.at(mapped.file or "map", line, key))
-    if problems:
-        raise ConfigProblems(sorted(problems, key=lambda problem: problem.line or 0))
+    return sorted(problems, key=lambda problem: problem.line or 0)
 
 
 def _time(table: Table, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
@@ -121,7 +138,8 @@ def _time(table: Table, path: Path, mapped: TableMap, one: ColumnMap) -> FloatAr
 
 
 def _radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]:
-    """Nominal radii, by which road speeds are divided; what is wrong with them is told with the car."""
+    """Return nominal radii, by which road speeds are divided; what is wrong with them is told with the
+    car."""
     if mapped.config is not None:
         return dict(zip(WHEELS, mapped.config.vehicle.wheel_radius_m, strict=True))
     radius = car.get("vehicle", {}).get("wheel_radius_m", _USUAL_RADIUS_M)

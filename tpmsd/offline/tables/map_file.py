@@ -1,4 +1,4 @@
-"""The map of a table: which column is what, in which unit, and of which car. Checked like a configuration.
+"""Map of a table: meaning and unit of each column, and its car. Checked like a configuration.
 
 In: the path of a map.toml. Out: `TableMap`, or `ConfigProblems` with every problem and its line.
 
@@ -53,22 +53,32 @@ class ColumnMap:
 
 @dataclass(frozen=True)
 class TableMap:
-    """What a table means."""
+    """Meaning of a table's columns."""
 
     file: Path | None = None
     time: str | None = None
     time_unit: str = "s"
     time_line: int | None = None
     columns: dict[str, ColumnMap] | None = None
-    """By role; None: the columns' names tell."""
+    """Columns by role; None: by the columns' names."""
     car: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Tables of a vehicle.toml."""
     config: Config | None = None
     """The configuration of a vehicle.toml that the map names."""
+    named: tuple[tuple[str, str, int | None], ...] = ()
+    """Every column that [columns] names, also in an entry that is wrong: its name, the key and the line."""
 
 
 def load_map(path: Path) -> TableMap:
     """Read and check a map; ConfigProblems with everything that is wrong."""
+    found, problems = read_map(path)
+    if problems:
+        raise ConfigProblems(problems)
+    return found
+
+
+def read_map(path: Path) -> tuple[TableMap, list[Problem]]:
+    """Read a map, and everything that is wrong with it by its lines; ConfigProblems where it is no TOML."""
     return _Reader(read_document(path)).read()
 
 
@@ -76,8 +86,9 @@ class _Reader:
     def __init__(self, document: Document) -> None:
         self._document = document
         self._problems: list[Problem] = []
+        self._named: list[tuple[str, str, int | None]] = []
 
-    def read(self) -> TableMap:
+    def read(self) -> tuple[TableMap, list[Problem]]:
         data = self._document.data
         cars = {name for name in config_tables(Path()) if "." not in name} - {
             "can",
@@ -88,7 +99,7 @@ class _Reader:
         for name in data:
             if name not in {"vehicle", "table", "columns", *cars}:
                 known = ("vehicle", "table", "columns", *sorted(cars - {"vehicle"}))
-                self._tell(
+                self._report(
                     BadValueError("unknown", allowed=" ".join(known), suggestion=nearest(name, known)), name
                 )
         config = self._config(data.get("vehicle"))
@@ -97,10 +108,10 @@ class _Reader:
         time = self._text(table.get("time"), "table", "time")
         unit = self._time_unit(table.get("time_unit", "s"), "table", "time_unit")
         columns = self._columns(data["columns"]) if "columns" in data else None
-        if self._problems:
-            raise ConfigProblems(sorted(self._problems, key=lambda problem: problem.line or 0))
         line = self._document.line("table", "time")
-        return TableMap(self._document.file, time, unit, line, columns, car, config)
+        named = tuple(self._named)
+        found = TableMap(self._document.file, time, unit, line, columns, car, config, named)
+        return found, sorted(self._problems, key=lambda problem: problem.line or 0)
 
     def _config(self, vehicle: object) -> Config | None:
         if isinstance(vehicle, str):
@@ -109,26 +120,35 @@ class _Reader:
             except ConfigProblems as error:
                 self._problems += error.problems
         elif vehicle is not None and not isinstance(vehicle, dict):
-            self._tell(BadValueError("not a path nor a table", show(vehicle)), "vehicle")
+            self._report(BadValueError("not a path nor a table", show(vehicle)), "vehicle")
         return None
 
     def _columns(self, given: object) -> dict[str, ColumnMap]:
         found: dict[str, ColumnMap] = {}
         for role, value in self._table(given, "columns", ()).items():
+            self._note_names(role, value)
             if role not in ROLES:
                 near = nearest(role, ROLES)
                 allowed = None if near else " ".join(ROLES)
-                self._tell(BadValueError("unknown role", allowed=allowed, suggestion=near), "columns", role)
+                self._report(BadValueError("unknown role", allowed=allowed, suggestion=near), "columns", role)
                 continue
             entry = {"column": value} if isinstance(value, str) else value
             if not isinstance(entry, dict):
                 bad = BadValueError("not a column", show(value), "a name in quotes, or { column = ... }")
-                self._tell(bad, "columns", role)
+                self._report(bad, "columns", role)
                 continue
             made = self._column(role, entry)
             if made is not None:
                 found[role] = made
         return found
+
+    def _note_names(self, role: str, value: object) -> None:
+        """Keep the columns that an entry names, for the table may lack them."""
+        line = self._document.line("columns", role)
+        entry = value if isinstance(value, dict) else {"column": value}
+        for key, shown in (("column", role), ("time", f"{role}.time")):
+            if isinstance(entry.get(key), str):
+                self._named.append((entry[key], f"[columns] {shown}", line))
 
     def _column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
         before = len(self._problems)
@@ -136,28 +156,28 @@ class _Reader:
         where = ("columns", role)
         column = self._text(entry.get("column"), *where, "column")
         if column is None:
-            self._tell(BadValueError("no column"), *where)
+            self._report(BadValueError("no column"), *where)
         unit = self._text(entry.get("unit"), *where, "unit")
         try:
             scale_of(role, unit)
         except ConfigError as error:
-            self._tell(BadValueError(str(error)), *where, "unit")
+            self._report(BadValueError(str(error)), *where, "unit")
         numbers = {}
         for key, usual in (("scale", 1.0), ("offset", 0.0)):
             numbers[key] = self._number(entry.get(key, usual), *where, key)
         if numbers["scale"] == 0.0:
-            self._tell(BadValueError("is zero"), *where, "scale")
+            self._report(BadValueError("is zero"), *where, "scale")
         modulus = entry.get("modulus")
         if modulus is not None:
             whole = isinstance(modulus, int) and not isinstance(modulus, bool) and 2 <= modulus <= MAX_MODULUS
             if role not in COUNT_ROLES:
-                self._tell(BadValueError("only counts have one"), *where, "modulus")
+                self._report(BadValueError("only counts have one"), *where, "modulus")
             elif not whole:
                 bad = BadValueError("not a modulus", show(modulus), f"a whole number, 2 to {MAX_MODULUS}")
-                self._tell(bad, *where, "modulus")
+                self._report(bad, *where, "modulus")
         invalid = entry.get("invalid", [])
         if not isinstance(invalid, list):
-            self._tell(
+            self._report(
                 BadValueError("not a list", show(invalid), "numbers such as [-999]"), *where, "invalid"
             )
             invalid = []
@@ -174,35 +194,37 @@ class _Reader:
     def _table(
         self, given: object, name: str, keys: tuple[str, ...], where: tuple[str, ...] | None = None
     ) -> dict[str, Any]:
-        """The table, its unknown keys told; empty if it is none."""
-        place = where or (name,)
+        """Return the table, its unknown keys told; empty if it is none."""
+        location = where or (name,)
         if not isinstance(given, dict):
-            self._tell(BadValueError("must be a table", show(given)), *place)
+            self._report(BadValueError("must be a table", show(given)), *location)
             return {}
         for key in given:
             if keys and key not in keys:
                 near = nearest(key, keys)
-                self._tell(BadValueError("unknown key", allowed=" ".join(keys), suggestion=near), *place, key)
+                self._report(
+                    BadValueError("unknown key", allowed=" ".join(keys), suggestion=near), *location, key
+                )
         return given
 
     def _text(self, value: object, *where: str) -> str | None:
         if value is None or (isinstance(value, str) and value.strip()):
             return value
-        self._tell(BadValueError("not a text", show(value), "a text in quotes"), *where)
+        self._report(BadValueError("not a text", show(value), "a text in quotes"), *where)
         return None
 
     def _number(self, value: object, *where: str) -> float:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
-        self._tell(BadValueError("not a number", show(value)), *where)
+        self._report(BadValueError("not a number", show(value)), *where)
         return 1.0
 
     def _time_unit(self, value: object, *where: str) -> str:
         if isinstance(value, str) and value in TIME_UNITS:
             return value
-        self._tell(BadValueError("no unit of time", show(value), " ".join(TIME_UNITS)), *where)
+        self._report(BadValueError("no unit of time", show(value), " ".join(TIME_UNITS)), *where)
         return "s"
 
-    def _tell(self, bad: BadValueError, *where: str) -> None:
+    def _report(self, bad: BadValueError, *where: str) -> None:
         key = f"[{where[0]}] {'.'.join(where[1:])}" if len(where) > 1 else f"[{where[0]}]"
         self._problems.append(bad.at(self._document.file, self._document.line(*where), key))

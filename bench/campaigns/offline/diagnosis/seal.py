@@ -75,6 +75,8 @@ def _ask(folder: Path, report: Path, program: Path, replay: bool, options: tuple
     after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begun
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     said = json.loads(document.read_text(encoding="utf-8")) if document.exists() else {}
+    if said.get("verdict") == "insufficient_data":
+        error = ""  # an answer, though the command's exit code tells of unusable input
     found = tomllib.loads(model.read_text(encoding="utf-8")) if model.exists() else {}
     alarms = None
     if replay and not error and model.exists():

@@ -1,0 +1,402 @@
+"""A map for a table that nobody has described: roles by names, units and signs by values, measures of a car.
+
+In: an open table. Out: `Guess`: roles with columns and reasons, the car's measures, and as the text of a
+map.toml, in which each line says what it was taken from and what is still to be checked. Pure.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.tables import guess_values as by_value
+from tpmsd.offline.tables.guess_names import WHEEL, roles_by_name, spelled, time_weight
+from tpmsd.offline.tables.read_table import Table
+from tpmsd.offline.tables.roles import TIME_UNITS, scale_of
+
+USUAL_RADIUS_M, USUAL_TRACK_M, USUAL_WHEELBASE_M = 0.315, 1.55, 2.7
+"""Of a passenger car of the middle class (205/55 R16), where the table tells nothing."""
+_LEAST_CORRELATION = 0.7
+"""Of a yaw rate or a wheel difference with the course's rate, below which its slope is left out."""
+_POSITIONS = (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north"))
+
+
+@dataclass
+class Column:
+    """A role's column."""
+
+    name: str
+    why: str
+    unit: str | None = None
+    scale: float = 1.0
+    modulus: int | None = None
+    rivals: tuple[str, ...] = ()
+
+
+@dataclass
+class Guess:
+    """What a table may mean."""
+
+    time: str | None = None
+    time_unit: str = "s"
+    columns: dict[str, Column] = field(default_factory=dict)
+    measures: dict[str, tuple[float, str]] = field(default_factory=dict)
+    """Key of [vehicle] -> value and reason."""
+    unused: tuple[str, ...] = ()
+    doubts: list[str] = field(default_factory=list)
+    """What is to be looked at, a sentence each."""
+
+    @property
+    def has_wheels(self) -> bool:
+        """True if the rear pair has columns, and the front pair both or neither."""
+        found = {role[-2:] for role in self.columns if role.startswith("wheel_")}
+        return {"rl", "rr"} <= found and ("fl" in found) == ("fr" in found)
+
+    def text(self, table: str) -> str:
+        """The map, for the table of this file name."""
+        lines = [f"# Guessed from {table} by names, units and values. Check each line."]
+        lines += [f"# to check: {one}" for one in self.doubts]
+        lines += ["", "[vehicle]"]
+        lines += [f"{key} = {value:.6g}   # {why}" for key, (value, why) in self.measures.items()]
+        lines += ['driven_axle = "front"   # a usual value: front, rear or all', "", "[table]"]
+        if self.time is not None:
+            lines += [f"time = {_quoted(self.time)}", f"time_unit = {_quoted(self.time_unit)}"]
+        lines += ["", "[columns]"]
+        for role, one in self.columns.items():
+            parts = [f"column = {_quoted(one.name)}"]
+            parts += [f"unit = {_quoted(one.unit)}"] if one.unit is not None else []
+            parts += [f"scale = {one.scale:g}"] if one.scale != 1.0 else []
+            parts += [f"modulus = {one.modulus}"] if one.modulus is not None else []
+            rivals = f"; or {', '.join(map(_printable, one.rivals))}" if one.rivals else ""
+            lines.append(f"{role} = {{ {', '.join(parts)} }}   # {one.why}{rivals}")
+        if self.unused:
+            lines += ["", f"# not used: {', '.join(map(_printable, self.unused))}"]
+        return "\n".join(lines) + "\n"
+
+
+def guess(table: Table) -> Guess:
+    """Guess the map of a table.
+
+    Returns:
+        Columns by role; of each the unit by name or, where the name has none, by values; without wheels where
+        no column's name tells a wheel.
+
+    Raises:
+        InputError: A column cannot be read.
+    """
+    return _Guesser(table).made()
+
+
+class _Guesser:
+    def __init__(self, table: Table) -> None:
+        self._table = table
+        self._found = Guess()
+        self._values: dict[str, FloatArray] = {}
+
+    def made(self) -> Guess:
+        found, names = self._found, self._table.names
+        self._choose_time()
+        chosen: dict[str, list[tuple[float, str]]] = {}
+        for name, roles in roles_by_name([name for name in names if name != found.time]).items():
+            for role, weight in roles[:1]:
+                if np.isfinite(self._column(name)).any():
+                    chosen.setdefault(role, []).append((weight, name))
+        for role, entries in chosen.items():
+            entries.sort(key=lambda entry: -entry[0])
+            rivals = tuple(name for _, name in entries[1:3])
+            found.columns[role] = Column(entries[0][1], "by its name", rivals=rivals)
+        self._drop_half_positions()
+        way = self._way()
+        self._wheels(way)
+        for role in [role for role in found.columns if not role.startswith("wheel_")]:
+            self._unit(role, found.columns[role], way)
+        self._measures(way)
+        used = {one.name for one in found.columns.values()} | {found.time}
+        found.unused = tuple(name for name in names if name not in used)
+        if not found.has_wheels:
+            found.doubts.append(
+                "no column of each rear wheel was found: give wheel_speed_*, _angle_* or _count_*"
+            )
+        if way is None:
+            found.doubts.append("no positions: units of speeds are by names alone")
+        order = {role: k for k, role in enumerate(found.columns)}
+        wheels_first = sorted(order, key=lambda role: (not role.startswith("wheel_"), role[-2:], order[role]))
+        found.columns = {role: found.columns[role] for role in wheels_first}
+        return found
+
+    def _choose_time(self) -> None:
+        """The column of the time, by its name and because it rises; its unit by name or by its steps."""
+        found = self._found
+        ranked = sorted(self._table.names, key=lambda name: -time_weight(spelled(name)))
+        for name in ranked:
+            if time_weight(spelled(name)) == 0:
+                break
+            unit = by_value.time_unit(self._column(name))
+            if unit is not None:
+                said = spelled(name).unit
+                found.time, found.time_unit = name, said if said in TIME_UNITS else unit
+                return
+        if not any(self._table.own_time(name) is not None for name in self._table.names[:1]):
+            found.doubts.append("no column of the time was found: give [table] time")
+
+    def _column(self, name: str) -> FloatArray:
+        if name not in self._values:
+            self._values[name] = self._table.column(name)
+        return self._values[name]
+
+    def _time(self, name: str) -> FloatArray | None:
+        own = self._table.own_time(name)
+        if own is not None:
+            return own
+        if self._found.time is None:
+            return None
+        return self._column(self._found.time) * TIME_UNITS[self._found.time_unit]
+
+    def _si(self, role: str) -> FloatArray:
+        """A role's values in SI units (degrees for latitude and longitude)."""
+        one = self._found.columns[role]
+        factor, offset = scale_of(role, one.unit)
+        return factor * one.scale * self._column(one.name) + offset
+
+    def _drop_half_positions(self) -> None:
+        """Leave out one coordinate without the other, and a plane beside latitude and longitude."""
+        columns = self._found.columns
+        whole = [pair for pair in _POSITIONS if all(role in columns for role in pair)]
+        for pair in _POSITIONS:
+            if not whole or pair != whole[0]:
+                for role in pair:
+                    columns.pop(role, None)
+        for role in whole[0] if whole else ():
+            self._named_unit(role, columns[role])
+
+    def _way(self) -> by_value.Way | None:
+        columns = self._found.columns
+        for first, second in _POSITIONS:
+            if first not in columns or second not in columns:
+                continue
+            time_s = self._time(columns[first].name)
+            one, other = self._si(first), self._si(second)
+            if time_s is None or len(time_s) != len(one) or len(one) != len(other):
+                return None
+            there = (one != 0.0) | (other != 0.0)
+            one, other = np.where(there, one, np.nan), np.where(there, other, np.nan)
+            if not np.isfinite(one).any():
+                return None
+            east, north = (one, other) if first == "gnss_east" else by_value.plane(one, other)
+            return by_value.way_of(time_s, east, north)
+        return None
+
+    def _named_unit(self, role: str, one: Column) -> bool:
+        """Take the unit of the name if the role can have it; False without one."""
+        said = spelled(one.name).unit
+        if said is None:
+            return False
+        try:
+            scale_of(role, said)
+        except ConfigError:
+            self._found.doubts.append(f"{_printable(one.name)}: {role} cannot be in {said}")
+            return False
+        one.unit, one.why = said, "role and unit by its name"
+        return True
+
+    def _unit(self, role: str, one: Column, way: by_value.Way | None) -> None:
+        """Unit and sign of a role that is no wheel's."""
+        named = self._named_unit(role, one)
+        time_s = self._time(one.name)
+        if way is None or time_s is None or len(time_s) != len(self._column(one.name)):
+            return
+        values = self._column(one.name)
+        if role == "gnss_speed" and not named:
+            per_mps = by_value.ratio(time_s, values, way)
+            unit = None if per_mps is None else by_value.road_unit(per_mps)
+            if unit in ("m/s", "km/h", "kn"):
+                one.unit, one.why = unit, "by its name; the unit by the way between positions"
+            elif per_mps is not None:
+                self._found.doubts.append(f"{_printable(one.name)}: {per_mps:.3g} times the positions' m/s")
+        elif role in ("gnss_course", "gnss_heading"):
+            self._direction(one, named, time_s, values, way)
+        elif role == "yaw_rate":
+            self._yaw(one, named, time_s, values, way)
+
+    def _direction(
+        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, way: by_value.Way
+    ) -> None:
+        """Clockwise from north or counter-clockwise from east, in degrees or radians: by the positions."""
+        columns = self._found.columns
+        role = next(name for name, other in columns.items() if other is one)
+        units = [one.unit] if named and one.unit else ["deg", "rad"]
+        at = np.isfinite(way.course_rad)
+        known = np.isfinite(values)
+        if at.sum() < 10 or known.sum() < 10:
+            return
+        near = np.clip(np.searchsorted(time_s[known], way.time_s[at]), 0, known.sum() - 1)
+        misses = {}
+        for unit in units:
+            angle = values[known][near] * scale_of("gnss_course", unit)[0]
+            for kind, course in (("gnss_course", angle), ("gnss_heading", 0.5 * np.pi - angle)):
+                misses[kind, unit] = float(np.median(np.abs(_wrapped(course - way.course_rad[at]))))
+        (kind, unit), miss = min(misses.items(), key=lambda entry: entry[1])
+        if miss > 0.2:
+            self._found.doubts.append(f"{_printable(one.name)}: not the course of the positions; left out")
+            del columns[role]
+            return
+        one.unit, one.why = unit, "by its name; direction and unit by the positions"
+        if kind != role and kind not in columns:
+            columns[kind] = columns.pop(role)
+
+    def _yaw(
+        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, way: by_value.Way
+    ) -> None:
+        at_s, rate = way.rate()
+        slope, correlation = by_value.slope(time_s, values, at_s, rate)
+        if abs(correlation) < _LEAST_CORRELATION:
+            self._found.doubts.append(
+                f"{_printable(one.name)}: sign not told, for the course turns too little"
+            )
+            return
+        fit = by_value.yaw_unit(slope)
+        if fit is None:
+            self._found.doubts.append(f"{_printable(one.name)}: {slope:.3g} times the course's rate in rad/s")
+            return
+        unit, one.scale = fit
+        if named and one.unit != unit:
+            self._found.doubts.append(f"{_printable(one.name)}: its name says {one.unit}, its values {unit}")
+        one.unit, one.why = unit, "by its name; unit and sign by the course"
+
+    def _wheels(self, way: by_value.Way | None) -> None:
+        """Angle, speed or count of all wheels alike, and the unit."""
+        columns = self._found.columns
+        wheels = {wheel: columns.pop(f"{WHEEL}_{wheel}") for wheel in WHEELS if f"{WHEEL}_{wheel}" in columns}
+        if not wheels:
+            return
+        kinds = [by_value.kind_of_wheel(self._column(one.name)) for one in wheels.values()]
+        kind = max(sorted(set(kinds)), key=kinds.count)
+        for wheel, one in wheels.items():
+            role = f"wheel_{kind}_{wheel}"
+            columns[role] = one
+            one.why = f"wheel by its name, {kind} by its values"
+            if kind == "count":
+                one.modulus = by_value.modulus_of(self._column(one.name))
+            elif kind == "angle":
+                self._named_unit(role, one)
+        per_mps = self._per_mps(wheels, kind, way)
+        if kind == "speed":
+            self._speed_unit(wheels, per_mps)
+        elif kind == "angle" and per_mps is not None:
+            self._radius_of_angle(wheels, per_mps)
+        elif kind == "count" and per_mps is not None:
+            teeth = per_mps * 2.0 * np.pi * USUAL_RADIUS_M
+            why = f"by the way and a rolling radius of {USUAL_RADIUS_M} m: replace both"
+            self._found.measures["teeth_per_rev"] = (float(np.round(teeth)), why)
+
+    def _per_mps(self, wheels: Mapping[str, Column], kind: str, way: by_value.Way | None) -> float | None:
+        """Median of the wheels' units (per second, for angles and counts) per m/s of the receiver."""
+        found = []
+        for one in wheels.values():
+            time_s = self._time(one.name)
+            values = self._column(one.name)
+            if way is None or time_s is None or len(time_s) != len(values):
+                return None
+            rates = values if kind == "speed" else by_value.rate_of(time_s, values, one.modulus)
+            if kind == "angle" and one.unit is not None:
+                rates = rates * scale_of("wheel_angle_rl", one.unit)[0]
+            per_mps = by_value.ratio(time_s, rates, way)
+            if per_mps is not None:
+                found.append(per_mps)
+        return float(np.median(found)) if found else None
+
+    def _speed_unit(self, wheels: Mapping[str, Column], per_mps: float | None) -> None:
+        doubts = self._found.doubts
+        named = {spelled(one.name).unit for one in wheels.values()} - {None}
+        for wheel, one in wheels.items():
+            self._named_unit(f"wheel_speed_{wheel}", one)
+        if per_mps is None:
+            if not named:
+                doubts.append(
+                    "wheel speeds: neither names nor positions tell their unit; without one it is rad/s"
+                )
+            return
+        unit = by_value.road_unit(per_mps)
+        turning = by_value.turning_unit(per_mps)
+        said = next(iter(named), None)
+        if said in ("rad/s", "rpm", "deg/s"):
+            self._turning_radius(said, per_mps)
+        elif unit is not None:
+            if said is not None and said != unit:
+                doubts.append(f"wheel speeds: their names say {said}, their values {unit}")
+            for one in wheels.values():
+                one.unit = unit if said is None else said
+                one.why += ", unit by the way between positions" if said is None else ", unit by its name"
+        elif turning is not None and said is None:
+            for one in wheels.values():
+                one.unit = turning[0]
+                one.why += ", unit by the way between positions"
+            self._turning_radius(turning[0], per_mps)
+        else:
+            doubts.append(f"wheel speeds: {per_mps:.4g} times the positions' m/s, which is no unit")
+
+    def _turning_radius(self, unit: str, per_mps: float) -> None:
+        """The rolling radius by the way per turn, if it is a car's."""
+        radius = 1.0 / (per_mps * scale_of("wheel_speed_rl", unit)[0])
+        if by_value.RADII_M[0] <= radius <= by_value.RADII_M[1]:
+            self._found.measures["wheel_radius_m"] = (radius, "by the way between positions per turn")
+        else:
+            self._found.doubts.append(f"wheel speeds in {unit} need a rolling radius of {radius:.3g} m")
+
+    def _radius_of_angle(self, wheels: Mapping[str, Column], per_mps: float) -> None:
+        unit = next(iter(wheels.values())).unit
+        for name in ("rad", "deg") if unit is None else ("rad",):
+            radius = 1.0 / (per_mps * scale_of("wheel_angle_rl", name)[0])
+            if by_value.RADII_M[0] <= radius <= by_value.RADII_M[1]:
+                for one in wheels.values():
+                    one.unit = one.unit or name
+                self._found.measures["wheel_radius_m"] = (radius, "by the way between positions per turn")
+                return
+        self._found.doubts.append("wheel angles: no unit gives a rolling radius of a car")
+
+    def _measures(self, way: by_value.Way | None) -> None:
+        """Radius and tracks; the tracks by the difference of an axle's wheels over the course's rate."""
+        measures, columns = self._found.measures, self._found.columns
+        radius = measures.get("wheel_radius_m", (USUAL_RADIUS_M, "a usual value: not measured"))
+        teeth = measures.pop("teeth_per_rev", None)
+        measures["wheel_radius_m"] = radius
+        for axle, left, right in (("front", "fl", "fr"), ("rear", "rl", "rr")):
+            value, why = USUAL_TRACK_M, "a usual value: not measured"
+            roles = [f"wheel_speed_{wheel}" for wheel in (left, right)]
+            if way is not None and all(role in columns for role in roles):
+                one, other = (self._road(role, radius[0]) for role in roles)
+                at_s, rate = way.rate()
+                time_s = self._time(columns[roles[0]].name)
+                if time_s is not None and len(one) == len(other) == len(time_s):
+                    track, correlation = by_value.slope(time_s, other - one, at_s, rate)
+                    if correlation < -_LEAST_CORRELATION:
+                        self._found.doubts.append(f"the {axle} wheels: left and right are swapped")
+                    elif correlation > _LEAST_CORRELATION and 1.0 < track < 2.2:
+                        value, why = round(track, 3), "by the wheels' difference in bends"
+            measures[f"track_{axle}_m"] = (value, why)
+        measures["wheelbase_m"] = (USUAL_WHEELBASE_M, "a usual value: not measured")
+        if teeth is not None:
+            measures["teeth_per_rev"] = teeth
+
+    def _road(self, role: str, radius_m: float) -> FloatArray:
+        """A wheel's speed along the road, m/s."""
+        unit = self._found.columns[role].unit
+        return self._si(role) * (radius_m if unit in (None, "rad/s", "rpm", "deg/s") else 1.0)
+
+
+def _wrapped(angle: FloatArray) -> FloatArray:
+    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=True)
+
+
+def _printable(name: str) -> str:
+    """A name on one line of a comment."""
+    return "".join(mark if mark.isprintable() else "\N{REPLACEMENT CHARACTER}" for mark in name)[:80]
