@@ -97,6 +97,12 @@ CAMPAIGNS = {
         ),
         _campaign(
             "onboard",
+            "realistic",
+            "sixteen realistic cases, for any system on a CAN bus",
+            "realistic.run",
+        ),
+        _campaign(
+            "onboard",
             "filters",
             "alarms of both filters on the very same drives, and real losses",
             page="filters.md",
@@ -119,6 +125,8 @@ CAMPAIGNS = {
             "drift_levels",
         ),
         _campaign("car", "vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
+        _campaign("car", "vehicle-state-paper", "the same on the paper's car and lane change, with series"),
+        _campaign("car", "vehicle-state-drive", "the filters against the lateral speed of a recording"),
         _campaign("onboard", "slip-gate", "gates and weights of the tyre filter on hard drives"),
         _campaign("onboard", "puncture-delay", "delay to a puncture alarm under each gate"),
         _campaign("offline", "slip-regressors", "what slips by the tyre model would add to the diagnosis"),

@@ -159,6 +159,7 @@ def _watch(report: MonitorReport) -> dict[str, Any]:
         "not_watched": not_watched,
         "all_four_rest_on": ALL_FOUR,
         **_sight(report.sight),
+        "questions": [question.entry() for question in report.questions],
     }
 
 
