@@ -97,6 +97,12 @@ CAMPAIGNS = {
         ),
         _campaign(
             "onboard",
+            "realistic",
+            "sixteen realistic cases, for any system on a CAN bus",
+            "realistic.run",
+        ),
+        _campaign(
+            "onboard",
             "filters",
             "alarms of both filters on the very same drives, and real losses",
             page="filters.md",

@@ -42,6 +42,7 @@ ROADS = {
     "motorway": Road((25.0, 38.0), (40.0, 240.0), bends=0.35, lateral_mps2=1.5, slope=0.012),
     "hills": Road((11.0, 24.0), (15.0, 60.0), stops=0.03, bends=0.7, lateral_mps2=3.0, slope=0.05),
     "track": Road((14.5, 27.0), (30.0, 120.0), bends=0.4, slope=0.004),
+    "zone": Road((6.0, 9.0), (8.0, 40.0), stops=0.2, turns=0.3, bends=0.25),
     "parking": Road((2.0, 6.0), (5.0, 15.0), stops=0.4, turns=0.8),
     "roundabouts": Road((10.0, 17.0), (8.0, 25.0), turns=1.0),
     # the held-out half's own

@@ -14,7 +14,7 @@ from bench.worlds import surfaces as events
 from bench.worlds.causes import DRIVEN
 from bench.worlds.course import Course, decayed, hub_speeds, rigid, summed
 from bench.worlds.instruments import START_S, Drive, markov
-from bench.worlds.magic_tyre import SLIP_STIFFNESS, Array, gauge_at
+from bench.worlds.magic_tyre import NOMINAL_PA, SLIP_STIFFNESS, Array, gauge_at
 from bench.worlds.surfaces import Surface
 from bench.worlds.trip_cars import G_MPS2, Car
 from bench.worlds.trip_instruments import observe
@@ -36,6 +36,11 @@ class Loss:
     onset_s: float = 0.0
     duration_s: float = 0.0
     """0: flat at the onset."""
+    further_pa: float = 0.0
+    """Gauge pressure that is lost besides."""
+    of_cold: bool = False
+    """Whether the share is of the pressure to which the cold tyre was filled: what it gained by warmth is
+    lost besides, and what is left warms on."""
 
     @property
     def done_s(self) -> float:
@@ -93,7 +98,7 @@ def drive_leg(car: Car, leg: Leg, temperature_k: Array | None = None) -> Driven:
     force, braking = _forces(car, leg, course)
     tyre_k = _temperatures(car, leg, course, braking, temperature_k, surface)
     healthy = gauge_at(tyre_k, leg.filled_k)
-    gauge = healthy * (1.0 - _lost(leg, course.time_s))
+    gauge = healthy * (1.0 - _lost(leg, course.time_s, healthy))
     driven = np.array(DRIVEN[car.spec.driven], dtype=float)
     own = car.wear_m + np.array(leg.resized_m) + surface.chains_m * driven
     vertical = _vertical(car, leg, course)
@@ -167,10 +172,18 @@ def _temperatures(
     return np.stack([np.interp(course.time_s, seconds, out[:, w]) for w in range(4)], axis=1)
 
 
-def _lost(leg: Leg, time_s: Array) -> Array:
-    """(n, 4) share of the gauge pressure that is gone."""
+def _lost(leg: Leg, time_s: Array, healthy: Array) -> Array:
+    """(n, 4) share of the gauge pressure that is gone; healthy (n, 4): over nominal, without losses."""
     out = np.zeros((len(time_s), 4))
     for loss in leg.losses:
         done = np.clip((time_s - loss.onset_s) / max(loss.duration_s, 1e-9), 0.0, 1.0)
-        out[:, loss.wheel] = np.maximum(out[:, loss.wheel], loss.share * done)
+        out[:, loss.wheel] = np.maximum(out[:, loss.wheel], _share(loss, time_s, healthy) * done)
     return out
+
+
+def _share(loss: Loss, time_s: Array, healthy: Array) -> float:
+    """Share of the gauge pressure that is gone once all is lost."""
+    then = float(healthy[min(int(np.searchsorted(time_s, loss.done_s)), len(time_s) - 1), loss.wheel])
+    further = loss.further_pa / NOMINAL_PA
+    left = 1.0 - loss.share if loss.of_cold else then * (1.0 - loss.share)
+    return min(max(1.0 - (left - further) / then, 0.0), 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from datetime import timedelta, timezone
 from pathlib import Path
 
@@ -41,6 +42,14 @@ def test_an_alarm_states_what_was_believed_and_by_whom_it_was_seen() -> None:
     assert all(entry["why"].startswith("fits") for entry in others)
     none = [entry for entry in others if entry["what"] == "no tyre has changed"]
     assert [] == none or none[0]["why"].startswith("fits worse")
+    assert [0.0] == [entry["nats_to_lead"] for entry in alarm["alternatives"] if entry is best]
+    assert all(
+        math.log(best["probability"] / entry["probability"]) == pytest.approx(entry["nats_to_lead"], abs=0.02)
+        for entry in others
+        if entry["probability"] > 1e-4
+    )
+    assert sum(entry["probability"] for entry in alarm["alternatives"]) == pytest.approx(1.0, abs=0.05)
+    assert document["would_change"][0].startswith(f"{document['alternatives'][1]['what']}: evidence of ")
     assert "at most 0.2 for 60 s" in alarm["clears_when"]
     text = explanation_text(document)
     assert "fr lost radius: the most probable" in text

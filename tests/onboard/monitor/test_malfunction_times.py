@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 
@@ -139,6 +140,52 @@ def test_a_wheel_is_lost_after_its_time_and_not_before() -> None:
 
     assert [0, 1, 2, 3] == ticks.watch.heard(ticks.time_s + 30.0)
     assert [] == ticks.watch.heard(ticks.time_s + 30.1)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "cleared_s"),
+    [("rear", "rear", 3.0), ("wheel", "fr", 3.0), ("gnss", "gnss", 30.0), ("blind", "blind", 10.0)],
+)
+def test_a_malfunction_of_a_missing_signal_stands_again_after_a_restart(
+    kind: str, name: str, cleared_s: float
+) -> None:
+    """At once, as it was raised, while the signal is missing (UN R141: when the ignition is on again); it
+    goes with the signal as ever, and is raised anew by none."""
+    before, after = Ticks(), Ticks()
+    before.until("raised", **wrong(kind))  # type: ignore[arg-type]
+    saved = json.loads(json.dumps(before.watch.to_json()))
+    assert name in [entry["of"] for entry in saved]
+    after.watch.take_up(saved)
+    assert [(one.reason, one.time_s) for one in before.watch.standing] == [
+        (one.reason, one.time_s) for one in after.watch.standing
+    ]
+    assert [] == after.until("raised", most_s=5.0, **wrong(kind))  # type: ignore[arg-type]
+    assert [cleared_s] == [after_s for after_s, _ in after.until("cleared", most_s=60.0)][:1]
+    assert [] == after.watch.to_json()
+
+
+@pytest.mark.parametrize(
+    "kind", ["spoofed", "disagree", "unsteady", "contradicted", "restarted", "undecided"]
+)
+def test_other_malfunctions_are_found_anew(kind: str) -> None:
+    """They say nothing of a signal that is missing."""
+    ticks = Ticks()
+    ticks.until("raised", **wrong(kind))  # type: ignore[arg-type]
+    assert ticks.watch.standing
+    assert [] == ticks.watch.to_json()
+
+
+@pytest.mark.parametrize(
+    "saved", [[{"of": "rl"}], [{"of": "spare", "time_s": 1.0}], [{"of": "rl", "time_s": "x"}], [1], 1]
+)
+def test_what_is_no_malfunction_is_not_taken_up(saved: object) -> None:
+    """And what stands goes on standing."""
+    ticks = Ticks()
+    ticks.until("raised", lost=(1,))
+    standing = ticks.watch.standing
+    with pytest.raises((ValueError, KeyError, TypeError)):
+        ticks.watch.take_up(saved)  # type: ignore[arg-type]
+    assert standing == ticks.watch.standing
 
 
 def test_a_slow_car_without_fixes_is_in_order() -> None:

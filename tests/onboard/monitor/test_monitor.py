@@ -405,12 +405,14 @@ def test_an_unlearned_snapshot_learns_on() -> None:
     assert after.monitor.baseline.ready
 
 
-def test_malfunctions_do_not_survive() -> None:
-    """A malfunction is of the running process; a restart looks for itself."""
+def test_a_malfunction_of_the_rear_wheels_survives_until_their_signal_is_back() -> None:
+    """It stands at once after a restart, and three seconds with a signal clear it."""
     player = learned()
     player.play(60.0, lost=ALL, informative=False)
     after = restarted(player)
     after.play(0.1)
+    assert player.active() == after.active() != []
+    after.play(4.0)
     assert [] == after.active()
 
 

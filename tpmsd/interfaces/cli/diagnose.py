@@ -170,7 +170,8 @@ def _run_rolling(args: argparse.Namespace) -> int:
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
-        for note in diagnosis.notes:
+        # The summary has them, unless standard output is the document's.
+        for note in diagnosis.notes if outputs.fill_stdout else ():
             print(f"tpmsd: {note}", file=sys.stderr)
         alarms = []
         if replays is not None and diagnosis.verdict != INSUFFICIENT:

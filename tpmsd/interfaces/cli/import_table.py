@@ -84,10 +84,10 @@ def add_parser(subparsers: Subparsers) -> None:
     drive = parser.add_argument("drive", type=Path, metavar="DRIVE", help="folder to write the drive to")
     parser.add_argument("--map", type=Path, metavar="FILE", help="which column is what")
     parser.add_argument(
-        "--vehicle", type=Path, metavar="FILE", help="of a VBO file: the vehicle.toml to be put beside it"
+        "--guess", action=_Guess, drive=drive, help="print a map of TABLE, guessed; takes no DRIVE"
     )
     parser.add_argument(
-        "--guess", action=_Guess, drive=drive, help="print a map of TABLE, guessed; takes no DRIVE"
+        "--vehicle", type=Path, metavar="FILE", help="of a VBO file: the vehicle.toml to be put beside it"
     )
     add_json_option(parser)
 
@@ -128,6 +128,20 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _guess(args: argparse.Namespace) -> int:
+    """Print the guessed map."""
+    from tpmsd.interfaces.api.import_table import guess_map
+
+    for given, name in ((args.drive, "DRIVE"), (args.map, "--map"), (args.json, "--json")):
+        if given is not None:
+            raise ConfigError(f"--guess and {name} contradict each other")
+    text, has_wheels = guess_map(args.table)
+    print(text, end="")
+    if not has_wheels:
+        print(f"tpmsd: {args.table}: no column was taken for each rear wheel", file=sys.stderr)
+    return 0 if has_wheels else EXIT_UNDECIDED
+
+
 def _run_vbo(args: argparse.Namespace, outputs: Outputs) -> int:
     """Read a Racelogic VBO file, write a folder with `signals.csv`, report."""
     from tpmsd.foundation.provenance import provenance
@@ -157,17 +171,3 @@ def _run_vbo(args: argparse.Namespace, outputs: Outputs) -> int:
             print(f"Fill in {args.drive / 'vehicle.toml'}: the car is not known yet.")
     outputs.write({"--json": lambda: json_text(document)})
     return 0
-
-
-def _guess(args: argparse.Namespace) -> int:
-    """Print the guessed map."""
-    from tpmsd.interfaces.api.import_table import guess_map
-
-    for given, name in ((args.drive, "DRIVE"), (args.map, "--map"), (args.json, "--json")):
-        if given is not None:
-            raise ConfigError(f"--guess and {name} contradict each other")
-    text, has_wheels = guess_map(args.table)
-    print(text, end="")
-    if not has_wheels:
-        print(f"tpmsd: {args.table}: no column was taken for each rear wheel", file=sys.stderr)
-    return 0 if has_wheels else EXIT_UNDECIDED

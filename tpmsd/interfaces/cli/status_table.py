@@ -96,6 +96,10 @@ def _not_watched_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
     if missing:
         said = "; ".join(f"{name} ({why})" for name, why in missing.items())
         lines.append(paint(f"not watched: {said}", _BOLD))
+    asked = _dict(document, "watch").get("questions")
+    for one in asked if isinstance(asked, list) else []:
+        if isinstance(one, dict):
+            lines.append(paint(f"question: {one.get('question')}", _BOLD))
     unseen = _dict(document, "watch").get("cannot_see")
     if isinstance(unseen, list) and unseen:
         lines.append(paint("cannot see now: " + "; ".join(map(str, unseen)), _DIM))

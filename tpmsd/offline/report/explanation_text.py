@@ -42,6 +42,8 @@ def explanation_text(document: Mapping[str, Any], zone: tzinfo | None = None) ->
             "What may have happened, by what is known now:",
             *_alternatives(document["alternatives"]),
         ]
+    if document.get("would_change"):
+        lines += ["", "What would change this:", *(f"  {line}" for line in document["would_change"])]
     return "\n".join(lines) + "\n"
 
 

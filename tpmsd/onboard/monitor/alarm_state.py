@@ -21,15 +21,21 @@ class Hysteresis:
     held_s: float = 0.0
 
     def update(
-        self, probability: float, elapsed_s: float, least_hold_s: float = 0.0
+        self,
+        probability: float,
+        elapsed_s: float,
+        least_hold_s: float = 0.0,
+        possible: float | None = None,
     ) -> Literal["raised", "cleared"] | None:
         """Take the probability that held for `elapsed_s`; the change it brings, if any.
 
-        `least_hold_s`: an alarm that is not raised yet has to last for so long at least.
+        `least_hold_s`: an alarm that is not raised yet has to last for so long at least. `possible`: of that,
+        or of what looks the same for a while, which keeps an alarm but raises none; None: the same.
 
         Never on a single reading: the first reading beyond a threshold only starts the hold.
         """
-        beyond = probability <= self.clear_at if self.active else probability >= self.raise_at
+        stands = probability if possible is None else possible
+        beyond = stands <= self.clear_at if self.active else probability >= self.raise_at
         if not beyond:
             self.held_s = 0.0
             return None

@@ -27,7 +27,7 @@ from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.bounds import number, whole
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.conditions import ConditionTracker
+from tpmsd.onboard.monitor.conditions import Conditions, ConditionTracker
 from tpmsd.onboard.monitor.drive_evidence import Accounts, DriveEvidence
 from tpmsd.onboard.monitor.probability import chi_square_quantile
 from tpmsd.onboard.monitor.reference import Reference, speed_range
@@ -290,38 +290,52 @@ class Baseline:
         found = self._known(estimate)
         if found is None:
             return
-        if self.ready:
-            self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)
-        if self.ready and not trusted:
-            self._slip_taught = SlopeSums()
-        if self._since_s < BASELINE.sample_every_s:
-            return
-        if not self.ready and not self._may_begin(found[1]):
-            return
+        self._note_doubt(trusted, elapsed_s)
         at = self._conditions.now
-        if self.ready and (not trusted or abs(at.unsettled) > BASELINE.unsettled_speed2):
+        if self._since_s < BASELINE.sample_every_s or not self._may_learn(found[1], trusted, at):
             return
-        noise = found[1] + self._unsettled() + harmless_m2
         taught = self._shadow or self.reference
         car = not self.ready or taught.ranges[speed_range(at)] < BASELINE.range_samples
         first = self._drive_samples < BASELINE.drive_samples
         if not car and not first:
             return
-        taught.wander(self._since_s)
-        taught.learn(found[0], noise, self._wheels, at, car=car)
-        slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
-        if slope is not None and car:
-            taught.learn_slip(slope)
-        if self._shadow is not None and first:
-            self.reference.wander(self._since_s)
-            self.reference.learn(found[0], noise, self._wheels, at, car=False)
-        elif self._shadow is None and sum(self.reference.ranges) >= BASELINE.settled_samples:
-            self._shadow = self.reference.copy()
+        self._learn_sample(found[0], found[1] + self._unsettled() + harmless_m2, at, car=car, first=first)
         if self.ready:
             self._learned_s += self._since_s
         self.ready = True
         self._drive_samples += 1
         self._since_s = 0.0
+
+    def _note_doubt(self, trusted: bool, elapsed_s: float) -> None:
+        """Keep the share of driving in which something is suspected; what slipped then is not learned."""
+        if not self.ready:
+            return
+        self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)
+        if not trusted:
+            self._slip_taught = SlopeSums()
+
+    def _may_learn(self, covariance_m2: FloatArray, trusted: bool, at: Conditions) -> bool:
+        """Whether a sample of this covariance (d, d) may be learned now."""
+        if not self.ready:
+            return self._may_begin(covariance_m2)
+        return trusted and abs(at.unsettled) <= BASELINE.unsettled_speed2
+
+    def _learn_sample(
+        self, deviation_m: FloatArray, noise_m2: FloatArray, at: Conditions, *, car: bool, first: bool
+    ) -> None:
+        """Learn a sample (d,) with its noise (d, d). `car`: what belongs to the car as well; `first`: it is
+        one of the first of this drive, from which what counts now learns the drive."""
+        taught = self._shadow or self.reference
+        taught.wander(self._since_s)
+        taught.learn(deviation_m, noise_m2, self._wheels, at, car=car)
+        slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
+        if slope is not None and car:
+            taught.learn_slip(slope)
+        if self._shadow is not None and first:
+            self.reference.wander(self._since_s)
+            self.reference.learn(deviation_m, noise_m2, self._wheels, at, car=False)
+        elif self._shadow is None and sum(self.reference.ranges) >= BASELINE.settled_samples:
+            self._shadow = self.reference.copy()
 
     def _may_begin(self, covariance_m2: FloatArray) -> bool:
         """Whether enough was driven and the wheels are known against each other."""

@@ -51,8 +51,8 @@ class _Turns:
         if left[0, 0] < CONFIGURATION.least_turns_rad2 or left[1, 1] <= 0.0:
             return False
         correlation = left[0, 1] / math.sqrt(left[0, 0] * left[1, 1])
-        self.right = bool(correlation > CONFIGURATION.right_correlation)
-        return bool(correlation < CONFIGURATION.wrong_correlation)
+        self.right = bool(correlation > CONFIGURATION.sure_correlation)
+        return bool(correlation < -CONFIGURATION.sure_correlation)
 
 
 class ConfigurationWatch:

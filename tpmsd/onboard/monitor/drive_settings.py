@@ -127,6 +127,11 @@ class DriveEvidenceSettings:
     least_std: float = 1e-9
     """Keeps the information of an onset from being singular, relative to its largest part."""
 
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """Drive models that hide a loss and in which no wheel slips: another load, a trailer."""
+        return tuple(model.name for model in self.models if model.hides and model.name not in self.slipping)
+
 
 @dataclass(frozen=True, slots=True)
 class SlipSlopeSettings:

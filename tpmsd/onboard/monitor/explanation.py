@@ -19,8 +19,8 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.onboard.estimators.agreement import Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.baseline import Change
-from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of
-from tpmsd.onboard.monitor.hypotheses import Verdict, hypotheses_of
+from tpmsd.onboard.monitor.evidence.posterior import Posterior
+from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets
 from tpmsd.onboard.monitor.judge import Finding, Judgement
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
@@ -150,6 +150,7 @@ class Explanation:
             "alarms": list(self._alarms),
             "wheels": wheels,
             "alternatives": self._alternatives(),
+            "would_change": self._would_change(),
             "evidence": list(self._moments),
             "missing": {
                 "motion": {
@@ -188,7 +189,7 @@ class Explanation:
         out += [
             f"drive: {model.name} (probability {models[model.name]:.2f}) explains what differs; {model.hides}"
             for model in DRIVE_EVIDENCE.models
-            if model.hides and models.get(model.name, 0.0) >= EXPLANATION.told_model
+            if model.hides and models.get(model.name, 0.0) >= JUDGE.undecided
         ]
         return out
 
@@ -197,7 +198,7 @@ class Explanation:
             return {"why_no_alarm": "nothing was judged yet"}
         judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
         std = float(judged.change_std_m[wheel])
-        seen = self._threshold_m + EXPLANATION.seen_stds * math.hypot(std, 3e-4 * 0.3)
+        seen = self._threshold_m + 2.0 * JUDGE.sight_stds * math.hypot(std, 3e-4 * 0.3)
         return {
             **now,
             "smallest_loss_seen_mm": _mm(seen),
@@ -261,29 +262,29 @@ class Explanation:
         """What may have happened, the most probable first, with why it lost."""
         if self._judged is None:
             return []
-        verdict = self._judged.finding.verdict
+        bank = self._judged.judgement.posterior
+        assert bank is not None
+        gains = self._judged.finding.verdict.gains
         entries: list[dict[str, Any]] = [
-            {"what": "no tyre has changed", "wheels": [], "probability": verdict.none, "gain_nats": 0.0}
+            {"what": "no tyre has changed", "wheels": [], "probability": bank.none, "gain_nats": 0.0}
         ]
-        for (members, kind), chance, gain in zip(
-            hypotheses_of(len(self._wheels)), verdict.chances, verdict.gains, strict=True
-        ):
+        for place, members in enumerate(subsets(len(self._wheels))):
             names = [WHEELS[self._wheels[k]] for k in members]
-            what = f"{' '.join(names)} {'lost radius' if kind == 'loss' else 'became larger'}"
-            prior = JUDGE.prior_larger if kind == "larger" else JUDGE.prior_by_size[len(members) - 1]
             entries.append(
                 {
-                    "what": what,
+                    "what": f"{' '.join(names)} lost radius",
                     "wheels": names,
-                    "probability": float(chance),
-                    "gain_nats": round(float(gain), 3),
-                    "prior": prior,
+                    "probability": float(bank.subsets[place]),
+                    "gain_nats": round(float(gains[place]), 3),
+                    "prior": JUDGE.prior_by_size[len(members) - 1],
                 }
             )
-        entries += self._resized(verdict)
+        entries += self._resized(bank)
         entries.sort(key=lambda entry: -float(entry["probability"]))
         best = entries[0]
+        leading = max(float(best["probability"]), 1e-300)
         for entry in entries:
+            entry["nats_to_lead"] = round(math.log(leading / max(float(entry["probability"]), 1e-300)), 3)
             behind = float(best["gain_nats"]) - float(entry["gain_nats"])
             entry["probability"] = round(float(entry["probability"]), 6)
             if entry is best:
@@ -294,11 +295,35 @@ class Explanation:
                 entry["why"] = "fits as well, and is less probable beforehand"
         return entries[: EXPLANATION.best]
 
-    def _resized(self, verdict: Verdict) -> list[dict[str, Any]]:
+    def _would_change(self) -> list[str]:
+        """What would make another hypothesis the most probable, or an alarm of what is suspected."""
+        if self._judged is None or self._judged.judgement.posterior is None:
+            return []
+        judgement, bank = self._judged.judgement, self._judged.judgement.posterior
+        lead = self._alternatives()[:2]
+        out = [f"{lead[1]['what']}: evidence of {lead[1]['nats_to_lead']:.1f} nats more for it"]
+        chance = float(np.nan_to_num(judgement.deflated).max())
+        if self._settings.clear_probability < chance < self._settings.raise_probability:
+            short = _logit(self._settings.raise_probability) - _logit(chance)
+            out.append(f"an alarm: evidence of {short:.1f} nats more for a loss")
+        if not judgement.drive_models:
+            out.append(
+                "more driving: what both tyres of an axle or all four do is judged by the drive as a whole"
+            )
+        loaded = sum(judgement.drive_models.get(name, 0.0) for name in DRIVE_EVIDENCE.loads)
+        if loaded > self._settings.clear_probability:
+            out.append("a drive with the usual load and no trailer: what is left then is the tyres'")
+        if judgement.slippery > self._settings.clear_probability:
+            out.append("a drive on a dry road: driven wheels slip on this one")
+        if float(bank.sizes[1:].sum()) > self._settings.clear_probability:
+            out.append("other tyres: tpmsd reset --tyres NAME says that they are")
+        return out
+
+    def _resized(self, bank: Posterior) -> list[dict[str, Any]]:
         """Wheels of another size; beside it a tyre may have lost air all the same."""
         sizes = sizes_of(tuple(self._wheels))
         out = []
-        for row in range(1, len(verdict.sizes)):  # none while a set is learned beside another
+        for row in range(1, len(bank.sizes)):  # none while a set is learned beside another
             names = [WHEELS[self._wheels[k]] for k in np.flatnonzero(sizes.pattern[row])]
             larger = sizes.mean[row] > 0.0
             out.append(
@@ -307,18 +332,22 @@ class Explanation:
                     if larger
                     else "wheels changed front to rear",
                     "wheels": names,
-                    "probability": float(verdict.sizes[row]),
-                    "gain_nats": round(_bayes_factor(verdict, sizes, row), 3),
+                    "probability": float(bank.sizes[row]),
+                    "gain_nats": round(_bayes_factor(bank, sizes, row), 3),
                     "prior": JUDGE.prior_resized,
                 }
             )
         return out
 
 
-def _bayes_factor(verdict: Verdict, sizes: Sizes, row: int) -> float:
+def _bayes_factor(bank: Posterior, sizes: Sizes, row: int) -> float:
     """Logarithm of the evidence for a row of sizes against all wheels of the size that was learned."""
-    chances = np.maximum(verdict.sizes, 1e-300)
+    chances = np.maximum(bank.sizes, 1e-300)
     return float(np.log(chances[row] / chances[0]) - sizes.log_prior[row] + sizes.log_prior[0])
+
+
+def _logit(probability: float) -> float:
+    return math.log(probability / (1.0 - probability))
 
 
 def _std(row: FloatArray, covariance: FloatArray) -> float:

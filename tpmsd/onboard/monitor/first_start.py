@@ -157,6 +157,9 @@ class FirstStart:
         kinds = (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
         self._alarms = {(kind, wheel): make() for kind in kinds for wheel in wheels}
         self.verdict: FirstVerdict | None = None
+        self.suspected: tuple[int, float, str] | None = None
+        """Wheel that is soft or a mixed tyre most probably, with its probability and in words; None before
+        anything was judged."""
 
     @property
     def standing(self) -> set[int]:
@@ -168,7 +171,7 @@ class FirstStart:
         wanted = set(keys)
         for key, alarm in self._alarms.items():
             alarm.active, alarm.held_s = key in wanted, 0.0
-        self.verdict = None
+        self.verdict = self.suspected = None
 
     def changed(self, change_m: FloatArray, ordinary: set[int]) -> set[int]:
         """Wheels of whose axle a tyre has changed since it was learned: what differs there may be new.
@@ -187,6 +190,12 @@ class FirstStart:
         `changed`: wheels whose difference may be younger than the first start.
         """
         verdict = self.verdict = judge_first(deviation_m, covariance_m2, self._radius, self._wheels)
+        place = int(
+            np.argmax([0.0 if wheel in changed else verdict.soft[k] for k, wheel in enumerate(self._wheels)])
+        )
+        chance = 0.0 if self._wheels[place] in changed else float(verdict.soft[place])
+        words = self._reason(AlarmKind.DEFLATION, place, "raised", verdict)
+        self.suspected = self._wheels[place], chance, words
         turned = []
         for (kind, wheel), alarm in self._alarms.items():
             k = self._wheels.index(wheel)

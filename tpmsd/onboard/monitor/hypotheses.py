@@ -21,6 +21,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.sizes import Sized, Sizes, no_sizes, subsets
@@ -30,6 +31,46 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 LOSS_GRID = np.geomspace(*JUDGE.losses)
 NEGLIGIBLE = math.exp(-DRIVE_EVIDENCE.negligible_nats)
 """Probability below which a hypothesis adds nothing to a deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Logarithms of the joint posterior, but for one constant, by r rows of sizes and s subsets; -inf for
+    what was left out."""
+
+    none: FloatArray
+    """(r,) nothing lost."""
+    larger: FloatArray
+    """(d,) the wheel is larger by any amount, nothing else; -inf where that is not compared."""
+    lost: FloatArray
+    """(r, s)"""
+    large: FloatArray
+    """(r, s) weighed by `severity`."""
+
+    @classmethod
+    def of(
+        cls,
+        row: NDArray[np.intp],
+        none: FloatArray,
+        logs: FloatArray,
+        threshold: float,
+        shape: tuple[int, int],
+    ) -> Table:
+        """By n accounts of `row` (n,): logs of nothing lost (n,) and of each hypothesis and loss of them
+        (n, h, losses); `shape`: r and s."""
+        r, s = shape
+        shift = np.maximum(np.maximum.reduce(logs, axis=(1, 2)), none)
+        shift = np.where(np.isfinite(shift), shift, -1e300)
+        scaled = np.exp(logs - shift[:, None, None])
+        top = np.full(r, -1e300)
+        np.maximum.at(top, row, shift)
+        plain = np.add.reduce(scaled, axis=2)
+        large = scaled[:, :s] @ severity(threshold)
+        parts = np.concatenate([np.exp(none - shift)[:, None], plain, large], axis=1)
+        of_row = (row == np.arange(r)[:, None]) * np.exp(shift - top[row])
+        with np.errstate(divide="ignore"):
+            found = np.log(of_row @ parts) + top[:, None]
+        return cls(found[:, 0], np.max(found[:, 1 + s : -s], axis=0), found[:, 1 : 1 + s], found[:, -s:])
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,13 +96,17 @@ class Verdict:
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest account."""
     chances: FloatArray
-    """(h,) posterior probability of each of `hypotheses_of`."""
+    """(h,) posterior probability of a loss of each of `subsets`, then of each single wheel that is larger."""
     gains: FloatArray
     """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest account."""
     best_loss_m: FloatArray
     """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest account."""
     accounts: FloatArray
     """(n,) posterior probability of each account of the change."""
+    intact: FloatArray
+    """(n,) the same with nothing lost."""
+    table: Table
+    """The same joint posterior by rows of sizes, for `evidence.posterior`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +150,12 @@ class Comparison:
         top = max(np.maximum.reduce(logs, axis=None), np.maximum.reduce(log_none))
         posterior, none = np.exp(logs - top), np.exp(log_none - top)
         total = np.add.reduce(none) + np.add.reduce(posterior, axis=None)
-        return self._verdict(accounts, fit, parabola, posterior / total, none / total)
+        table = Table.of(accounts.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
+        return self._verdict(accounts, fit, parabola, posterior / total, none / total, table)
+
+    @property
+    def _rows(self) -> int:
+        return len((self.sizes or no_sizes(self.radius_m.size)).mean)
 
     def _parabola(self, change_m: FloatArray, covariance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log-likelihood of a loss less that of none, a parabola over the size of the loss, by m accounts
@@ -122,6 +172,7 @@ class Comparison:
         parabola: tuple[FloatArray, FloatArray],
         posterior: FloatArray,
         none: FloatArray,
+        table: Table,
     ) -> Verdict:
         """Log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
         d = self.radius_m.size
@@ -151,11 +202,13 @@ class Comparison:
             gains=np.maximum.reduce(likeliest, axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             accounts=accounts,
+            intact=none,
+            table=table,
         )
 
     def _of_rows(self, given: Sized, accounts: FloatArray) -> FloatArray:
         """(r,) probability of each row of sizes by that of each account (n,)."""
-        out = np.zeros(len((self.sizes or no_sizes(self.radius_m.size)).mean))
+        out = np.zeros(self._rows)
         np.add.at(out, given.row, accounts)
         return out
 
@@ -196,13 +249,6 @@ def severity(threshold: float) -> FloatArray:
     hardly one. So what is not known of the size of a certain loss weighs less than whether there is one.
     """
     return np.minimum(LOSS_GRID / threshold, 1.0)
-
-
-def hypotheses_of(d: int) -> list[tuple[tuple[int, ...], str]]:
-    """What may have happened to d wheels, in the order of `Verdict.chances`: which wheels, `loss` or
-    `larger`."""
-    larger = [((wheel,), "larger") for wheel in range(d)] if d > 2 else []
-    return [(members, "loss") for members in subsets(d)] + larger
 
 
 @functools.cache

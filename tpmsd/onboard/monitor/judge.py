@@ -18,6 +18,7 @@ from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.baseline import Change
 from tpmsd.onboard.monitor.drive_evidence import Accounts
+from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
 from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
 from tpmsd.onboard.monitor.grip import Grip
 from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict
@@ -40,6 +41,8 @@ class Finding:
     """(d, d) with what is harmless."""
     account: int | None = None
     """Of a change over a drive: which of its `Accounts`."""
+    usual: float = 1.0
+    """Of a drive: probability that it is as learned, no tyre has lost air and none is of another size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,8 @@ class Judgement:
     """Probability of a loss beyond the threshold."""
     deviates: FloatArray
     """Probability of a change of either sign beyond its threshold."""
+    possible: FloatArray
+    """Probability of such a loss, or of what passes and looks the same now: an alarm stands as long."""
     loss_m: FloatArray
     pressure_loss: FloatArray
     """Share of the pressure."""
@@ -71,8 +76,12 @@ class Judgement:
     """Which losses would be seen; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
+    unusual: float = 0.0
+    """Probability that this drive is not as learned or a tyre has changed, and that no wheel slips."""
     all_larger: float = 0.0
     """Probability that all wheels are larger alike."""
+    posterior: Posterior | None = None
+    """The bank of which the probabilities are marginals; None before anything was judged."""
 
     @property
     def all_alike(self) -> bool:
@@ -112,7 +121,7 @@ class Judgement:
     def unknown(cls) -> Judgement:
         """Before anything was judged."""
         nan = np.full(4, math.nan)
-        return cls(nan, nan, nan, nan, nan, nan, nan, math.inf)
+        return cls(nan, nan, nan, nan, nan, nan, nan, nan, math.inf)
 
 
 class Judge:
@@ -150,8 +159,6 @@ class Judge:
         """(s, d): 1 for the other wheels of each of `subsets`."""
         self._of_driven = ~np.any(self._together[:, ~driven_mask(vehicle.driven_axle)[wheels]] > 0.0, axis=1)
         """(s,) whether these are all driven."""
-        self._fellow = np.array([[float(wheel == other ^ 1) for other in wheels] for wheel in wheels])
-        """(d, d) 1 for the other wheel of the axle."""
         front = IS_FRONT[wheels]
         self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
         """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
@@ -173,10 +180,7 @@ class Judge:
         then no loss, but one wheel that stands out is.
         """
         harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
-        ratios = None
-        if resonance is not None and resonance.wheels:
-            sets = subsets(len(self._wheels))
-            ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
+        ratios = self._ratios(resonance)
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
         against = self._against(ratios, other_tyres)
         of_drive: Finding | None = None
@@ -199,29 +203,38 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, of_drive, models)
-        deviates = self._deviates(at_once.verdict, lately.verdict, mean.samples, of_drive, models)
+        bank = posterior(self._windows(at_once, lately, mean.samples, of_drive, models))
         account = None
-        if of_drive is not None:
-            else_ = self._deflated(at_once.verdict, lately.verdict, mean.samples, None, models)
-            account = of_drive.account if else_.max() <= JUDGE.undecided < deflated.max() else None
+        if of_drive is not None and bank.deflated.max() > JUDGE.undecided:
+            without = posterior(self._windows(at_once, lately, mean.samples, None, models))
+            account = of_drive.account if without.deflated.max() <= JUDGE.undecided else None
         return Judgement(
             change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
-            deflated=self._on_all(deflated),
-            deviates=self._on_all(deviates),
+            deflated=self._on_all(bank.deflated),
+            deviates=self._on_all(bank.deviates),
+            possible=self._on_all(bank.possible),
             loss_m=self._on_all(finding.verdict.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
-            suspicion=max(at_once.verdict.suspicion, lately.verdict.suspicion) if fits else math.inf,
+            suspicion=bank.suspicion if fits else math.inf,
             contrast_std_m=_contrast_std(now.covariance_m2),
             now=now,
             finding=finding,
             account=account,
             sight=self._sight(mean, mean_m2, alike),
             drive_models=models,
-            all_larger=self._all_larger((of_drive or lately).verdict),
+            unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.low(models), 0.0),
+            all_larger=self._all_larger(bank.sizes),
+            posterior=bank,
         )
+
+    def _ratios(self, resonance: ResonanceEvidence | None) -> FloatArray | None:
+        """(s,) log likelihood ratio of each of `subsets` to none lost by the resonances; None of none."""
+        if resonance is None or not resonance.wheels:
+            return None
+        sets = subsets(len(self._wheels))
+        return np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
 
     def _look(
         self,
@@ -241,48 +254,41 @@ class Judge:
         best = int(verdict.accounts.argmax())
         return Finding(over, verdict, accounts.change_m[best], accounts.covariance_m2[best])
 
-    def _all_larger(self, verdict: Verdict) -> float:
+    def _all_larger(self, sizes: FloatArray) -> float:
         """Probability that all wheels are larger; 0 where no sizes were compared."""
         of_all = self._sizes.of_all
-        return float(verdict.sizes @ of_all) if verdict.sizes.size == of_all.size else 0.0
+        return float(sizes @ of_all) if sizes.size == of_all.size else 0.0
 
     def _against(self, ratios: FloatArray | None, other_tyres: bool) -> Comparison:
         # Of other tyres the covariance holds what they may be larger already.
         sizes = None if other_tyres else self._sizes
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
 
-    def _deflated(
-        self, now: Verdict, mean: Verdict, samples: int, drive: Finding | None, models: dict[str, float]
-    ) -> FloatArray:
-        """(d,) probability of a deflation by what all say; `drive`: the drive as a whole.
+    def _windows(
+        self, now: Finding, mean: Finding, samples: int, drive: Finding | None, models: dict[str, float]
+    ) -> list[Window]:
+        """What each window of onsets is believed to say; `drive`: the drive as a whole.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
         load for a while: so they are believed of the drive as a whole, or of the mean over minutes where the
-        car is not known yet, and what shows of them now is only reason not to clear.
+        car is not known yet. Of an axle and of all a deviation is not asked of minutes beside the drive.
         """
-        # Two tyres of an axle that differ: the level of the axle says which of them has changed, and slip and
-        # slopes move it for a while. So what minutes say is a larger tyre is no loss of its fellow now.
-        now_apart = (now.beyond @ self._apart) * (1.0 - self._fellow @ mean.larger)
-        apart = np.minimum(np.maximum(now_apart, mean.beyond @ self._apart), 1.0)
-        at_once = np.maximum(apart, np.minimum(now.deflated, JUDGE.undecided))
+        every = self._apart + self._together
+        whole = drive is None and samples >= JUDGE.full_samples
+        lately = every if whole else self._apart
+        off_lately = every if whole else np.zeros_like(self._apart)
+        windows = [
+            Window("now", now.verdict, self._apart, self._apart),
+            Window("minutes", mean.verdict, lately, off_lately),
+        ]
         if drive is not None:
-            return np.maximum(at_once, self._by_drive(drive.verdict.beyond, models))
-        return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
+            by_drive = self._believed_of_drive(models)
+            windows.append(Window("drive", drive.verdict, by_drive, by_drive))
+        return windows
 
-    def _deviates(
-        self, now: Verdict, mean: Verdict, samples: int, drive: Finding | None, models: dict[str, float]
-    ) -> FloatArray:
-        """(d,) the same of a deviation."""
-        at_once = np.minimum(now.off @ self._apart, 1.0)
-        if drive is not None:
-            return np.maximum(at_once, self._by_drive(drive.verdict.off, models))
-        whole = mean.off @ (self._apart + self._together)
-        return np.minimum(np.maximum(at_once, whole) if samples >= JUDGE.full_samples else at_once, 1.0)
-
-    def _by_drive(self, chances: FloatArray, models: dict[str, float]) -> FloatArray:
-        """(d,) probability of each wheel by that of each of `subsets` (s,) by the drive as a whole, where
-        grip allows to say so.
+    def _believed_of_drive(self, models: dict[str, float]) -> FloatArray:
+        """(s, d) how much of what the drive as a whole says of each of `subsets` is no slip.
 
         Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
         slippery road what driven axles do is slip. One that stands out beside its fellow over many samples
@@ -290,7 +296,7 @@ class Judge:
         """
         slippery, uneven = self._grip.low(models), self._grip.uneven(models)
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
-        return np.minimum(chances @ self._apart + (chances * trusted) @ self._together, 1.0)
+        return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
     def _sight(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> Sight:
         """One tyre is seen by the mean over minutes, all alike and axles by the drive as a whole, or if there
@@ -336,7 +342,9 @@ class Judge:
         chances = np.zeros(log_weight.size)
         chances[kept] = verdict.accounts
         best = int(chances.argmax())
-        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best)
+        as_learned = (accounts.model[kept] == 0) & (accounts.row[kept] == 0)
+        usual = float(verdict.intact[as_learned].sum())
+        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best, usual)
         models = accounts.model_probabilities(chances)
         # Of each model a change before the drive, with no wheel of another size.
         first = np.unique(accounts.model, return_index=True)[1]

@@ -25,6 +25,7 @@ from tpmsd.onboard.monitor.encoder_watch import EncoderWatch
 from tpmsd.onboard.monitor.explanation import Explanation
 from tpmsd.onboard.monitor.first_start import BEFORE, FirstStart
 from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.questions import Question, Questions
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
@@ -54,7 +55,7 @@ class Monitor:
     ) -> None:
         """`wheels`: indices of the wheels whose signals the bus has."""
         self._wheels = list(wheels)
-        self._vehicle, self._tyre = vehicle, tyre or TyreConfig()
+        self._vehicle, self._settings, self._tyre = vehicle, settings, tyre or TyreConfig()
         self._judge = Judge(vehicle, settings, self._tyre, self._wheels)
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
         self._grid = np.ix_(self._wheels, self._wheels)
@@ -90,6 +91,7 @@ class Monitor:
         self._configuration = ConfigurationWatch(vehicle, self._wheels)
         self._encoders = EncoderWatch(vehicle, self._wheels)
         self._leaks = SlowLeakWatch(vehicle, self._tyre, self._wheels)
+        self._questions = Questions(settings, self._wheels)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
 
@@ -97,6 +99,11 @@ class Monitor:
     def baseline(self) -> Baseline:
         """The baseline that counts."""
         return self._sets.baseline
+
+    @property
+    def questions(self) -> tuple[Question, ...]:
+        """What has probably changed and cannot be told apart."""
+        return self._questions.standing
 
     def learning(self) -> LearningReport:
         """What is learned, of which tyres."""
@@ -146,6 +153,7 @@ class Monitor:
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
             sight=self._judged.sight,
+            questions=self.questions,
         )
 
     def car_states(self, kmh: int) -> None:
@@ -183,11 +191,13 @@ class Monitor:
                     alarm.held_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
-                turned = alarm.update(probability, elapsed_s, least_hold_s)
+                possible = float(self._judged.possible[wheel]) if kind is AlarmKind.DEFLATION else None
+                turned = alarm.update(probability, elapsed_s, least_hold_s, possible)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
                     judging.alarm_turned(self._judged.account if turned == "raised" else None)
         events += self._judge_first(tick, estimate, elapsed_s)
+        self._ask(elapsed_s, tick.host_time_s)
         sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
         self.baseline.learn(estimate, self._judge.harmless_m2, sound, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
@@ -218,6 +228,13 @@ class Monitor:
                     self._sets.begin_anew()  # what was learned was the soft tyre's radius
             events.append(event)
         return events
+
+    def _ask(self, elapsed_s: float, time_s: float) -> None:
+        """What is asked after this second of driving; nothing of tyres that may be others."""
+        if self._sets.is_first(bool(self._first.standing)):
+            self._questions.at_first(self._first.suspected, elapsed_s)
+        found = None if self._sets.other_tyres else self._judged
+        self._questions.update(found, elapsed_s, time_s, said=bool(self._standing))
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
         judged = self._judged
@@ -276,6 +293,7 @@ class Monitor:
     def _take_back(self) -> None:
         """Other radii are normal now: alarms that stood against the old ones are to be taken back."""
         self._judged = Judgement.unknown()
+        self._questions.forget()
         self._first.stand(())
         for key, alarm in self._alarms.items():
             alarm.active, alarm.held_s = False, 0.0
@@ -325,12 +343,13 @@ class Monitor:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Baselines and standing tyre alarms as plain numbers."""
+        """Baselines, standing tyre alarms and malfunctions of missing signals as plain numbers."""
         return {
             "sets": self._sets.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
             "alarms": [alarm_to_json(e) for key, e in self._standing.items() if key not in self._taken_back],
             "leaks": self._leaks.to_json(),
+            "malfunctions": self._signals.to_json(),
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -350,10 +369,12 @@ class Monitor:
             leaks = SlowLeakWatch(self._vehicle, self._tyre, self._wheels)
             if "leaks" in saved:  # states of before have none
                 leaks.take_up(saved["leaks"])
+            signals = SignalWatch(self._settings, self._wheels)
+            signals.take_up(saved.get("malfunctions", []))  # states of before have none
             self._sets.take_up(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
-        self._leaks, self._restored = leaks, True
+        self._leaks, self._signals, self._restored = leaks, signals, True
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._standing.clear()

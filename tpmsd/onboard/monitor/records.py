@@ -13,6 +13,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
+    from tpmsd.onboard.monitor.questions import Question
     from tpmsd.onboard.monitor.sight import Sight  # with numpy, which `tpmsd status` does without
 
 
@@ -134,3 +135,5 @@ class MonitorReport(NamedTuple):
     learning: LearningReport | None = None
     sight: Sight | None = None
     """Which losses would be seen now; None before anything was judged."""
+    questions: tuple[Question, ...] = ()
+    """What has probably changed and cannot be told apart."""

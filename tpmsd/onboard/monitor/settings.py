@@ -254,10 +254,8 @@ class ConfigurationSettings:
     """Sum of squared changes of course, each of at most a second: three bends of 90 degrees, ..."""
     least_intervals: int = 15
     """... and the number of intervals that turned."""
-    wrong_correlation: float = -0.5
-    """Correlation from which a sign is wrong, ..."""
-    right_correlation: float = 0.5
-    """... and from which it is right and no longer looked at."""
+    sure_correlation: float = 0.5
+    """Correlation from which a sign is right and no longer looked at; below its negative it is wrong."""
     radius_share: float = 0.05
     """Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""
     radius_intervals: int = 120
@@ -278,12 +276,8 @@ class ExplanationSettings:
     """Moments that are kept with an alarm."""
     best: int = 6
     """Alternatives that are listed."""
-    told_model: float = 0.5
-    """Probability of a drive model other than the usual one from which it is told."""
     recent_s: float = 60.0
     """Time constant of the shares of driving."""
-    seen_stds: float = 2.33
-    """Standard deviations beyond the threshold at which a loss has a probability of 0.99."""
 
 
 @dataclass(frozen=True, slots=True)

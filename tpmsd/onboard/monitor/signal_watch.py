@@ -12,9 +12,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.bounds import LARGEST, number
 from tpmsd.foundation.wheels import RL, RR, WHEELS
 from tpmsd.onboard.estimators.agreement import AGREED, Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
@@ -109,10 +110,18 @@ class _Malfunction:
             return [self._event("cleared", f"over: {self.reason}", tick)]
         return []
 
+    def stand(self, time_s: float | None) -> None:
+        """Stand since that time, or not (None), as before the program was started anew."""
+        self.bad_s = self.good_s = 0.0
+        self.raised = None if time_s is None else self._at("raised", self.reason, time_s)
+
     def _event(self, state: Literal["raised", "cleared"], reason: str, tick: Tick) -> AlarmEvent:
+        return self._at(state, reason, tick.host_time_s)
+
+    def _at(self, state: Literal["raised", "cleared"], reason: str, time_s: float) -> AlarmEvent:
         wheel = None if self.wheel is None else WHEELS[self.wheel]
         nan = math.nan
-        return AlarmEvent(tick.host_time_s, AlarmKind.MALFUNCTION, wheel, state, nan, nan, 1.0, reason)
+        return AlarmEvent(time_s, AlarmKind.MALFUNCTION, wheel, state, nan, nan, 1.0, reason)
 
 
 class SignalWatch:
@@ -151,6 +160,14 @@ class SignalWatch:
         inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
         own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
         self._all = (*inputs, *own, *self._wheels.values(), *self._losing.values())
+        self._kept = {
+            "rear": self._rear,
+            "gnss": self._gnss,
+            "receiver": self._unplugged,
+            "blind": self._blind,
+        }
+        self._kept |= {WHEELS[wheel]: one for wheel, one in self._wheels.items()}
+        """That outlast a restart, by name."""
         self._blinding = (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
         """Those by which no wheel at all is watched."""
         self._stood = False
@@ -161,6 +178,26 @@ class SignalWatch:
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
         return tuple([m.raised for m in self._all if m.raised is not None])
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Those of missing signals that stand, which the next start has to show at once (UN R141): they go as
+        ever, with the signal."""
+        return [
+            {"of": name, "time_s": one.raised.time_s}
+            for name, one in self._kept.items()
+            if one.raised is not None
+        ]
+
+    def take_up(self, saved: list[dict[str, Any]]) -> None:
+        """Let those stand that were saved, and no other of their kind. ValueError, KeyError or TypeError
+        (nothing taken up) for what is none."""
+        times = {
+            str(entry["of"]): number(entry["time_s"], -LARGEST, LARGEST, "time") for entry in list(saved)
+        }
+        if unknown := times.keys() - self._kept.keys():
+            raise ValueError(f"the saved malfunction of {min(unknown)} is not one of this car")
+        for name, one in self._kept.items():
+            one.stand(times.get(name))
 
     def heard(self, time_s: float) -> list[int]:
         """Wheels of which there was a usable signal within the time that a malfunction takes."""
@@ -183,54 +220,70 @@ class SignalWatch:
         # Plain numbers: for four of them numpy takes ten times as long, and this is asked every tick.
         turned = tick.rotation_rad.tolist()
         valid = [math.isfinite(angle) for angle in turned]
-        any_valid = True in valid
-        for wheel in self._wheels:
-            if valid[wheel]:
-                self._last_valid_s[wheel] = tick.time_s
         moving = estimate.speed_mps > SIGNALS.moving_mps
         rear = valid[RL] and valid[RR]
-        if rear:
-            self._stood = not moving
-        if any_valid:
-            self._bus_down = False
-        elif any(fault.kind == "down" and fault.source == "can" for fault in tick.faults):
-            self._bus_down = True
+        self._hear(tick, valid, rear and not moving, rear)
         receiver_mps = self._receiver.update(tick)
         car = self.car.update(tick.time_s, estimate.speed_mps if rear else math.nan, receiver_mps)
         # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
         parked = self._stood and car.least_mps < SIGNALS.moving_mps
-        asleep = not any_valid and parked and not self._bus_down
+        asleep = True not in valid and parked and not self._bus_down
         limit_s = self._settings.malfunction_s
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
-        if any(math.isfinite(fix.east_m) for fix in tick.fixes):
-            self._last_fix_s = tick.time_s
-        # The estimator uses no fix without the rear wheels, nor one that is withheld: then the receiver's own
-        # silence counts.
-        own = not rear or agreement.withheld
-        stale = (tick.time_s - self._last_fix_s if own else estimate.gnss_age_s) > SIGNALS.gnss_fresh_s
-        events += self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
+        events += self._fixes(tick, estimate, not rear or agreement.withheld, moving)
         events += self._faults(tick)
         fastest_mps = max(_known(estimate.speed_mps), _known(receiver_mps), car.least_mps)
         driving = fastest_mps > SIGNALS.driving_mps
-        sees = watching.sees
-        events += self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
-        undecided = watching.undecided
-        events += self._undecided.update(driving and undecided, not undecided, SIGNALS.blind_s, tick)
-        if watching.contradiction:
-            self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
-        wrong = bool(watching.contradiction)
-        events += self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
+        events += self._of_monitor(watching, driving, tick)
         compared = self._compared(rear, estimate.speed_mps, receiver_mps)
         events += self._disagreement(compared, agreement, driving, car.sides_with, tick)
         # Against wheels and receiver together it is outvoted.
         differs = car.wheels is False and car.receiver is not False
         events += self._car_differs.update(differs, car.wheels is True, limit_s, tick)
         events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
+        return events + self._each_wheel(turned, valid, watching.losing, tick)
+
+    def _hear(self, tick: Tick, valid: list[bool], stands: bool, rear: bool) -> None:
+        """Note which wheels were heard, whether the car stands, and whether the bus is gone."""
+        for wheel in self._wheels:
+            if valid[wheel]:
+                self._last_valid_s[wheel] = tick.time_s
+        if rear:
+            self._stood = stands
+        if True in valid:
+            self._bus_down = False
+        elif any(fault.kind == "down" and fault.source == "can" for fault in tick.faults):
+            self._bus_down = True
+
+    def _fixes(self, tick: Tick, estimate: RadiusEstimate, own: bool, moving: bool) -> list[AlarmEvent]:
+        """Fixes that stay away. `own`: the estimator uses none (without the rear wheels, or while they are
+        withheld), so the receiver's own silence counts."""
+        if any(math.isfinite(fix.east_m) for fix in tick.fixes):
+            self._last_fix_s = tick.time_s
+        age_s = tick.time_s - self._last_fix_s if own else estimate.gnss_age_s
+        stale = age_s > SIGNALS.gnss_fresh_s
+        return self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
+
+    def _of_monitor(self, watching: Watching, driving: bool, tick: Tick) -> list[AlarmEvent]:
+        """What the monitor says of itself."""
+        sees, undecided, wrong = watching.sees, watching.undecided, bool(watching.contradiction)
+        events = self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
+        events += self._undecided.update(driving and undecided, not undecided, SIGNALS.blind_s, tick)
+        if wrong:
+            self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
+        return events + self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
+
+    def _each_wheel(
+        self, turned: list[float], valid: list[bool], losing: Mapping[int, float], tick: Tick
+    ) -> list[AlarmEvent]:
+        """Wheels without a signal while others turn, and encoders that lose counts."""
+        events: list[AlarmEvent] = []
+        limit_s = self._settings.malfunction_s
         turning = any(angle > SIGNALS.turning_rad for angle in turned)  # false for NaN
         for wheel, malfunction in self._wheels.items():
             events += malfunction.update(not valid[wheel] and turning, valid[wheel], limit_s, tick)
-        if watching.losing or any(one.raised for one in self._losing.values()):
-            events += self._encoders(watching.losing, tick)
+        if losing or any(one.raised for one in self._losing.values()):
+            events += self._encoders(losing, tick)
         return events
 
     def _disagreement(

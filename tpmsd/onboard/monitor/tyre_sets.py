@@ -81,27 +81,33 @@ class TyreSets:
     def _take(self, name: str | None, standing: list[str]) -> bool:
         self._requests += 1
         wanted = self.name if name is None else name
+        cost = TYRE_SETS.cost_same if wanted == self.name else TYRE_SETS.cost_other
+        why = self._why_not(wanted, standing, cost)
+        if why:
+            return self._refuse(why)
+        self._allowance -= cost
+        self._change_to(wanted)
+        return True
+
+    def _why_not(self, wanted: str, standing: list[str], cost: float) -> str:
+        """Reason to refuse a reset to this set; empty if there is none."""
         if NAME.fullmatch(wanted) is None:
-            return self._refuse(f"{wanted!r:.40} is no name of a set of tyres (a-z 0-9 _ -, at most 24)")
+            return f"{wanted!r:.40} is no name of a set of tyres (a-z 0-9 _ -, at most 24)"
         if standing and wanted == self.name:
-            return self._refuse(
+            return (
                 f"the alarm of {' '.join(standing)} stands: inflate the tyre and drive on until it is cleared"
             )
-        if (
-            wanted != self.name
-            and wanted not in self._others
-            and len(self._others) + 1 >= TYRE_SETS.most_sets
-        ):
-            return self._refuse(f"{TYRE_SETS.most_sets} sets of tyres are kept already")
-        cost = TYRE_SETS.cost_same if wanted == self.name else TYRE_SETS.cost_other
-        if self._allowance < cost:
-            return self._refuse(TOO_MANY)
-        self._allowance -= cost
-        if self._before is not None:
-            # Asked again before the first was decided: what was known before both still counts.
-            before, name_before = self._before, self._name_before
-        else:
-            before, name_before = self.baseline, self.name
+        known = wanted == self.name or wanted in self._others
+        if not known and len(self._others) + 1 >= TYRE_SETS.most_sets:
+            return f"{TYRE_SETS.most_sets} sets of tyres are kept already"
+        return TOO_MANY if self._allowance < cost else ""
+
+    def _change_to(self, wanted: str) -> None:
+        """Begin a baseline of this set, or take up the one it has; the one before is kept to judge by."""
+        # Asked again before the first was decided: what was known before both still counts.
+        undecided = self._before is not None
+        before = self._before or self.baseline
+        name_before = self._name_before if undecided else self.name
         if name_before != wanted and before.ready:
             self._others[name_before] = before.to_json()
         saved = self._others.pop(wanted, None) if wanted != self.name else None
@@ -113,15 +119,13 @@ class TyreSets:
         known = saved is not None and fresh.ready
         self._before = None if known or not before.ready else before
         self._name_before = name_before
-        self.state = "learning" if self._before is not None else "accepted"
-        self.reason = (
-            f"changed to {wanted}, as learned before"
-            if known
-            else f"learning {wanted} anew"
-            if self._before is None
-            else f"learning {wanted} anew; it will be compared with what was normal before"
-        )
-        return True
+        if known:
+            self.state, self.reason = "accepted", f"changed to {wanted}, as learned before"
+        elif self._before is None:
+            self.state, self.reason = "accepted", f"learning {wanted} anew"
+        else:
+            self.state = "learning"
+            self.reason = f"learning {wanted} anew; it will be compared with what was normal before"
 
     def _refuse(self, why: str) -> bool:
         self.state, self.reason = "refused", f"reset refused: {why}"

@@ -2,8 +2,11 @@
 
 In: the pool and a car's seed. Out: the car, the healthy drives on which it is learned, and its cases.
 
-UN R141 (before: R64): 20 % of the warm pressure, one tyre (puncture) or all four (diffusion).
-FMVSS 138: 25 %, one to four tyres, 50 to 100 km/h.
+UN R141, Annex 3 (before: R64): 20 % of the warm pressure. One tyre (puncture): within ten minutes at 40 to
+120 km/h. All four and a further 7 kPa (diffusion): within 60 minutes of driving, with a stop of 1 to 3
+minutes after 20 to 40. Time under the service brake does not count.
+FMVSS 138 (49 CFR 571.138): 25 % below the placard's cold pressure, one to four tyres, within 20 minutes at 50
+to 100 km/h.
 """
 
 from __future__ import annotations
@@ -31,6 +34,25 @@ CASES_PER_CAR = 10
 FAST_SHARE = {"city": 0.3, "suburb": 0.5, "alpine": 0.6}
 """Of the time on such a road, above 40 km/h."""
 ONE_BAR_S, FOUR_BAR_S, R141_S, FMVSS_S = 600.0, 1200.0, 600.0, 1200.0
+"""Our own limits, of driving above 40 km/h."""
+FURTHER_PA = 7000.0
+STOP_AFTER_S, STOP_S = (1200.0, 2400.0), (60.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Law:
+    """Time that a regulation allows, and which driving counts."""
+
+    limit_s: float
+    speeds_kmh: tuple[float, float]
+
+
+LAWS = {
+    "r141-puncture": Law(600.0, (40.0, 120.0)),
+    "r141-diffusion": Law(3600.0, (0.5, 999.0)),
+    "r141-malfunction": Law(600.0, (40.0, 120.0)),
+    **{f"fmvss-{count}": Law(1200.0, (50.0, 100.0)) for count in (1, 2, 3, 4)},
+}
 
 
 @dataclass(frozen=True)
@@ -48,6 +70,8 @@ class Case:
     season: str
     reloaded: bool
     """Another load than on the learning drive."""
+    then: Leg | None = None
+    """The drive goes on after a stop with the ignition off."""
 
     @property
     def wheels(self) -> tuple[int, ...]:
@@ -98,7 +122,10 @@ def group(pool: str, seed: int, number: int = CASES_PER_CAR) -> Group:
         begin = 0.0 if onset == "start" else float(rng.uniform(90.0, 240.0))
         ramp = {"start": 0.0, "fast": FAST_S, "slow": float(rng.uniform(*SLOW_S))}[onset]
         limit = FOUR_BAR_S if count == 4 else R141_S if standard.startswith("r141") else FMVSS_S
-        losses = tuple(Loss(wheel, share, begin, ramp) for wheel in wheels)
+        further = FURTHER_PA if standard == "r141-diffusion" else 0.0
+        losses = tuple(
+            Loss(wheel, share, begin, ramp, further, standard.startswith("fmvss")) for wheel in wheels
+        )
         reloaded = (seed + k) % 2 == 1
         trailer = float(rng.uniform(600.0, 1400.0)) if rng.random() < 0.4 else 0.0
         more: dict[str, Any] = (
@@ -115,8 +142,26 @@ def group(pool: str, seed: int, number: int = CASES_PER_CAR) -> Group:
             **{**base, **more},
         )
         leg = replace(leg, ambient_k=leg.ambient_k + float(rng.normal(0.0, 3.0)))
-        cases.append(Case(name, standard, onset, leg, limit, season, reloaded))
+        then = None
+        if standard == "r141-diffusion":
+            leg, then = _with_stop(leg, np.random.default_rng([seed, 79, k]))
+        cases.append(Case(name, standard, onset, leg, limit, season, reloaded, then))
     return Group(car, healthy, tuple(cases))
+
+
+def _with_stop(leg: Leg, rng: np.random.Generator) -> tuple[Leg, Leg]:
+    """The leg until the stop after 20 to 40 minutes with all that is lost, and the rest of the hour."""
+    before_s = float(rng.uniform(*STOP_AFTER_S))
+    first = replace(leg, duration_s=max(loss.done_s for loss in leg.losses) + before_s)
+    stop_s = float(rng.uniform(*STOP_S))
+    return first, replace(
+        leg,
+        seed=leg.seed + 50,
+        duration_s=1.15 * (LAWS["r141-diffusion"].limit_s - before_s),
+        losses=tuple(replace(loss, onset_s=0.0, duration_s=0.0) for loss in leg.losses),
+        pause_s=stop_s,
+        start_s=leg.start_s + first.duration_s + stop_s,
+    )
 
 
 def _season(rng: np.random.Generator) -> tuple[str, float]:

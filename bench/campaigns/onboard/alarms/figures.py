@@ -14,6 +14,7 @@ import numpy as np
 
 from bench import statistics
 from bench.campaigns.onboard.alarms.lives import is_resized
+from bench.campaigns.onboard.alarms.reliability import reliability
 from bench.statistics import count, percent
 from bench.worlds.surfaces import TAGS
 
@@ -51,6 +52,7 @@ def figures(rows: Sequence[Row]) -> Figures:
             }
             for title, of in GROUPINGS.items()
         },
+        "malfunction": _missing_signals(rows),
         "one": detection([c for c in cases if c["standard"] == "r141-puncture"]),
         "one_at_once": detection(
             [c for c in cases if c["standard"] == "r141-puncture" and c["onset"] != "slow"]
@@ -65,11 +67,23 @@ def figures(rows: Sequence[Row]) -> Figures:
             if c["named"] and not c["right_wheel"]
         ],
         "false": false_alarms(rows, legs, cases),
+        "reliability": reliability(_of_their_size([*cases, *legs])),
         "recordings": recorded,
         "cpu_s": sum(row.get("cpu_s", 0.0) for row in rows),
     }
     out["bars"] = bars(out)
     return out
+
+
+def _missing_signals(rows: Sequence[Row]) -> Figures:
+    """Of the cases in which a wheel's signal is missing."""
+    of_them = [row for row in rows if row["what"] == "malfunction"]
+    return {name: count(row[name] for row in of_them) for name in ("by_law", "stands")}
+
+
+def _of_their_size(rows: Iterable[Row]) -> list[Row]:
+    """Those on which no wheel is of another size: there the change is true."""
+    return [row for row in rows if not is_resized(row.get("tags", ()))]
 
 
 GROUPINGS: dict[str, Callable[[Row], Any]] = {
@@ -93,6 +107,8 @@ def detection(cases: Sequence[Row]) -> Figures:
     named = [c for c in cases if c["named"]]
     return {
         "detected": count(c["detected"] for c in cases),
+        "by_law": count(c["by_law"] for c in cases if "by_law" in c),
+        "stands": count(c["stands"] for c in cases if "stands" in c),
         "median_s": _order(ranked, 0.5),
         "p95_s": _order(ranked, 0.95),
         "longest_s": max(times, default=None),

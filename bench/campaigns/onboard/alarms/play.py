@@ -17,18 +17,21 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.onboard.alarms.cache import RememberedEstimator, key_of
+from bench.campaigns.onboard.alarms.cases import Law
 from bench.campaigns.onboard.alarms.ticks import ticks_of
 from bench.worlds.folder import write_folder
 from bench.worlds.magic_tyre import Array
 from bench.worlds.surfaces import FRAMES_NEEDED
-from bench.worlds.trips import Driven
+from bench.worlds.trips import ENGINE_BRAKE_MPS2, Driven
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.interfaces.cli.drive_reading import open_drive, play
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.timeline.tick import Tick
 
+TOLD_EVERY_S = 10.0
 FAST_MPS = 40.0 / 3.6
 """From here driving counts for the time to detect."""
 State = dict[str, Any]
@@ -52,7 +55,7 @@ class Heard:
 
     said: list[Said] = field(default_factory=list)
     state: State = field(default_factory=dict)
-    """What is learned at the end; empty if it was not heard to the end."""
+    """What is learned at the end, or where it was broken off."""
     learned: bool = False
     """Whether there is a baseline at the end."""
     learned_at_s: float = math.nan
@@ -60,6 +63,8 @@ class Heard:
     played_s: float = 0.0
     change: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Change against the baseline and its standard deviation in m at the end, by wheel."""
+    told: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    """Every `TOLD_EVERY_S` of judged driving: seconds since the start, P(deflation) of each wheel."""
     standing: list[str] = field(default_factory=list)
     """`kind wheel` of the alarms that stand at the end."""
 
@@ -86,11 +91,13 @@ def hear(
     frames: bool | None = None,
     memory: Path | None = None,
     method: str | None = None,
+    silent: tuple[int, float] | None = None,
 ) -> Heard:
     """Play a leg. `stop` may say, after an alarm, at which time since the start enough was heard.
 
     `frames`: through the decoder instead of by ticks; None: where the leg needs it. `memory`: a folder that
-    keeps what the estimator made of it. `method`: an estimator instead of the default.
+    keeps what the estimator made of it. `method`: an estimator instead of the default. `silent`: a wheel
+    whose signal is missing, and from when on (ticks alone).
     """
     if frames is None:
         frames = any(tag in FRAMES_NEEDED for tag in driven.leg.tags)
@@ -100,7 +107,7 @@ def hear(
             config = with_method(config_of(driven, folder), method)
             drive, database = open_drive(folder, config)
         else:
-            short = _beginning(driven)
+            short = beginning(driven)
             config = with_method(config_of(short, folder), method)
             drive, database = None, load_database(config.can.dbc)
         pipeline = Pipeline(config, database)
@@ -114,14 +121,26 @@ def hear(
         if drive is not None:
             steps = play(drive, pipeline, "leg")
         else:
-            steps = (pipeline.on_tick(tick) for tick in ticks_of(driven.drive))
+            ticks = ticks_of(driven.drive)
+            if silent is not None:
+                ticks = [_without(tick, silent[0], driven.leg.start_s + silent[1]) for tick in ticks]
+            steps = (pipeline.on_tick(tick) for tick in ticks)
         heard = _listen(driven, pipeline, steps, stop)
         if remembered is not None:
             remembered.keep()
         return heard
 
 
-def _beginning(driven: Driven) -> Driven:
+def _without(tick: Tick, wheel: int, from_s: float) -> Tick:
+    """The tick without the signal of a wheel."""
+    if tick.time_s < from_s:
+        return tick
+    rotation, std = tick.rotation_rad.copy(), tick.rotation_std_rad.copy()
+    rotation[wheel] = std[wheel] = math.nan
+    return replace(tick, rotation_rad=rotation, rotation_std_rad=std)
+
+
+def beginning(driven: Driven) -> Driven:
     """Just enough of a leg to write a configuration."""
     drive = driven.drive
     few, none = slice(0, 50), slice(0, 0)
@@ -147,6 +166,8 @@ def _listen(
         if report.learning_fraction >= 1.0 and not learned:
             learned = True
             heard.learned_at_s = now
+        if report.sight is not None and (not heard.told or now - heard.told[-1][0] >= TOLD_EVERY_S):
+            heard.told.append((now, tuple(wheel.deflation_probability for wheel in report.wheels)))
         if report.events:
             heard.said += [_plain(event, now) for event in report.events]
             if stop is not None:
@@ -154,8 +175,7 @@ def _listen(
                 end_s = math.inf if wanted is None else max(wanted, now)
         if now >= end_s:
             break
-    else:
-        heard.state = json.loads(json.dumps(pipeline.snapshot()))
+    heard.state = json.loads(json.dumps(pipeline.snapshot()))
     if report is not None:
         heard.played_s = report.time_s - start_s
         heard.learned = report.learning_fraction >= 1.0
@@ -173,3 +193,15 @@ def fast_seconds(driven: Driven, from_s: float, to_s: float) -> float:
     time_s: Array = driven.drive.time_s
     fast = (np.abs(driven.drive.speed) > FAST_MPS) & (time_s >= from_s) & (time_s < to_s)
     return float(np.count_nonzero(fast)) * float(time_s[1] - time_s[0])
+
+
+def law_seconds(driven: Driven, law: Law, from_s: float, to_s: float) -> float:
+    """Driving that a regulation counts between two instants: within its speeds, and not under the service
+    brake (slower than the engine alone makes the car)."""
+    time_s: Array = driven.drive.time_s
+    speed = np.asarray(driven.drive.speed)
+    step_s = float(time_s[1] - time_s[0])
+    low, high = (kmh / 3.6 for kmh in law.speeds_kmh)
+    braked = np.gradient(np.abs(speed), step_s) < -ENGINE_BRAKE_MPS2
+    counted = (np.abs(speed) >= low) & (np.abs(speed) <= high) & ~braked
+    return float(np.count_nonzero(counted & (time_s >= from_s) & (time_s < to_s))) * step_s

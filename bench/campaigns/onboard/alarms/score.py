@@ -8,14 +8,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.campaigns.onboard.alarms.cases import Case, Group
+from bench.campaigns.onboard.alarms.cases import LAWS, Case, Group
 from bench.campaigns.onboard.alarms.lives import LEARNING, Life
-from bench.campaigns.onboard.alarms.play import Heard, Said, State, fast_seconds, hear
+from bench.campaigns.onboard.alarms.play import Heard, Said, State, fast_seconds, hear, law_seconds
+from bench.campaigns.onboard.alarms.reliability import counts
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import Car
 from bench.worlds.trips import Driven, drive_leg
@@ -60,6 +62,9 @@ def play_group(group: Group, memory: Path | None = None, method: str | None = No
         begun = time.process_time()
         row = play_case(car, case, state, tyre_k, memory, method)
         yield {"what": "case", "name": case.name, **about, **row, **_spent(begun)}
+    begun = time.process_time()
+    row = play_malfunction(car, group, state, tyre_k, method)
+    yield {"what": "malfunction", "name": f"{pool}/{seed}/malfunction", **about, **row, **_spent(begun)}
 
 
 def play_case(
@@ -79,7 +84,84 @@ def play_case(
         return real[0].time_s + AFTER_S if real else None
 
     heard = hear(driven, state, stop, memory=memory, method=method)
-    return judge(case, driven, heard)
+    row = judge(case, driven, heard)
+    if case.then is not None and not row["named"]:
+        row |= _after_stop(car, case, driven, heard, method)
+    if row["detected"]:
+        row["stands"] = _stands(car, driven, heard, "deflation", method)
+    return row
+
+
+OFF_S = 300.0
+"""With the ignition off, after which the telltale has to light again (UN R141)."""
+
+
+def _after_stop(car: Car, case: Case, driven: Driven, heard: Heard, method: str | None) -> Row:
+    """The drive goes on after a stop, from what was saved: what the law's time brings."""
+    assert case.then is not None
+    more = drive_leg(car, case.then, driven.temperature_k)
+    law = LAWS[case.standard]
+    again = hear(more, heard.state, lambda so_far: _first_time(so_far, "deflation"), method=method)
+    counted = law_seconds(driven, law, case.done_s, math.inf)
+    at = _first_time(again, "deflation")
+    counted += law_seconds(more, law, 0.0, again.played_s if at is None else at)
+    return {"by_law": at is not None and counted <= law.limit_s, "law_s": _number(counted)}
+
+
+def _first_time(heard: Heard, kind: str) -> float | None:
+    raised = heard.raised(kind)
+    return raised[0].time_s if raised else None
+
+
+def _stands(car: Car, driven: Driven, heard: Heard, kind: str, method: str | None) -> bool:
+    """Whether an alarm of this kind stands when the ignition is switched on again."""
+    leg = driven.leg
+    start_s = leg.start_s + heard.played_s + OFF_S
+    losses = tuple(replace(loss, onset_s=0.0, duration_s=0.0) for loss in leg.losses)
+    begin = replace(
+        leg, seed=leg.seed + 70, duration_s=ON_S, losses=losses, pause_s=OFF_S, start_s=start_s, tags=()
+    )
+    after = hear(drive_leg(car, begin, driven.temperature_k), heard.state, method=method)
+    return any(name.split()[0] == kind for name in after.standing)
+
+
+ON_S = 20.0
+SILENT_S = 120.0
+"""After which a wheel's signal is missing, in a case of a malfunction."""
+
+
+def play_malfunction(car: Car, group: Group, state: State, tyre_k: Array | None, method: str | None) -> Row:
+    """A wheel's signal is missing: when a malfunction is announced, and whether it stands after a restart."""
+    usual = group.healthy[1]
+    start_s = group.cases[0].leg.start_s
+    driven = drive_leg(car, replace(usual, seed=190, duration_s=700.0, start_s=start_s), tyre_k)
+    wheel = car.seed % 4
+    heard = hear(
+        driven, state, lambda one: _first_time(one, "malfunction"), method=method, silent=(wheel, SILENT_S)
+    )
+    at, law = _first_time(heard, "malfunction"), LAWS["r141-malfunction"]
+    counted = law_seconds(driven, law, SILENT_S, heard.played_s)
+    return {
+        "standard": "r141-malfunction",
+        "wheels": [WHEELS[wheel]],
+        "by_law": at is not None and at >= SILENT_S and counted <= law.limit_s,
+        "law_s": _number(counted),
+        "stands": any(name.split()[0] == "malfunction" for name in _restarted(car, driven, heard, method)),
+    }
+
+
+def _restarted(car: Car, driven: Driven, heard: Heard, method: str | None) -> list[str]:
+    """What stands at once when the ignition is switched on again, and the signal is still missing."""
+    leg = replace(
+        driven.leg,
+        seed=driven.leg.seed + 70,
+        duration_s=ON_S,
+        pause_s=OFF_S,
+        start_s=driven.leg.start_s + heard.played_s + OFF_S,
+    )
+    wheel = car.seed % 4
+    again = drive_leg(car, leg, driven.temperature_k)
+    return hear(again, heard.state, method=method, silent=(wheel, 0.0)).standing
 
 
 def judge(case: Case, driven: Driven, heard: Heard) -> Row:
@@ -105,6 +187,7 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "trailer": case.leg.trailer_kg > 0.0,
         "detected": detected,
         "fast_s": _number(fast),
+        **_by_law(case, driven, heard, first),
         "wait_s": _number(wait),
         "early": first is not None and first.time_s < done,
         "driven_fast_s": fast_seconds(driven, done, heard.played_s),
@@ -114,8 +197,16 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "other": [_short(said) for said in heard.said if said.kind != "deflation"],
         "lost_mm": _per_wheel(1e3 * driven.lost_m[min(round(heard.played_s / 0.02), len(driven.lost_m) - 1)]),
         "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
+        "reliability": counts(driven, heard),
         "reason": "" if detected else why_missed(case, driven, heard, before, first),
     }
+
+
+def _by_law(case: Case, driven: Driven, heard: Heard, first: Said | None) -> Row:
+    """Driving that the law counts until the first alarm, or the end; and whether that is in time."""
+    law = LAWS[case.standard]
+    counted = law_seconds(driven, law, case.done_s, heard.played_s if first is None else first.time_s)
+    return {"by_law": first is not None and counted <= law.limit_s, "law_s": _number(counted)}
 
 
 def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], late: Said | None) -> str:
@@ -187,6 +278,7 @@ def judge_leg(driven: Driven, heard: Heard) -> Row:
         "km": float(driven.way_m[end]) / 1000.0,
         "hours": heard.played_s / 3600.0,
         "learned": heard.learned,
+        "reliability": counts(driven, heard),
         "resized_mm": _per_wheel(1e3 * np.array(driven.leg.resized_m)),
         "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
         **incidents,

@@ -1,0 +1,141 @@
+"""The bank of hypotheses against an enumeration of its rows with normal densities, and its marginals."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
+from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.hypotheses import LOSS_GRID, Comparison, Verdict
+from tpmsd.onboard.monitor.settings import JUDGE
+
+RADIUS_M, THRESHOLD, LIMIT = 0.31, 0.0025, 0.008
+REAR, ALL = (2, 3), (0, 1, 2, 3)
+
+
+def verdict(wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
+    """Of one account of the change, beside every size."""
+    radius, sizes = np.full(len(wheels), RADIUS_M), sizes_of(wheels)
+    against = Comparison(radius, THRESHOLD, sizes=sizes, limit=LIMIT)
+    return against.of_accounts(with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes))
+
+
+def members(d: int) -> FloatArray:
+    """(s, d) 1 for the wheels of each subset."""
+    return np.array([[float(wheel in one) for wheel in range(d)] for one in subsets(d)])
+
+
+def enumerated(
+    wheels: tuple[int, ...], windows: list[tuple[FloatArray, FloatArray]]
+) -> tuple[FloatArray, FloatArray]:
+    """Probability of a deflation of each of two wheels, and of each row of sizes, from densities alone: the
+    last window knows the sizes, each window the losses that began in it."""
+    sizes, d = sizes_of(wheels), len(wheels)
+
+    def density(window: int, row: int, lost: FloatArray) -> float:
+        change, covariance = windows[window]
+        pattern = sizes.pattern[row] * RADIUS_M
+        spread = covariance + sizes.variance[row] * np.outer(pattern, pattern)
+        return float(multivariate_normal.pdf(change, sizes.mean[row] * pattern - lost * RADIUS_M, spread))
+
+    intact = 1.0 - sum(JUDGE.prior_by_size[len(one) - 1] for one in subsets(d))
+    quiet = np.array([intact * np.exp(sizes.log_prior[r]) * density(-1, r, np.zeros(d)) for r in range(2)])
+    deflated, rows, total = np.zeros(d), quiet.copy(), quiet.sum()
+    for window, row, (k, one), loss in itertools.product(
+        range(len(windows)), range(2), enumerate(members(d)), LOSS_GRID
+    ):
+        prior = JUDGE.prior_by_size[len(subsets(d)[k]) - 1] / LOSS_GRID.size / len(windows)
+        ratio = density(window, row, loss * one) / density(window, row, np.zeros(d))
+        mass = quiet[row] * prior / intact * ratio
+        deflated += mass * min(loss / THRESHOLD, 1.0) * one
+        rows[row] += mass
+        total += mass
+    return deflated / total, rows / total
+
+
+@pytest.mark.parametrize("now_mm", [(-0.9, 0.1), (-0.2, 0.0), (4.0, 5.6), (-0.8, -0.9)])
+@pytest.mark.parametrize("before_mm", [(0.1, -0.1), (5.0, 5.2), (-1.2, 0.0)])
+def test_the_bank_is_the_enumeration_of_its_rows(
+    now_mm: tuple[float, float], before_mm: tuple[float, float]
+) -> None:
+    """Of two wheels, with a size of both and two windows, every row by its normal density."""
+    now, before = 1e-3 * np.array(now_mm), 1e-3 * np.array(before_mm)
+    now_m2 = np.full((2, 2), 6e-4**2) + np.eye(2) * 3e-4**2
+    before_m2 = np.full((2, 2), 5e-4**2) + np.eye(2) * 2e-4**2
+    every = members(2)
+    found = posterior(
+        [
+            Window("now", verdict(REAR, now, now_m2), every, every),
+            Window("minutes", verdict(REAR, before, before_m2), every, every),
+        ]
+    )
+    deflated, rows = enumerated(REAR, [(now, now_m2), (before, before_m2)])
+    assert found.deflated == pytest.approx(deflated, abs=1e-6)
+    assert found.sizes == pytest.approx(rows, abs=1e-6)
+
+
+def at_once(change_mm: FloatArray, believed: FloatArray) -> Posterior:
+    """Of four wheels that are known to 0.15 mm each, and to 0.2 mm in common, in one young window."""
+    spread = np.full((4, 4), 2e-4**2) + np.eye(4) * 1.5e-4**2
+    return posterior([Window("now", verdict(ALL, 1e-3 * change_mm, spread), believed, believed)])
+
+
+def test_what_is_not_believed_passes_and_keeps_an_alarm() -> None:
+    """Both front tyres are 1.8 mm smaller. Where an axle is believed both have lost air; where it is not,
+    neither has, and both may have: an alarm that stands is not cleared."""
+    change, every = np.array([-1.8, -1.8, 0.0, 0.0]), members(4)
+    alone = every * (every.sum(axis=1) == 1.0)[:, None]
+    sure, unsure = at_once(change, every), at_once(change, alone)
+    assert sure.deflated[:2].min() > 0.99
+    assert unsure.deflated.max() < 0.01
+    assert unsure.possible[:2].min() > 0.99
+    assert unsure.possible[2:].max() < 0.01
+
+
+def test_windows_of_the_same_data_say_what_one_of_them_says() -> None:
+    """A window that is there twice shares its prior with itself."""
+    change, every = 1e-3 * np.array([-0.8, 0.0, 0.1, 0.0]), members(4)
+    spread = np.full((4, 4), 3e-4**2) + np.eye(4) * 2e-4**2
+    told = verdict(ALL, change, spread)
+    once = posterior([Window("minutes", told, every, every)])
+    twice = posterior([Window("now", told, every, every), Window("minutes", told, every, every)])
+    assert twice.lost == pytest.approx(once.lost, abs=1e-3)
+    assert twice.deflated == pytest.approx(once.deflated, abs=1e-3)
+    assert twice.deviates == pytest.approx(once.deviates, abs=1e-9)
+
+
+@pytest.mark.parametrize("larger_mm", [0.0, 5.0, 9.0])
+def test_a_loss_that_began_now_is_seen_beside_a_size_from_before(larger_mm: float) -> None:
+    """Over minutes all wheels were larger alike; now fl is 1.8 mm smaller than that."""
+    every = members(4)
+    spread = np.full((4, 4), 3e-4**2) + np.eye(4) * 1.5e-4**2
+    before = np.full(4, 1e-3 * larger_mm)
+    now = before - np.array([1.8e-3, 0.0, 0.0, 0.0])
+    found = posterior(
+        [
+            Window("now", verdict(ALL, now, spread), every, every),
+            Window("minutes", verdict(ALL, before, spread / 3.0), every, every),
+        ]
+    )
+    assert found.deflated[0] > 0.99
+    assert found.deflated[1:].max() < 0.01
+    assert found.onsets["now"] > 0.99
+    assert (found.sizes[0] > 0.9) == (larger_mm == 0.0)
+
+
+def test_to_ask_changes_nothing() -> None:
+    """The tables of the windows are as they were, and the second answer is the first."""
+    every = members(4)
+    told = verdict(ALL, 1e-3 * np.array([-1.0, 0.0, 0.0, 0.0]), np.eye(4) * 2e-4**2)
+    window = Window("minutes", told, every, every)
+    before = told.table.lost.copy()
+    first, second = posterior([window]), posterior([window])
+    assert np.array_equal(before, told.table.lost)
+    assert np.array_equal(first.deflated, second.deflated)
+    assert 0.0 <= first.none <= 1.0
+    assert first.changed <= 1.0 - first.none + 1e-9

@@ -1,0 +1,117 @@
+"""Questions: what has probably changed and cannot be told is asked, and nothing else is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.onboard.monitor.test_unmasked import FIFTH_M, learned, raised
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.evidence.posterior import Posterior
+from tpmsd.onboard.monitor.judge import Judgement
+from tpmsd.onboard.monitor.questions import Questions
+from tpmsd.onboard.monitor.records import AlarmKind
+from tpmsd.onboard.monitor.settings import JUDGE
+
+SETTINGS = MonitorConfig()
+FRONT = 4
+"""Place of the front axle among the subsets of four wheels: four single ones are before it."""
+
+
+def found(of_front: float, unusual: float = 0.0, **models: float) -> Judgement:
+    """Both front tyres have lost air with this probability, else none has."""
+    subsets, sizes = np.zeros(15), np.zeros(9)
+    subsets[FRONT], sizes[0] = of_front, 1.0
+    wheels = np.array([of_front, of_front, 0.0, 0.0])
+    bank = Posterior(wheels, wheels, np.zeros(4), subsets, sizes, {}, 0.0, 1.0 - of_front, of_front)
+    return replace(Judgement.unknown(), posterior=bank, drive_models=models, unusual=unusual)
+
+
+def asked(questions: Questions, of_front: float, seconds: int, *, said: bool = False) -> tuple[str, ...]:
+    """Wheels that are asked about after so long."""
+    for second in range(seconds):
+        models = {"as learned": of_front, "another load": 1.0 - of_front}
+        questions.update(found(of_front, **models), 1.0, float(second), said=said)
+    return questions.standing[0].wheels if questions.standing else ()
+
+
+def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
+    """From the clearing threshold on, after the time that an alarm of all wheels takes; between that and the
+    prior the question stands; at the prior and below it goes."""
+    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), round(JUDGE.alike_hold_s)
+    assert () == asked(questions, 0.64, hold_s - 5)
+    assert ("fl", "fr") == asked(questions, 0.64, 10)
+    assert "fl fr soft (0.64) or another load (0.36)" in questions.standing[0].question
+    assert ("fl", "fr") == asked(questions, 0.1, 100)
+    assert () == asked(questions, 0.001, 70)
+    assert () == asked(questions, SETTINGS.clear_probability - 0.01, 2 * hold_s)
+
+
+def test_what_an_alarm_says_is_not_asked() -> None:
+    """An alarm of a tyre stands: there is no question, and after it one has to last anew."""
+    questions = Questions(SETTINGS, [0, 1, 2, 3])
+    assert ("fl", "fr") == asked(questions, 0.64, 200)
+    assert () == asked(questions, 0.64, 1, said=True)
+    assert () == asked(questions, 0.64, 100)
+
+
+def test_a_question_keeps_the_time_at_which_it_was_first_asked() -> None:
+    """And says the present probability."""
+    questions = Questions(SETTINGS, [0, 1, 2, 3])
+    asked(questions, 0.64, 200)
+    since_s = questions.standing[0].since_s
+    questions.update(found(0.5), 1.0, 9999.0, said=False)
+    (standing,) = questions.standing
+    assert standing == replace(standing, since_s=since_s, probability=0.5)
+    assert {"wheels", "question", "probability", "since"} == set(standing.entry())
+
+
+@pytest.mark.parametrize("axle", [(0, 1), (2, 3)])
+@pytest.mark.parametrize("seed", [20])
+def test_two_tyres_of_an_axle_that_were_soft_at_the_beginning_are_not_silent(
+    axle: tuple[int, int], seed: int
+) -> None:
+    """Both are 20 % low since before the second drive: within ten minutes an alarm of one of them, or a
+    question about them."""
+    drives = learned(seed)
+    events = drives.drive(600.0, [FIFTH_M * (k in axle) for k in range(4)])
+    named = set(raised(events, AlarmKind.DEFLATION)) | set(raised(events, AlarmKind.RADIUS_DEVIATION))
+    for question in drives.monitor.questions:
+        named |= set(question.wheels)
+    assert named & {WHEELS[k] for k in axle}
+
+
+def test_a_sound_car_asks_nothing() -> None:
+    """Another drive in order."""
+    drives = learned(21)
+    drives.drive(900.0, (0.0,) * 4)
+    assert () == drives.monitor.questions
+
+
+def test_what_is_certainly_other_than_learned_is_asked_and_names_the_axle_that_it_may_hide() -> None:
+    """That something differs and no wheel slips is 0.995: a question, naming the axle whose loss would look
+    the same; at 0.97 none."""
+    for unusual, wheels in ((0.995, ("fl", "fr")), (0.97, ())):
+        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        for second in range(200):
+            questions.update(found(0.01, unusual), 1.0, float(second), said=False)
+        assert wheels == (questions.standing[0].wheels if questions.standing else ())
+        assert all("trailer" in one.question for one in questions.standing)
+
+
+def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() -> None:
+    """Too little for an alarm and too much for a set of tyres: asked, also after the first minutes, until an
+    alarm of a tyre or a reset; what a set has is not."""
+    for chance, wheels in ((0.6, ("fr",)), (0.1, ())):
+        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        for second in range(200):
+            questions.at_first((1, chance, "2.1 mm smaller"), 1.0)
+            questions.update(None, 1.0, float(second), said=False)
+        questions.update(found(0.0), 1.0, 999.0, said=False)
+        assert wheels == (questions.standing[0].wheels if questions.standing else ())
+        assert all("fr is 2.1 mm smaller?" == one.question for one in questions.standing)
+    questions.forget()
+    assert () == questions.standing

@@ -1,0 +1,210 @@
+"""One posterior of the tyres: which have lost air, which are of another size, and since when.
+
+In: what each window of onsets says of losses and sizes (`hypotheses.Table`), and how much of what a subset
+of wheels does is believed in it. Out: `Posterior`: every probability that the monitor acts on, as marginals
+of one bank. Nothing here changes anything.
+
+A row of the bank is a size r since before the drive, a loss S, and the window w in which it began: just now,
+in the last minutes, or on the drive or before it. A loss that began in w leaves what was seen before w as it
+is, so its likelihood ratio to no loss is that of w's own data. With R for the longest window, which knows the
+sizes best, and e for its share of the prior (the windows that have a row for S share it evenly):
+
+    P(r, nothing) ~ P_R(r, nothing),      P(r, S, w) ~ P_R(r, nothing) e P_w(r, S) / P_w(r, nothing)
+
+so a size hides no loss, and minutes that say which of two tyres has changed are not overruled by the present.
+A wheel may also have become larger in a young window, a rival of losses of its fellow.
+
+What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
+have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An alarm that stands is not
+cleared while such a thing is seen of its tyre (`possible`).
+
+A change of either sign is asked alike: of it a window knows P_w(S off), and P_w(none off) takes the place of
+nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.sizes import subsets
+from tpmsd.onboard.monitor.hypotheses import Table, Verdict
+
+Over = Literal["now", "minutes", "drive"]
+LEAST = 1e-300
+"""Keeps logarithms finite."""
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Changes that began in one span of time, by what was seen since."""
+
+    over: Over
+    verdict: Verdict
+    believed: FloatArray
+    """(s, d) share of what each of `subsets` does that is a loss of the wheel; the rest passes."""
+    believed_off: FloatArray
+    """(s, d) the same of a change of either sign."""
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """Marginals of the bank; d wheels."""
+
+    deflated: FloatArray
+    """(d,) the wheel has lost air, a smaller loss than the threshold by its share of it."""
+    possible: FloatArray
+    """(d,) that, or something that passes and looks the same now."""
+    deviates: FloatArray
+    """(d,) the wheel is larger or smaller by more than the limit."""
+    subsets: FloatArray
+    """(s,) these wheels and no other have lost air, however little."""
+    sizes: FloatArray
+    """(r,) each row of sizes, what was lost beside it or not; the first: all as learned."""
+    onsets: dict[Over, float]
+    """Of each window, that something was lost and began in it."""
+    suspicion: float
+    """Log-likelihood ratio of the best loss to none, whatever its prior, by what was seen lately."""
+
+    none: float
+    """No tyre has lost air and all are of the size that was learned."""
+    changed: float
+    """A tyre has lost air, a smaller loss than the threshold by its share of it, or is of another size."""
+
+    @property
+    def lost(self) -> float:
+        """Probability that a tyre has lost air, however little."""
+        return min(float(self.subsets.sum()), 1.0)
+
+
+def posterior(windows: Sequence[Window]) -> Posterior:
+    """Marginals of the bank of these windows, the youngest first and the longest last."""
+    longest = windows[-1]
+    nothing = [_nothing(window) for window in windows]
+    at_rest, rest = _at_rest(longest.verdict.table, nothing[-1])
+    shares = _shares([_any(window.believed) for window in windows])
+    rows: list[tuple[FloatArray, FloatArray]] = []
+    for window, none, share in zip(windows, nothing, shares, strict=True):
+        rows.append(_losses(window, none, share, at_rest))
+    young = [
+        _resized(window, none, at_rest[0], len(windows))
+        for window, none in zip(windows[:-1], nothing[:-1], strict=True)
+    ]
+    terms = [at_rest, rest, *[lost.ravel() for lost, _ in rows], *young]
+    top = max(float(np.max(term, initial=-np.inf)) for term in terms)
+    total = sum(float(np.exp(term - top).sum()) for term in terms)
+    scale = top + np.log(total)
+    lost = [np.exp(plain - scale) for plain, _ in rows]
+    large = [np.exp(weighed - scale) for _, weighed in rows]
+    quiet = np.exp(at_rest - scale)
+    resized = float(np.exp(nothing[-1][1:] - scale).sum())
+    deflated = np.zeros(longest.believed.shape[1])
+    for one, window in zip(large, windows, strict=True):
+        deflated += np.add.reduce(one) @ _of_wheels(window.believed)
+    passing = quiet @ _passing(windows[0], nothing[0])
+    by_row = quiet + sum((one.sum(axis=1) for one in lost), np.zeros(quiet.size))
+    return Posterior(
+        deflated=np.minimum(deflated, 1.0),
+        possible=np.minimum(deflated + passing, 1.0),
+        deviates=_deviates(windows),
+        subsets=sum((np.add.reduce(one) for one in lost), np.zeros(longest.believed.shape[0])),
+        sizes=by_row / by_row.sum(),
+        onsets={window.over: float(one.sum()) for window, one in zip(windows, lost, strict=True)},
+        suspicion=max(window.verdict.suspicion for window in windows if window.over != "drive"),
+        none=min(float(quiet[0]), 1.0),
+        changed=min(sum(float(one.sum()) for one in large) + resized, 1.0),
+    )
+
+
+def _any(believed: FloatArray) -> FloatArray:
+    """(s,) share of what each subset does that is a loss of any wheel."""
+    return np.asarray(believed.max(axis=1))
+
+
+def _of_wheels(believed: FloatArray) -> FloatArray:
+    """(s, d) of what is believed of a subset, how much it says of each wheel."""
+    return np.asarray(believed / np.maximum(_any(believed), LEAST)[:, None])
+
+
+def _shares(believed: list[FloatArray]) -> list[FloatArray]:
+    """(s,) of each window: the windows that have a row for a subset share its prior evenly."""
+    count = sum((one > 0.0).astype(float) for one in believed)
+    return [np.where(one > 0.0, 1.0 / np.maximum(count, 1.0), 0.0) for one in believed]
+
+
+def _nothing(window: Window) -> FloatArray:
+    """(r,) log of nothing lost, or of what passes."""
+    table = window.verdict.table
+    passing = _log(1.0 - _any(window.believed)) + table.lost
+    return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1)))
+
+
+def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Log of each size with nothing lost (r,), and of larger wheels where no sizes are compared (k,).
+
+    A wheel that is larger by any amount is a row of its size: what is lost beside it depends little on how
+    large it was thought to be beforehand."""
+    if nothing.size == 1 or not np.isfinite(table.larger).any():
+        return nothing, table.larger
+    out, d = nothing.copy(), table.larger.size
+    out[1 : d + 1] = np.logaddexp(out[1 : d + 1], table.larger)
+    return out, np.empty(0)
+
+
+def _losses(
+    window: Window, nothing: FloatArray, share: FloatArray, at_rest: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`."""
+    table = window.verdict.table
+    known = np.isfinite(nothing)
+    odds = np.where(known, at_rest - np.where(known, nothing, 0.0), -np.inf)[:, None]
+    odds = odds + _log(share * _any(window.believed))
+    return odds + table.lost, odds + table.large
+
+
+def _resized(window: Window, nothing: FloatArray, at_rest: float, windows: int) -> FloatArray:
+    """(k,) logs of one wheel that became larger in this window, and of the others nothing."""
+    table = window.verdict.table
+    if not np.isfinite(nothing[0]):
+        return np.empty(0)
+    d = table.larger.size
+    alone = table.none[1 : d + 1] if d > 2 else np.empty(0)
+    young = np.concatenate([table.larger, alone])
+    return np.asarray(young + (at_rest - float(nothing[0]) - np.log(windows)))
+
+
+def _passing(window: Window, nothing: FloatArray) -> FloatArray:
+    """(r, d) of nothing lost, share of what passes and looks like a loss of the wheel."""
+    table = window.verdict.table
+    known = np.isfinite(nothing)
+    passing = table.large + _log(1.0 - _any(window.believed))
+    share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
+    return np.asarray(share @ _members(window.believed.shape[1]))
+
+
+@functools.cache
+def _members(d: int) -> FloatArray:
+    """(s, d) 1 for the wheels of each subset."""
+    return np.array([[float(wheel in one) for wheel in range(d)] for one in subsets(d)])
+
+
+def _deviates(windows: Sequence[Window]) -> FloatArray:
+    """(d,) union over the windows of a change of either sign."""
+    shares = _shares([_any(window.believed_off) for window in windows])
+    found, total = np.zeros(windows[-1].believed.shape[1]), 1.0
+    for window, share in zip(windows, shares, strict=True):
+        believed = np.minimum(window.verdict.off * _any(window.believed_off), 1.0)
+        odds = share * believed / max(1.0 - float(believed.sum()), 1e-12)
+        found += odds @ _of_wheels(window.believed_off)
+        total += float(odds.sum())
+    return np.minimum(found / total, 1.0)
+
+
+def _log(values: FloatArray) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return np.log(values)
