@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from tpmsd.car.physics.catalogue import sentence_of
 from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.diagnosis.assessment.reach import Reach
 from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
@@ -190,7 +191,7 @@ def quantity_text(quantity: Quantity) -> str:
     if isinstance(quantity.value, str):
         return quantity.value
     std = "" if quantity.std is None else f" +- {quantity.std:.1g}"
-    return f"{quantity.value:.4g}{std} {quantity.unit}".strip()
+    return with_unit(f"{quantity.value:.4g}{std}", quantity.unit)
 
 
 def shape_text(finding: Finding) -> str:
