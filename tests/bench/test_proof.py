@@ -56,6 +56,21 @@ def test_swapped_truths_change_the_score_and_not_the_report(tmp_path: Path) -> N
     assert rows[0].named == rows[1].named
 
 
+def test_an_age_that_all_counts_share_makes_no_wrong_name(tmp_path: Path) -> None:
+    """Seed 1 has a control unit that latches its counts every 16.5 ms, and warm-up: that alone is named.
+
+    Such an age once passed for a receiver whose speed is half a second old."""
+    case = next(case for case in drawn(1) if case.kind == "latched/thermal_growth")
+    assert case.spec.latch_period_s == pytest.approx(0.0165, rel=0.01)
+    made, drive = make(case, tmp_path), tmp_path / "drive"
+    write_folder(made.drive, drive)
+    answer, _ = answered(drive, 1, False)
+    row = scored(case, made, whole_truth(case, made), answer, {}, "")
+    assert (row.hit, row.wrong) == (True, False)
+    assert "warming up" in row.said
+    assert drive.with_suffix(".svg").read_text(encoding="utf-8").count("<svg") == 1
+
+
 def test_the_lag_of_a_drawn_receiver_is_sealed_and_not_asked_for(tmp_path: Path) -> None:
     """A drawn velocity lag is part of the sealed truth, and finding it makes no wrong name."""
     case = draw_case("nothing", 0.0, 7)
