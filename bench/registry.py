@@ -125,6 +125,8 @@ CAMPAIGNS = {
             "drift_levels",
         ),
         _campaign("car", "vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
+        _campaign("car", "vehicle-state-paper", "the same on the paper's car and lane change, with series"),
+        _campaign("car", "vehicle-state-drive", "the filters against the lateral speed of a recording"),
         _campaign("onboard", "slip-gate", "gates and weights of the tyre filter on hard drives"),
         _campaign("onboard", "puncture-delay", "delay to a puncture alarm under each gate"),
         _campaign("offline", "slip-regressors", "what slips by the tyre model would add to the diagnosis"),

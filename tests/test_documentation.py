@@ -3,7 +3,9 @@ parser takes.
 
 A block of commands is `console`, each command after `$ `, what it prints below it. Without a language it
 needs a comment `<!-- not run: REASON -->` before it. `<!-- run with: --option value -->` takes the place of
-options of the same name, so that the run is shorter than what is printed.
+options of the same name, so that the run is shorter than what is printed. `<!-- output: compared -->` says
+that what stands below a command is what it prints: words must be the same, numbers the same within 5 %, for
+other processors round otherwise; lines may be broken elsewhere, and `...` leaves some out.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ PAGES = [
     *sorted((REPO / "docs").rglob("*.md")),
 ]
 BLOCK = re.compile(
-    r"(?:^<!-- (not run|run with): ([^\n]*) -->\n)?^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL
+    r"(?:^<!-- (not run|run with|output): ([^\n]*) -->\n)?^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL
 )
 NO_COMMANDS = ("text", "toml", "json", "python", "sh")
 PARSER = full_parser()
@@ -153,8 +155,50 @@ def test_an_example_runs(
         command, *shown = part.rstrip("\n").split("\n")
         code = main(shortened(shlex.split(command), instead))
         said = capsys.readouterr()
+        if block.mark == "output":
+            assert 0 == code, said.err
+            assert [] == not_printed("\n".join(shown), said.out)
+            continue
         assert (2 if shown else 0) == code, said.err
         assert [] == [line for line in shown if line not in said.err + said.out]
+
+
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+SAME = 0.05
+"""Relative difference within which a printed number is the same."""
+
+
+def same_word(one: str, other: str) -> bool:
+    """Words that differ in their numbers alone, by 5 % at most."""
+    if NUMBER.sub("#", one) != NUMBER.sub("#", other):
+        return False
+    pairs = zip(NUMBER.findall(one), NUMBER.findall(other), strict=True)
+    return all(float(a) == pytest.approx(float(b), rel=SAME) for a, b in pairs)
+
+
+def not_printed(shown: str, said: str) -> list[str]:
+    """The parts of an example, between lines of `...`, that do not stand in what was printed, in order."""
+    words, at, missing = said.split(), 0, []
+    for part in re.split(r"^\.\.\.$", shown, flags=re.MULTILINE):
+        wanted = part.split()
+        starts = range(at, len(words) - len(wanted) + 1)
+        found = next((k for k in starts if all(map(same_word, wanted, words[k : k + len(wanted)]))), None)
+        if found is None:
+            missing.append(part)
+        else:
+            at = found + len(wanted)
+    return missing
+
+
+def test_an_example_with_another_output_is_seen() -> None:
+    """Another word, a number 6 % off, another order are all told; broken lines and small changes are not."""
+    said = "It reads 4.00 % low (0.9600 +- 0.0008).\n\nfound: 3\nlast 1.5e-06 s2/m"
+
+    assert [] == not_printed("It reads 4.00 %\nlow (0.9600 +- 0.00081).\n...\nlast 1.52e-06 s2/m", said)
+    assert 1 == len(not_printed("It reads 4.00 % high", said))
+    assert 1 == len(not_printed("It reads 4.25 % low", said))
+    assert 1 == len(not_printed("last 1.5e-06 s2/m\n...\nfound: 3", said))
+    assert 1 == len(not_printed("It reads 4.00 % low (0.9600 +- 0.0008). last", said))
 
 
 def test_the_examples_of_the_python_api_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

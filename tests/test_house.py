@@ -426,6 +426,125 @@ def test_modules_say_what_they_are_for() -> None:
     ]
 
 
+TERMS_DONE = (
+    "tpmsd/foundation",
+    *("tpmsd/car/config", "tpmsd/car/cars"),
+    *(f"tpmsd/onboard/{room}" for room in ("daemon", "resonance", "sinks", "sources", "timeline")),
+    *(f"tpmsd/offline/{room}" for room in ("calibration", "discovery", "planning", "simulator", "tables")),
+    "tpmsd/interfaces/bridges",
+)
+"""Rooms whose docstrings and identifiers are in terms of the field; grows until it holds every room."""
+TERMS_OPEN = {f"tpmsd/offline/tables/{name}.py" for name in ("guess", "guess_names", "guess_values")}
+"""Modules of these rooms that are not in these terms yet; shrinks."""
+_FRAGMENT = re.compile(r"(What|Whether|Of|Which|Why|How|As|By|Where|The same|An? `[^`]+` that is)\b")
+"""Opening words of a docstring that is no sentence and no noun phrase."""
+_NO_VERB = re.compile(r"(The|An?|All|One|Its?|Up|Back)\b")
+"""Opening words of a function's docstring without a verb; a property has a noun phrase, as a field."""
+TERMS: dict[str, str] = {
+    **dict.fromkeys(("told", "tells", "telling"), "reported, stated, sent or cached"),
+    "odd": "irregular or implausible",
+    "even": "regular or uniform",
+    "way": "distance_m",
+    "ways": "distances_m",
+    "wander": "drift",
+    "place": "index, position or wheel pattern",
+    "places": "indices, positions or wheel patterns",
+    "fellow": "other wheel of the axle",
+    "harmless": "nuisance",
+    **dict.fromkeys(("take_up", "taken_up"), "restore"),
+    **dict.fromkeys(("sure", "spare", "net", "worth"), "margin, gain or probability"),
+    "anew": "again",
+}
+"""Words of identifiers, and the terms that stand for them."""
+_TERMS_KEPT = {
+    "tpmsd/offline/discovery/settings.py": {"even_count", "odd_count"},  # parity of a number of teeth
+    "tpmsd/offline/planning/search.py": {"told"},  # a key of tpmsd.plan/1
+    "tpmsd/offline/tables/from_file.py": {"names_told"},  # used by the API
+}
+
+
+def docstring_fragments(name: str, source: str) -> list[str]:
+    """Return the docstrings of a source, those under a name included, that open as fragments, a line each."""
+    faults = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name != "__init__":
+            text = ast.get_docstring(node) or ""
+            is_property = any(ast.unparse(each).endswith("property") for each in node.decorator_list)
+            if not is_property and (opening := _NO_VERB.match(text)):
+                faults.append(
+                    f"{name}:{node.lineno}: the docstring of {node.name} opens with {opening.group()!r}; "
+                    "begin with a verb ('Return ...')"
+                )
+        if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
+            continue
+        text = node.value.value
+        if isinstance(text, str) and (opening := _FRAGMENT.match(text.strip())):
+            faults.append(
+                f"{name}:{node.lineno}: the docstring opens with {opening.group()!r}; "
+                "begin with a verb ('Return ...') or a noun phrase"
+            )
+    return sorted(faults)
+
+
+def unclear_identifiers(name: str, source: str) -> list[str]:
+    """Return the names that a module defines with a word of `TERMS`, a line each with the term."""
+    defined: list[tuple[int, str]] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+            defined.append((node.lineno, node.name))
+        elif isinstance(node, ast.arg):
+            defined.append((node.lineno, node.arg))
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            defined.append((node.lineno, node.id))
+        elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+            defined.append((node.lineno, node.attr))
+    faults = []
+    for line, identifier in sorted(set(defined)):
+        words = "_" + re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", identifier).lower().strip("_") + "_"
+        found = [word for word in TERMS if f"_{word}_" in words]
+        if found and identifier not in _TERMS_KEPT.get(name, ()):
+            faults.append(f"{name}:{line}: {identifier}; for {found[0]!r} the term is: {TERMS[found[0]]}")
+    return faults
+
+
+def test_finished_rooms_are_in_terms_of_the_field() -> None:
+    """No docstring of the rooms of `TERMS_DONE` opens as a fragment, and no name has a word of `TERMS`."""
+    faults = []
+    for room in TERMS_DONE:
+        for path in sorted((REPO / room).rglob("*.py")):
+            name = path.relative_to(REPO).as_posix()
+            if name not in TERMS_OPEN:
+                faults += [*docstring_fragments(name, read(path)), *unclear_identifiers(name, read(path))]
+
+    assert [] == faults
+
+
+@pytest.mark.parametrize(
+    ("source", "faults"),
+    [
+        ('"""What a module holds."""', 1),
+        ('"""Return what it holds."""', 0),
+        ('def f():\n    """Whether it holds."""', 1),
+        ('class C:\n    """A record."""\n    x = 0.0\n    """Of the front axle."""', 1),
+        ('class C:\n    def f(self):\n        self.x = 0\n        """The same again."""', 1),
+        ('class C:\n    """An `x` that is y."""', 1),
+        ('def f():\n    """The next frame."""', 1),
+        ('class C:\n    @property\n    def f(self):\n        """The next frame."""', 0),
+        ('x = 1\n"""Offset of the clocks, s."""', 0),
+        ('print("What is printed is no docstring")', 0),
+        ("told = 1", 1),
+        ("def f(places): return places", 1),
+        ("def f(): return x.place", 0),
+        ("class OddFrame: pass", 1),
+        ("self._hint_told_s = 1.0", 1),
+        ("wayward = evening = network = 1", 0),
+    ],
+)
+def test_the_watch_over_terms_sees(source: str, faults: int) -> None:
+    """A fragment and a name with a word of `TERMS` are found; uses of others' names are let through."""
+    assert faults == len(docstring_fragments("m.py", source) + unclear_identifiers("m.py", source))
+
+
 def test_the_architecture_names_every_room() -> None:
     """docs/explanation/architecture.md has a line for each room that exists."""
     text = read(REPO / "docs" / "explanation" / "architecture.md")

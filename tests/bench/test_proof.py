@@ -14,8 +14,9 @@ from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.campaigns.offline.diagnosis.make import make
 from bench.campaigns.offline.diagnosis.score import match
 from bench.campaigns.offline.diagnosis.seal import Answer
-from bench.campaigns.offline.diagnosis.truth import Truth, truth_of
+from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
 from bench.campaigns.offline.proof import others as other_methods
+from bench.campaigns.offline.proof.oracle import bounds, can_tell
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import page
 from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth
@@ -118,8 +119,35 @@ def test_a_method_that_fails_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 def test_misses_stand_on_the_page_beside_hits() -> None:
     """The page says of every drive if it was a hit, a miss or a wrong name, with markup escaped."""
-    rows = [Row("a", "x", hit=True), Row("b", "y<z"), Row("c", "z", wrong=True)]
+    rows = [Row("a", "x", hit=True), Row("b", "y<z", tellable=False), Row("c", "z", wrong=True)]
     rows += [Row("d", "nothing", hit=True), Row("e", "slope", hit=True, known=True)]
     text = page(rows, 5)
-    assert "1 of 3 concealed effects found, 1 drive with a wrong name" in text and "y&lt;z" in text
+    assert "1 of 2 concealed effects that their drives can tell are named first, 1 of 3 in all" in text
+    assert "1 drive with a wrong name" in text and "y&lt;z" in text
     assert all(f"{row.drive}: {row.verdict}" in text for row in rows) and "SEED=5" in text
+
+
+def test_verdict_and_picture_stand_before_the_table() -> None:
+    """The order is verdict, picture of the first hit with what was said of it, table, each drive."""
+    rows = [Row("a", "x", picture="<svg/>"), Row("b", "y", hit=True, said="It is +- y.", picture="<svg/>")]
+    text = page(rows, 1)
+    order = [text.index(mark) for mark in ("<h1>", "<figure>", "It is ± y.", "<table>", "<article")]
+    assert order == sorted(order)
+    assert text.count("<figure>") == 1
+
+
+def test_the_oracle_asks_for_gain_and_for_margin() -> None:
+    """An effect counts as tellable with 64 nats, 8 of them beyond its best rival."""
+    effect = Concealed("x", "x", {}, 64.0, 8.0, "y", [], [], [], [])
+    assert can_tell([effect])
+    assert not can_tell([effect, replace(effect, gain=63.9)])
+    assert not can_tell([replace(effect, margin=7.9)])
+    assert bounds([effect]) == "64 nats, 8 more than y"
+
+
+def test_the_oracle_tells_a_larger_effect_and_not_a_smaller_one(tmp_path: Path) -> None:
+    """The gain goes with the square of the size: at an eighth the same drive cannot tell growth."""
+    made = [draw_case("centrifugal_growth", strength, 7) for strength in (1.0, 0.125)]
+    large, small = (truth_of(case, make(case, tmp_path).windows).effects for case in made)
+    assert can_tell(large)
+    assert not can_tell(small)

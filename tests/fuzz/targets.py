@@ -32,6 +32,8 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import InputError, TpmsdError
+from tpmsd.offline.drives.reading import ignore_note
+from tpmsd.offline.signals.vbo import read_vbo
 from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.state_file import load_state, save_state
@@ -242,6 +244,15 @@ def nmea_log(data: bytes) -> None:
         assert "\n" not in str(error)
 
 
+def vbo(data: bytes) -> None:
+    """A Racelogic VBO file: a table of columns of one length, or refused with a line."""
+    try:
+        table = read_vbo(file("any.vbo", data), ignore_note)
+        assert 1 == len({len(values) for values in table.columns.values()})
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
 def toml(data: bytes) -> None:
     """A configuration: read, or refused with lines that say why."""
     path = file("vehicle.toml", data)
@@ -334,6 +345,11 @@ LOG = (
     b"(1719820800.012345) can0 0B0#1122334455667788\n(1719820800.1) can0 18FEF100#11 R\n"
     b"(1.0) c 123##1001122\n"
 )
+VBO = (
+    b"File created on 01/07/2024 at 10:00:00\n[header]\nsatellites\ntime\nlatitude\nlongitude\nvelocity kmh\n"
+    b"heading\nYawRate\n[channel units]\ndeg/s\n"
+    b"[column names]\nsats time lat long velocity heading YawRate\n[data]\n"
+) + b"".join(b"9 1200%04.1f +3119.1 -58.5 72.0 %05.1f +1.0E+00\n" % (0.1 * k, 0.1 * k) for k in range(40))
 ASC = (
     b"date Mon Jul 1 10:00:00.000 am 2024\nbase hex timestamps absolute\ninternal events logged\n"
     b"   0.010000 1  B0              Rx   d 8 11 22 33 44 55 66 77 88\n"
@@ -383,6 +399,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "mf4": mf4,
     "dbc": dbc,
     "nmea_log": nmea_log,
+    "vbo": vbo,
     "toml": toml,
     "model": model,
     "state": state,
@@ -406,6 +423,7 @@ SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "mf4": lambda: [packed("mf4")],
     "dbc": lambda: [DBC.encode("ascii")],
     "nmea_log": lambda: [b"(1719820800.1) " + sentences.nmea(RMC) + b"\n", sentences.nmea(RMC) + b"\n"],
+    "vbo": lambda: [VBO],
     "toml": lambda: [_configuration_seed()],
     "model": lambda: [b'[[effect]]\nname = "centrifugal_growth"\ncoefficient = 2e-06\n[effect.std]\n'],
     "state": lambda: [_state_seed(), json.dumps(MEMORY).encode("ascii")],

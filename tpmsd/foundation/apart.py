@@ -22,10 +22,10 @@ from typing import Any
 
 CPU_S = 20
 CPU_S_PER_MB = 4
-"""Beyond `CPU_S`, for each MB of the file: python-can takes 1 to 2 s per MB of packed MF4."""
+"""CPU time beyond `CPU_S` for each MB of the file, s: python-can takes 1 to 2 s per MB of packed MF4."""
 MEMORY_BYTES = 512 << 20
 MEMORY_PER_BYTE = 8
-"""Address space beyond what the imports took, and for each byte of the file."""
+"""Address space for each byte of the file, beyond what the imports took."""
 MOST_MESSAGE_BYTES = 256 << 20
 _HEADER = struct.Struct("<cQ")
 _DATA, _END, _FAILED = b"D", b"E", b"X"
@@ -36,11 +36,12 @@ _START = (
 
 Send = Callable[[bytes], None]
 Worker = Callable[[Path, Iterator[str], Send], None]
-"""Reads the path, answers the requests (lines), sends messages. It calls `limit` once all is imported."""
+"""Function that reads the path, answers the requests (lines), sends messages. It calls `limit` once all is
+imported."""
 
 
 class ApartError(ValueError):
-    """Says in one line why the child did not read to the end."""
+    """Failure of the child to read to the end, in one line."""
 
 
 class Apart:
@@ -74,7 +75,7 @@ class Apart:
             raise ApartError(self._ended()) from None
 
     def receive(self) -> bytes | None:
-        """The next message, None after the last; ApartError where the child failed."""
+        """Return the next message, None after the last; ApartError where the child failed."""
         assert self._child.stdout is not None
         header = self._child.stdout.read(_HEADER.size)
         if len(header) < _HEADER.size:

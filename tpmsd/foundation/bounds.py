@@ -15,19 +15,20 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 
 LARGEST = 1e12
-"""No quantity that is saved comes near it: the largest are Unix times, 2e9 s."""
+"""Upper bound of every saved quantity; the largest are Unix times, 2e9 s."""
 MAX_DEPTH = 16
 MAX_VALUES = 100_000
 WIDER = 25.0
-"""A saved variance may be so many times the prior one: what drifts (GNSS latency) grows beyond its prior."""
+"""Ratio by which a saved variance may exceed the prior one: quantities that drift (GNSS latency) grow beyond
+it."""
 FAR = 50.0
-"""A saved parameter may be so many prior standard deviations off its prior mean."""
+"""Distance of a saved parameter from its prior mean, at most, in prior standard deviations."""
 _ROUNDING = 1e-9
-"""Of the largest variance: how negative an eigenvalue may be by rounding."""
+"""Share of the largest variance by which an eigenvalue may be negative by rounding."""
 
 
 def number(value: object, low: float, high: float, what: str = "number") -> float:
-    """A finite number in [low, high]; ValueError else, also for booleans and text."""
+    """Return a finite number in [low, high]; ValueError else, also for booleans and text."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"the saved {what} is no number")
     # Compared before it is converted: an integer of 400 digits has no float.
@@ -37,21 +38,22 @@ def number(value: object, low: float, high: float, what: str = "number") -> floa
 
 
 def whole(value: object, low: int, high: int, what: str = "count") -> int:
-    """An integer in [low, high]; ValueError else."""
+    """Return an integer in [low, high]; ValueError else."""
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise ValueError(f"the saved {what} is no whole number between {low} and {high}")
     return value
 
 
 def vector(value: object, size: int, what: str = "vector") -> FloatArray:
-    """(size,) finite numbers below LARGEST; ValueError else."""
+    """Return (size,) finite numbers below LARGEST; ValueError else."""
     if not isinstance(value, list) or len(value) != size:
         raise ValueError(f"the saved {what} has another shape")
     return np.array([number(x, -LARGEST, LARGEST, what) for x in value])
 
 
 def covariance(value: object, most: FloatArray, what: str = "covariance") -> FloatArray:
-    """(d, d) symmetric, positive semidefinite, with a diagonal of at most `most` (d,); ValueError else."""
+    """Return (d, d) symmetric, positive semidefinite, with a diagonal of at most `most` (d,); ValueError
+    else."""
     size = most.size
     if not isinstance(value, list) or len(value) != size:
         raise ValueError(f"the saved {what} has another shape")
@@ -69,8 +71,8 @@ def covariance(value: object, most: FloatArray, what: str = "covariance") -> Flo
 
 
 def check_plain(saved: object, depth: int = 0) -> int:
-    """How many values there are in a JSON document; ValueError if a number is not finite or absurd, or if it
-    is too deep or too large."""
+    """Return the number of values in a JSON document; ValueError if a number is not finite or out of bounds,
+    or if the document is too deep or too large."""
     if depth > MAX_DEPTH:
         raise ValueError("the saved state is nested too deeply")
     if isinstance(saved, dict | list):
@@ -89,7 +91,7 @@ def check_plain(saved: object, depth: int = 0) -> int:
 
 
 def check_like(saved: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
-    """Hold what an estimator saved against what the same estimator knows before it has learned anything.
+    """Compare what an estimator saved with the state of the same estimator before it has learned anything.
 
     Every square matrix named `..covariance..` must be one, with variances of at most WIDER times the prior
     ones; a vector `mean_m` beside `covariance_m2`, or `X` beside `X_covariance`, may be FAR prior standard
@@ -118,7 +120,7 @@ def check_like(saved: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
 
 
 def no_wider(spread: FloatArray, most: FloatArray) -> FloatArray:
-    """A covariance (d, d) shrunk, correlations kept, to variances of at most `most` (d,).
+    """Return a covariance (d, d) shrunk, correlations kept, to variances of at most `most` (d,).
 
     Every restart widens what was saved; a box whose power fails every ten seconds must not forget more than
     a box that never knew.

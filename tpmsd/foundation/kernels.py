@@ -37,13 +37,13 @@ def loadable(stem: Path) -> bool:
 
 @cache
 def kernels() -> dict[str, bool]:
-    """Kernel -> whether its compiled form can be loaded."""
+    """Return a mapping kernel -> whether its compiled form can be loaded."""
     package = Path(__file__).resolve().parents[1]
     return {name: loadable(package / file) for name, file in FILES.items()}
 
 
 def kernel() -> str:
-    """`compiled`, `numpy`, or `compiled: bank, gains` where only these are."""
+    """Return `compiled`, `numpy`, or `compiled: bank, gains` where only these are."""
     found = [name for name, there in kernels().items() if there]
     if len(found) == len(FILES):
         return COMPILED

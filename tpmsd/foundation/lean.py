@@ -1,5 +1,4 @@
-"""What a command leaves out until it is needed: modules, the collection of cycles, giving memory back; and
-what it must not wait for.
+"""Start-up and run time kept short: modules imported on demand, cycle collection and freed memory controlled.
 
 In: nothing. Out: nothing; import system, collector or allocator are told. python-can imports asammdf
 wherever that is installed, and asammdf pandas: a second and 90 MB, of which only MF4 files make use. cantools
@@ -32,7 +31,7 @@ class _LeftOut(importlib.abc.MetaPathFinder):
 
 
 def leave_out_mf4() -> None:
-    """From now on python-can is imported without its reader of MF4 files; once is enough."""
+    """Import python-can without its reader of MF4 files from now on; one call is enough."""
     if not any(isinstance(finder, _LeftOut) for finder in sys.meta_path):
         sys.meta_path.insert(0, _LeftOut())
 
@@ -61,7 +60,7 @@ class _OnDemand(importlib.abc.MetaPathFinder):
 
 
 def import_on_demand() -> None:
-    """From now on the modules of `ON_DEMAND` run when they are first used; once is enough."""
+    """Run the modules of `ON_DEMAND` when they are first used; one call is enough."""
     if not any(isinstance(finder, _OnDemand) for finder in sys.meta_path):
         sys.meta_path.insert(0, _OnDemand())
 
@@ -83,8 +82,8 @@ _KEPT_BYTES = 1 << 29
 
 
 def keep_freed_memory() -> None:
-    """From now on freed memory stays with the process for the next array of the size: to ask the system for
-    fresh pages again and again takes a tenth of a diagnosis. Where the C library is another, nothing is done.
+    """Keep freed memory in the process for the next array of its size: to ask the system for fresh pages each
+    time takes a tenth of a diagnosis. Does nothing where the C library is not glibc.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
     if mallopt is not None:
@@ -94,8 +93,8 @@ def keep_freed_memory() -> None:
 
 @contextmanager
 def no_collection() -> Iterator[None]:
-    """While a drive is read or modules are imported, cycles are not looked for: a million records are made,
-    none of which is in one, and to look through them takes a tenth of the time."""
+    """Switch the collection of cycles off while a drive is read or modules are imported: a million records
+    are made, none of which is in a cycle, and the search takes a tenth of the time."""
     before = gc.isenabled()
     gc.disable()
     try:

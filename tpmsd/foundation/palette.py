@@ -13,10 +13,10 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """How one role is drawn."""
+    """Colour and dashes of one role in a drawing."""
 
     colour: str
-    """On a white ground; pages put the CSS variable of the role's name in its place."""
+    """Colour on a white ground; pages put the CSS variable of the role's name in its place."""
     dashes: tuple[float, ...] = ()
     """Dash and gap in line widths; empty: a solid line."""
 
@@ -35,11 +35,11 @@ STYLES: dict[str, Style] = {
     "gap": Style("#e3c300"),
     "card": Style("#ffffff"),
 }
-"""By role: the wheels, a quantity before and after, text and curves without a wheel, what is of less weight,
+"""Style by role: the wheels, a quantity before and after, text and curves without a wheel, secondary items,
 grid, alarms, spans without fixes, the ground."""
 
 
 def line_style(role: str) -> dict[str, Any]:
-    """Colour and dashes of a curve, as matplotlib takes them."""
+    """Return the colour and dashes of a curve, as matplotlib takes them."""
     style = STYLES[role]
     return {"color": style.colour, "linestyle": (0, style.dashes) if style.dashes else "-"}

@@ -46,7 +46,7 @@ def _shown(value: Any) -> str:
 
 
 def plain(obj: Any) -> Any:
-    """`obj` in the types of JSON: records become objects, arrays lists, NaN and infinities None.
+    """Return `obj` in the types of JSON: records become objects, arrays lists, NaN and infinities None.
 
     TypeError for what JSON has no form for.
     """
@@ -72,12 +72,12 @@ def plain(obj: Any) -> Any:
 
 
 def finite(value: float) -> float | None:
-    """`value`, or None where JSON has no number for it (NaN, infinity)."""
+    """Return `value`, or None where JSON has no number for it (NaN, infinity)."""
     return float(value) if math.isfinite(value) else None
 
 
 def number(value: object) -> float | None:
-    """A finite number that came as JSON; None for anything else, truth values and text too."""
+    """Return a finite number that came as JSON; None for anything else, truth values and text too."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     try:
@@ -87,5 +87,5 @@ def number(value: object) -> float | None:
 
 
 def millimetres(length_m: float) -> float | None:
-    """`length_m` in mm, to a nanometre: finer digits carry nothing."""
+    """Return `length_m` in mm, to a nanometre: finer digits carry nothing."""
     return round(1e3 * float(length_m), 6) if math.isfinite(length_m) else None

@@ -1,4 +1,4 @@
-"""Where a document comes from: the keys `schema`, `program` and `input` that every JSON document has.
+"""Origin of a document: the keys `schema`, `program` and `input` that every JSON document has.
 
 In: the schema's name, the drives or files that were read, the configuration. Out: a dict of plain values.
 The files are read once more to be hashed: this belongs to the shells (command line, API, daemon), not to the
@@ -23,7 +23,7 @@ _BLOCK = 1 << 20
 def provenance(
     schema: str, paths: Sequence[str | Path] = (), configuration: str | Path | None = None
 ) -> dict[str, Any]:
-    """The three keys.
+    """Return the three keys.
 
     Args:
         schema: name and version, such as `tpmsd.replay/2`.
@@ -47,7 +47,8 @@ def provenance(
 
 
 def content_hash(paths: Iterable[Path]) -> str:
-    """`sha256:<hex>` over files, and over folders as their files' names and contents, wherever they lie.
+    """Return `sha256:<hex>` over files, and over folders as their files' names and contents, wherever they
+    lie.
 
     The same content gives the same hash under another path. What cannot be read counts as absent.
     """
@@ -64,7 +65,7 @@ def content_hash(paths: Iterable[Path]) -> str:
 
 @cache
 def commit() -> str | None:
-    """The commit of the checkout that runs; None where the program is installed."""
+    """Return the commit of the checkout that runs; None where the program is installed."""
     try:
         git = Path(__file__).resolve().parents[2] / ".git"
         if git.is_file():  # a linked worktree names its folder there

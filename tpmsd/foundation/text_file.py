@@ -22,7 +22,7 @@ PIPE_PATIENCE_S = 2.0
 
 
 def names_configuration(path: Path) -> bool:
-    """Whether a file is a car's configuration by one of its tables; False where it cannot be read."""
+    """Return whether a file is a car's configuration by one of its tables; False where it cannot be read."""
     try:
         with path.open("rb") as file:
             return _TABLES.search(file.read(_LOOK_BYTES)) is not None
@@ -31,7 +31,7 @@ def names_configuration(path: Path) -> bool:
 
 
 def opened(path: Path) -> BinaryIO:
-    """A file to read; OSError where it cannot be opened, and for a pipe into which nobody writes."""
+    """Return a file to read; OSError where it cannot be opened, and for a pipe into which nobody writes."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     file = os.fdopen(descriptor, "rb")
     if stat.S_ISFIFO(os.fstat(descriptor).st_mode) and not select.select([file], [], [], PIPE_PATIENCE_S)[0]:
@@ -42,7 +42,7 @@ def opened(path: Path) -> BinaryIO:
 
 
 def read_text(path: Path, most_bytes: int, what: str) -> str:
-    """The text of a file in UTF-8; ConfigError where it cannot be read, is longer, or is no text.
+    """Return the text of a file in UTF-8; ConfigError where it cannot be read, is longer, or is no text.
 
     `what` it should be stands in the reason, `a model` for one.
     """

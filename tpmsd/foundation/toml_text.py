@@ -11,7 +11,7 @@ import tomllib
 from typing import Any
 
 MOST_KEY_PARTS = 32
-"""Of a dotted key; a configuration needs four."""
+"""Parts that a dotted key may have; a configuration needs four."""
 LARGEST_INTEGER = 2**63 - 1
 """TOML itself asks for no more than 64 bits."""
 
@@ -20,8 +20,8 @@ _DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The data of a TOML file. `tomllib.TOMLDecodeError` where it is none; another ValueError where it is
-    beyond bounds. Integers may be of any size: see `check_integers`."""
+    """Return the data of a TOML file. `tomllib.TOMLDecodeError` where it is none; another ValueError where it
+    is beyond bounds. Integers may be of any size: see `check_integers`."""
     if (deep := _DEEP_KEY.search(text)) is not None:
         line = text.count("\n", 0, deep.start()) + 1
         raise ValueError(f"line {line}: a key of more than {MOST_KEY_PARTS} parts")
@@ -36,7 +36,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def check_integers(data: dict[str, Any]) -> None:
-    """ValueError if an integer is beyond TOML's own bounds."""
+    """Check that integers are within TOML's own bounds; ValueError otherwise."""
     waiting: list[Any] = [data]
     while waiting:
         value = waiting.pop()

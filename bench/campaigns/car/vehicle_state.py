@@ -155,11 +155,12 @@ def manoeuvres() -> dict[str, Run]:
     }
 
 
-def workshop() -> CarDynamics:
-    """The filters' car: data sheet, and what one slow steering ramp at 60 km/h below 4 m/s2 tells of it."""
-    p = parameters()
+def workshop(car: Any = None) -> CarDynamics:
+    """The filters' car: data sheet, and what one slow steering ramp at 60 km/h below 4 m/s2 tells of it;
+    `car`: of `parameters`, the default one if None."""
+    p = parameters() if car is None else car
     speed = 60 * KMH
-    ramp = run(slowly_rising_steer(speed), 8.0, speed)
+    ramp = run(slowly_rising_steer(speed), 8.0, speed, p)
     use = (np.abs(ramp.accel_lat_mps2) > 0.5) & (np.abs(ramp.accel_lat_mps2) < 4.0)
     v, u, r = (values[use] for values in (ramp.left_mps, ramp.forward_mps, ramp.yaw_rate_radps))
     lateral = ramp.accel_lat_mps2[use]

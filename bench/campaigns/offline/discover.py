@@ -146,10 +146,10 @@ def _is_wheel(bus: DrawnBus, found: Discovery, wheel: str, mode: str) -> bool:
         return False
     if mode == "with DBC":
         return role.field.signal == bus.truth[wheel]
-    place = role.field.place
-    lowest = place.shift
-    if place.big_endian:
-        lowest = 8 * (place.word_bytes - 1 - place.shift // 8) + place.shift % 8
+    layout = role.field.layout
+    lowest = layout.shift
+    if layout.big_endian:
+        lowest = 8 * (layout.word_bytes - 1 - layout.shift // 8) + layout.shift % 8
     identifier, at, _ = bus.raw_truth[wheel]
     return (role.field.key, lowest) == (identifier, at)
 

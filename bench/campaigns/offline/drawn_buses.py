@@ -218,7 +218,7 @@ def _bus(
             raw[signal.name] = _wheel_raw(drive, layout, signal, wheel, t - delay_s, rng)
             if told:
                 truth[wheel] = f"{message}.{signal.name}"
-                raw_truth[wheel] = identifier, signal.bit_places()[0], layout.big_endian
+                raw_truth[wheel] = identifier, signal.bit_positions()[0], layout.big_endian
         if layout.bits == 8:
             signals.append(SignalLayout(name(), 56, 4))
             raw[signals[-1].name] = np.arange(len(t)) % 16

@@ -50,18 +50,18 @@ def log_of(car: Car) -> BusLog:
         for role in roles:
             entry, field = car.signals[role], field_of(car.signals[role])
             wheel = WHEELS.index(role[-2:])
-            place = field.place
-            layout = SignalLayout(role, dbc_start(field), place.length, place.big_endian, place.signed)
+            bits = field.layout
+            layout = SignalLayout(role, dbc_start(field), bits.length, bits.big_endian, bits.signed)
             layouts.append(layout)
             counts = world.counts_at(stamps, wheel)
             if role.startswith("wheel_count_"):
-                modulus = int(entry.get("modulus", 1 << place.length))
+                modulus = int(entry.get("modulus", 1 << bits.length))
                 raw[role] = (np.floor(counts / field.scale).astype(np.int64) + 100) % modulus
                 continue
             omega = (counts - world.counts_at(stamps - 0.02, wheel)) / 48 * 2 * np.pi / 0.02
             kind, factor, _ = UNITS[field.unit]
             speed = omega / factor if kind == "angular speed" else omega * 0.316 / factor
-            raw[role] = np.clip(np.rint((speed - field.offset) / field.scale), 0, place.mask).astype(np.int64)
+            raw[role] = np.clip(np.rint((speed - field.offset) / field.scale), 0, bits.mask).astype(np.int64)
         size = max(int(car.signals[role].get("length", 8)) for role in roles)
         rows = MessageLayout(key, "M", 0.02, tuple(layouts), size).pack(raw, len(stamps))
         host = drive().spec.clocks.host_s(stamps + rng.exponential(0.0004, len(stamps)))

@@ -62,12 +62,12 @@ def test_wheels_in_raw_frames(name: str, tmp_path: Path) -> None:
     what = bus.layout.kind.removesuffix("s")
     for wheel, (identifier, lowest, big) in bus.raw_truth.items():
         field = found.roles[f"wheel_{what}_{wheel}"].field
-        place = field.place
-        at = place.shift
-        if place.big_endian:
-            at = 8 * (place.word_bytes - 1 - place.shift // 8) + place.shift % 8
+        layout = field.layout
+        at = layout.shift
+        if layout.big_endian:
+            at = 8 * (layout.word_bytes - 1 - layout.shift // 8) + layout.shift % 8
         assert (identifier, lowest) == (field.key, at)
-        assert big == place.big_endian or place.length <= 8
+        assert big == layout.big_endian or layout.length <= 8
         assert field.message == f"ID_{identifier:03X}"
 
     (tmp_path / "bus.dbc").write_text(dbc_text(found))
@@ -77,7 +77,7 @@ def test_wheels_in_raw_frames(name: str, tmp_path: Path) -> None:
     database = load_dbc(tmp_path / "bus.dbc")
     for one in found.roles.values():
         signal = database.get_message_by_name(one.field.message).get_signal_by_name(one.field.name)
-        assert (dbc_start(one.field), one.field.place.length) == (signal.start, signal.length)
+        assert (dbc_start(one.field), one.field.layout.length) == (signal.start, signal.length)
 
 
 @pytest.mark.parametrize(

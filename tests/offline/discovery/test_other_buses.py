@@ -203,10 +203,10 @@ def drawn(
     return drive, order, log
 
 
-def lowest_bit(key: int, place: BitField) -> tuple[int, int]:
+def lowest_bit(key: int, layout: BitField) -> tuple[int, int]:
     """Identifier, and the place of the lowest bit in the payload."""
-    at = place.shift
-    return key, 8 * (place.word_bytes - 1 - at // 8) + at % 8 if place.big_endian else at
+    at = layout.shift
+    return key, 8 * (layout.word_bytes - 1 - at // 8) + at % 8 if layout.big_endian else at
 
 
 def places(name: str, order: list[int]) -> dict[str, tuple[int, int]]:
@@ -222,7 +222,7 @@ def places(name: str, order: list[int]) -> dict[str, tuple[int, int]]:
 
 
 def found_places(found: Discovery) -> dict[str, tuple[int, int]]:
-    return {role[-2:]: lowest_bit(one.field.key, one.field.place) for role, one in found.roles.items()}
+    return {role[-2:]: lowest_bit(one.field.key, one.field.layout) for role, one in found.roles.items()}
 
 
 @pytest.mark.parametrize("name", list(BUSES))

@@ -29,7 +29,7 @@ def test_a_number_above_an_alive_counter(alive_bits: int) -> None:
         data[:, byte] = word >> 8 * byte & 0xFF
     found = raw_fields(MessageLog(0x215, STAMPS_S, data))
 
-    starts = {dbc_start(one) for one in found if not one.place.big_endian}
+    starts = {dbc_start(one) for one in found if not one.layout.big_endian}
 
     assert alive_bits in starts
 

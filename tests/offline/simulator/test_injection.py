@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tpmsd.offline.simulator.injection import recounted, requantised
 from tpmsd.offline.simulator.onto_can import float_bits, put_bits
 from tpmsd.offline.simulator.onto_nmea import NmeaRewriter
-from tpmsd.onboard.sources.signal_plan import bit_field, bit_place
+from tpmsd.onboard.sources.signal_plan import bit_field, bit_position
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=60)
 
@@ -111,23 +111,23 @@ def test_only_the_bits_of_the_signal_change(
     database = cantools.database.load_string(f'VERSION ""\n\nBU_: X\n\n{text}', "dbc", strict=True)
     message = database.get_message_by_name("M")
     wanted = drawn.draw(st.integers(0, (1 << length) - 1))
-    place = bit_field(message.signals[0])
+    field = bit_field(message.signals[0])
     made = bytearray(data)
 
-    put_bits(made, place, wanted)
+    put_bits(made, field, wanted)
 
     assert wanted == message.decode(bytes(made))["S"]
     again = bytearray(made)
-    put_bits(again, place, place.bits(data))
+    put_bits(again, field, field.bits(data))
     assert data == bytes(again)
 
 
 @pytest.mark.parametrize(("length", "number"), [(32, 1.25), (64, -math.pi), (16, 0.5)])
 def test_floating_point_signals_are_written_as_they_are_read(length: int, number: float) -> None:
     """The bits of a number read as that number."""
-    place = bit_place(0, length, False, is_float=True)
+    field = bit_position(0, length, False, is_float=True)
 
-    assert number == place.number(float_bits(number, place))
+    assert number == field.number(float_bits(number, field))
 
 
 def test_a_position_moves_by_metres_on_both_hemispheres() -> None:

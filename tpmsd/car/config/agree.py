@@ -1,4 +1,4 @@
-"""What settings must agree with each other, beyond each value's own rule.
+"""Agreement of settings with each other, beyond each value's own rule.
 
 In: the values that passed their rules. Out: problems, handed to a `Reporter`, and the vehicle's record.
 """
@@ -38,7 +38,7 @@ class Reporter(Protocol):
 
 
 def monitored_wheels(roles: Collection[str], report: Reporter) -> tuple[str, ...]:
-    """The wheels that have a signal; reports where they are neither all four nor the rear pair."""
+    """Return the wheels that have a signal; reports where they are neither all four nor the rear pair."""
     table = "can.signals"
     sources: dict[str, list[str]] = {
         wheel: [role for role in (f"wheel_count_{wheel}", f"wheel_speed_{wheel}") if role in roles]
@@ -72,7 +72,7 @@ def vehicle(
     steered: bool,
     report: Reporter,
 ) -> VehicleConfig | None:
-    """The vehicle's record; None if something was reported.
+    """Return the vehicle's record; None if something was reported.
 
     `good` are the values that passed their rules, `given` the keys that are there at all, `wheels` those that
     have a signal and `steered` tells that the steering wheel's angle has one.
@@ -152,7 +152,7 @@ def _attempt(read: Callable[[], float], report: Reporter, key: str, *inside: str
 
 
 def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -> None:
-    """Alarms must clear below the probability at which they are raised."""
+    """Report alarms that do not clear below the probability at which they are raised."""
     if settings.clear_probability >= settings.raise_probability:
         key = "clear_probability" if "clear_probability" in given else "raise_probability"
         found = f"clear {settings.clear_probability:g}, raise {settings.raise_probability:g}"
@@ -163,30 +163,30 @@ def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -
         )
 
 
-_PLACE = ("gnss_latitude", "gnss_longitude")
+_POSITION_ROLES = ("gnss_latitude", "gnss_longitude")
 
 
 def receiver(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
-    """Where no source is named, and the bus has the position, it is the source."""
+    """Make the position on the bus the source of fixes where no source is named."""
     named = settings.source is not None or settings.device is not None
-    return settings if named or not set(_PLACE) <= set(roles) else replace(settings, source="can")
+    return settings if named or not set(_POSITION_ROLES) <= set(roles) else replace(settings, source="can")
 
 
 def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
-    """One source of fixes, and one on CAN needs signals of the position."""
+    """Report two sources of fixes, or one on CAN without signals of the position."""
     if settings.source is None:
         return
     if settings.device is not None:
         both = BadValueError("stands beside device", show(settings.source), "one of the two")
         report(both, "gnss", "source")
-    missing = [role for role in _PLACE if role not in roles]
+    missing = [role for role in _POSITION_ROLES if role not in roles]
     if settings.source == "can" and missing:
         needed = BadValueError(f"no signal of {' '.join(missing)}", show("can"), "both in [can.signals]")
         report(needed, "gnss", "source")
 
 
 def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str], report: Reporter) -> None:
-    """What asks the car must be on the list of what may be sent."""
+    """Check that the identifier of the request is on the list of what may be sent."""
     if settings.bus is not None and settings.bus not in buses:
         known = " ".join(buses) or "an entry of [can.buses]"
         report(BadValueError("no such bus", show(settings.bus), known), "obd", "bus")
@@ -197,7 +197,7 @@ def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str
 
 
 def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:
-    """A measured curve needs as many radii as pressures."""
+    """Report a measured curve without as many radii as pressures."""
     pressures, radii = len(settings.curve_pressure_percent), len(settings.curve_radius_mm)
     if pressures != radii:
         key = "curve_radius_mm" if "curve_radius_mm" in given else "curve_pressure_percent"
@@ -206,7 +206,7 @@ def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None
 
 
 def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:
-    """The two identifiers must differ and fit their format."""
+    """Report identifiers that are equal or do not fit their format."""
     limit = 0x1FFF_FFFF if settings.extended_ids else _STANDARD_ID_LIMIT
     for key in ("status_id", "alarm_id", "reset_id"):
         value: int | None = getattr(settings, key)
@@ -227,7 +227,8 @@ def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> 
 def vehicle_state(
     settings: VehicleStateConfig, given: Mapping[str, Collection[str]], report: Reporter
 ) -> None:
-    """A filter of the vehicle state needs masses and tyres of the car, and three signals."""
+    """Report a filter of the vehicle state without masses and tyres of the car, or without its three
+    signals."""
     missing = lacking(given["dynamics"], given["vehicle"], given["can.signals"])
     if settings.method is not None and missing:
         report(BadValueError(f"{settings.method} needs {missing}"), "vehicle_state", "method")

@@ -29,14 +29,14 @@ class Identifiers:
     """The allow-list: identifiers that may be sent."""
 
     def read(self, value: object) -> tuple[int, ...]:
-        """The identifiers."""
+        """Return the identifiers."""
         if not isinstance(value, list) or len(value) > MOST_IDENTIFIERS:
             raise BadValueError("not a list", show(value), f"up to {MOST_IDENTIFIERS} identifiers, [0x3A0]")
         return tuple(Whole(0, LONGEST_ID, base=16).read(one) for one in value)
 
 
 def read_output(raw: object, folder: Path) -> OutputConfig:
-    """One entry. Raises `BadValueError`."""
+    """Return one entry. Raises `BadValueError`."""
     if not isinstance(raw, dict):
         raise BadValueError("must be a table", show(raw), "[[can.output]] on a line of its own")
     rules: dict[str, Any] = {

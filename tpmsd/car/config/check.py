@@ -79,8 +79,8 @@ class _Checker:
             self._check_obd(parsed.config)
         return CheckResult(
             parsed.document.file,
-            tuple(sorted(self._problems, key=_by_place)),
-            tuple(sorted(self._warnings, key=_by_place)),
+            tuple(sorted(self._problems, key=_by_line)),
+            tuple(sorted(self._warnings, key=_by_line)),
             plan,
         )
 
@@ -88,15 +88,15 @@ class _Checker:
         table = self._parsed.document.data.get(name)
         return table if isinstance(table, dict) else {}
 
-    def _place(self, bad: BadValueError, table: str, key: str) -> Problem:
+    def _located(self, bad: BadValueError, table: str, key: str) -> Problem:
         document = self._parsed.document
         return bad.at(document.file, document.line(*table.split("."), key), f"[{table}] {key}")
 
     def _problem(self, bad: BadValueError, table: str, key: str) -> None:
-        self._problems.append(self._place(bad, table, key))
+        self._problems.append(self._located(bad, table, key))
 
     def _warn(self, what: str, table: str, key: str) -> None:
-        self._warnings.append(self._place(BadValueError(what), table, key))
+        self._warnings.append(self._located(BadValueError(what), table, key))
 
     def _check_interface(self) -> None:
         name = self._table("can").get("interface")
@@ -108,7 +108,8 @@ class _Checker:
             )
 
     def _load(self, dbc: Path) -> dict[str | None, Database]:
-        """The database of each bus by its name, None for that of [can]; without those that have problems."""
+        """Return the database of each bus by its name, None for that of [can]; without those that have
+        problems."""
         paths: dict[str | None, Path] = {None: dbc}
         paths.update({name: bus.dbc for name, bus in self._parsed.buses.items()})
         read: dict[Path, Database | None] = {}
@@ -162,7 +163,7 @@ class _Checker:
             self._warn(f"{name} has no unit in the DBC: {assumed_unit(role)} is assumed", "can.signals", role)
 
     def _check_modulus(self, role: str, name: str, signal: Signal, option: SignalOptions) -> None:
-        """The modulus must fit into the counter; one that the DBC only hints at is told."""
+        """Report a modulus that does not fit into the counter; one that the DBC only hints at is reported."""
         full = 1 << signal.length
         hinted = counter_modulus(signal)
         if option.modulus is not None and option.modulus > full:
@@ -173,7 +174,7 @@ class _Checker:
             self._warn(what, "can.signals", role)
 
     def _check_frames(self, database: Database, found: dict[str, tuple[Message, Signal]]) -> None:
-        """Twin names and frames longer than the bus carries, once per message."""
+        """Report twin names and frames longer than the bus carries, once per message."""
         fd_said = self._table("can").get("fd", False)
         names = [message.name for message in database.messages]
         seen: set[str] = set()
@@ -207,7 +208,7 @@ class _Checker:
                 self._problem(bad, "alarms", key)
 
     def _check_usefulness(self) -> None:
-        """What is allowed but was hardly meant."""
+        """Report settings that are allowed and hardly meant."""
         signals = self._parsed.signals
         config = self._parsed.config
         if config is not None and config.gnss.source != "can":
@@ -223,7 +224,8 @@ class _Checker:
             self._warn("not given: the steering wheel's angle is of no use", "vehicle", "steering_ratio")
 
     def _check_counters(self, plan: Plan) -> None:
-        """A counter must not turn by half its range between two frames, or forward looks like backward."""
+        """Report a counter that turns by half its range between two frames, so that forward looks like
+        backward."""
         for wheel in plan.wheels:
             certain_s, period_s = wheel.unambiguous_s, wheel.source.period_s
             if certain_s is not None and period_s is not None and period_s > certain_s:
@@ -234,7 +236,7 @@ class _Checker:
                 self._warn(what, "can.signals", wheel.source.role)
 
     def _check_speeds(self, plan: Plan) -> None:
-        """Coarse steps bias the radii; said once, for the wheel with the coarsest."""
+        """Report coarse steps, which bias the radii; once, for the wheel with the coarsest."""
         speeds = [wheel for wheel in plan.wheels if wheel.speed_step_mps is not None]
         coarsest = max(speeds, key=lambda wheel: wheel.speed_step_mps or 0.0, default=None)
         if coarsest is None or coarsest.speed_step_mps is None:
@@ -243,19 +245,19 @@ class _Checker:
             self._warn(f"{coarsest.source.signal}: {what}", "can.signals", coarsest.source.role)
 
     def _check_obd(self, config: Config) -> None:
-        """Who asks the car writes on its bus."""
+        """Warn of the requests that tpmsd sends on the car's bus."""
         if config.obd.speed:
             every = f"every {config.obd.period_s:g} s while the car moves"
             self._warn(f"tpmsd sends 0x{config.obd.request_id:X} on the car's bus {every}", "obd", "speed")
 
 
 def _noted(path: Path, database: NotedDatabase) -> list[Problem]:
-    """What of a DBC could not be used, the first of it line by line."""
+    """Report what could not be used of a DBC, the first entries line by line."""
     shown = [Problem(str(path), note.line, "", note.what) for note in database.notes[:_MOST_NOTES]]
     if more := database.noted - len(shown):
         shown.append(Problem(str(path), None, "", f"and {more} more statements that were left out or mended"))
     return shown
 
 
-def _by_place(problem: Problem) -> tuple[str, int]:
+def _by_line(problem: Problem) -> tuple[str, int]:
     return problem.file, problem.line or 0

@@ -17,12 +17,14 @@ COARSE_SHARE = 1e-3
 
 
 def truncation_bias(step_mps: float, speed_mps: float = SPEED_MPS) -> float:
-    """Relative bias of a radius (1) where speeds are truncated to steps: they read low by half a step."""
+    """Return the relative bias of a radius (1) where speeds are truncated to steps: they read low by half a
+    step."""
     return 0.5 * step_mps / speed_mps
 
 
 def coarse_speed(step_mps: float, radius_m: float) -> str | None:
-    """What steps of `step_mps` (m/s) do to a radius; None where they are fine."""
+    """Return the effect on a radius of speed steps of `step_mps` (m/s), in words; None where they are
+    fine."""
     bias = truncation_bias(step_mps)
     if bias < COARSE_SHARE:
         return None
@@ -35,7 +37,8 @@ def coarse_speed(step_mps: float, radius_m: float) -> str | None:
 
 
 def coarse_speeds(config: Config, steps: Mapping[str, float]) -> list[str]:
-    """The sentence for the coarsest wheel speed of a bus; `steps`: role -> resolution (wheels: rad/s)."""
+    """Return the sentence for the coarsest wheel speed of a bus; `steps`: role -> resolution (wheels:
+    rad/s)."""
     found = {
         role: (steps[role] * radius_m, radius_m)
         for wheel, radius_m in zip(WHEELS, config.vehicle.wheel_radius_m, strict=True)

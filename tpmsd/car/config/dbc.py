@@ -31,7 +31,7 @@ class NotedDatabase(Database):
 
     notes: tuple[Note, ...] = ()
     noted: int = 0
-    """How many notes there are; `notes` holds the first ones."""
+    """Number of all notes; `notes` holds the first ones."""
 
 
 def load_dbc(path: Path) -> Database:
@@ -62,7 +62,7 @@ def load_dbc(path: Path) -> Database:
 
 
 def _pieces(file: IO[bytes]) -> Iterator[bytes]:
-    """Lines; one of more than `MAX_LINE_BYTES` in pieces."""
+    """Yield lines; one of more than `MAX_LINE_BYTES` in pieces."""
     while piece := file.readline(MAX_LINE_BYTES):
         yield piece
 
@@ -89,7 +89,8 @@ def _load_other(path: Path) -> Database:
 
 
 def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> tuple[Message, Signal]:
-    """The message and signal of 'Message.Signal'; `BadValueError` with the nearest name if there is none.
+    """Return the message and signal of 'Message.Signal'; `BadValueError` with the nearest name if there is
+    none.
 
     `taken` are the names that other roles have; where several are near, one that is free is suggested.
     """
@@ -118,7 +119,8 @@ def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> t
 
 
 def counter_modulus(signal: Signal) -> int:
-    """Number of values of a counter: by its width, or by the DBC's greatest value where that is a hint.
+    """Return the number of values of a counter: by its width, or by the DBC's greatest value where that is a
+    hint.
 
     Some counters roll over before their width is full, and keep the values above for errors (0 to 1000 in 10
     bits). The greatest value is taken if it needs all the bits; a lesser one is a limit of another kind.
@@ -151,7 +153,7 @@ def _listed(names: list[str]) -> str:
 
 
 def _reason(error: Exception) -> tuple[str, int | None]:
-    """What cantools said, without its quotation of the line, and the line if it gave one."""
+    """Return cantools's message without its quotation of the line, and the line if it gave one."""
     text = " ".join(str(error).split())
     if match := re.match(r'[A-Z]+: "(.*)"$', text):
         text = match[1]

@@ -30,7 +30,7 @@ MAX_BRANCHES = 4096
 _STANDARD_IDS = 0x7FF
 _EXTENDED_FLAG = 1 << 31
 _NO_MESSAGE = 0xC0000000
-"""Where editors keep signals that belong to no message."""
+"""Identifier under which editors keep signals that belong to no message."""
 
 _MESSAGE = re.compile(r"BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
 _NUMBER = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
@@ -101,7 +101,7 @@ class DbcReader:
     def __init__(self) -> None:
         self.notes: list[Note] = []
         self.noted = 0
-        """How many there are; `notes` holds the first `MAX_NOTES`."""
+        """Number of all notes; `notes` holds the first `MAX_NOTES`."""
         self.known = 0
         """Lines that begin as statements of a DBC do."""
         self._messages: list[_Message] = []
@@ -214,7 +214,7 @@ class DbcReader:
             signal.ranges = [(int(one[1]), int(one[2])) for one in _RANGE.finditer(match[4])]
 
     def messages(self) -> list[Message]:
-        """What was read, as cantools has it."""
+        """Return the messages that were read, as cantools has them."""
         return [self._made(message) for message in self._messages]
 
     def _made(self, message: _Message) -> Message:
@@ -242,7 +242,7 @@ class DbcReader:
         )
 
     def _branches(self, message: _Message, signal: _Signal) -> tuple[str | None, list[int] | None, str]:
-        """The multiplexer above a signal, the numbers that select it, and what is wrong with them."""
+        """Return the multiplexer above a signal, the numbers that select it, and what is wrong with them."""
         if signal.mux is None or not signal.mux.startswith("m"):
             return None, None, ""
         parent = signal.parent or next(
@@ -298,7 +298,7 @@ def _cantools_signal(signal: _Signal, parent: str | None, branches: list[int] | 
 
 
 def _last_byte(signal: _Signal) -> int:
-    """Number of bytes up to the signal's last one."""
+    """Return the number of bytes up to the signal's last one."""
     if signal.big_endian:
         first = 8 * (signal.start // 8) + 7 - signal.start % 8
         return (first + signal.length + 7) // 8
@@ -306,7 +306,7 @@ def _last_byte(signal: _Signal) -> int:
 
 
 def _ends(raw: bytes) -> bool:
-    """Whether a text statement ends in this line; some files forget the semicolon."""
+    """Return whether a text statement ends in this line; some files forget the semicolon."""
     return raw.rstrip().endswith((b'";', b'" ;', b'"'))
 
 

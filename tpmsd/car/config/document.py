@@ -22,14 +22,14 @@ _LARGEST_BYTES = 1 << 20  # nobody writes a megabyte of settings: it is a log, o
 
 @dataclass(frozen=True, slots=True)
 class Document:
-    """What a TOML file says, and where."""
+    """Data of a TOML file and the line of each key."""
 
     file: Path
     data: dict[str, Any]
     lines: dict[KeyPath, int]
 
     def line(self, *path: Step) -> int | None:
-        """Line of a key, or of the table around it."""
+        """Return the line of a key, or of the table around it."""
         return line_of(self.lines, path)
 
 
@@ -75,8 +75,8 @@ def _decode(file: Path, content: bytes) -> str:
 
 
 def _syntax_error(file: Path, text: str, error: tomllib.TOMLDecodeError) -> ConfigProblems:
-    reason, place, where = str(error).rpartition(" (at ")
-    if not place:
+    reason, location, where = str(error).rpartition(" (at ")
+    if not location:
         reason, where = str(error), ""
     if match := re.search(r"line (\d+), column (\d+)", where):
         return ConfigProblems(

@@ -19,9 +19,9 @@ class DynamicsConfig:
     cg_height_m: float = 0.5
     """Centre of gravity above the road."""
     cornering_stiffness_front_n_per_rad: float | None = None
-    """Of the front axle."""
+    """Cornering stiffness of the front axle, N/rad."""
     cornering_stiffness_rear_n_per_rad: float | None = None
-    """Of the rear axle."""
+    """Cornering stiffness of the rear axle, N/rad."""
     longitudinal_stiffness_n: float = 80_000.0
     """Force of one wheel per unit of longitudinal slip."""
     friction: float = 1.0

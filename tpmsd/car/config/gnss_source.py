@@ -1,4 +1,4 @@
-"""Where fixes come from: `[gnss] source` taken apart.
+"""Source of fixes: `[gnss] source` taken apart.
 
 In: the text of the configuration. Out: `GnssSource`, or `BadValueError` with what is wrong and what is
 allowed. Nothing is looked up: whether a host exists shows when it is opened.
@@ -38,7 +38,7 @@ class GnssSource:
 
     @property
     def label(self) -> str:
-        """As it is written in messages."""
+        """Source as it is written in messages."""
         if self.kind == "serial":
             return self.path
         if self.kind == "can":
@@ -90,7 +90,7 @@ class SourceRule:
     """The rule of the key `[gnss] source`."""
 
     def read(self, value: object) -> str:
-        """The source without blanks around it."""
+        """Return the source without blanks around it."""
         if not isinstance(value, str):
             raise BadValueError("not a text", show(value), ALLOWED)
         parse_source(value)
@@ -102,7 +102,7 @@ class DeviceRule:
     """The rule of the key `[gnss] device`: a serial line, no address."""
 
     def read(self, value: object) -> str:
-        """The path without blanks around it."""
+        """Return the path without blanks around it."""
         allowed = "a serial line such as /dev/ttyACM0"
         if not isinstance(value, str) or not value.strip() or "\0" in value:
             raise BadValueError("not a serial line", show(value), allowed)
@@ -115,7 +115,7 @@ class DeviceRule:
 
 
 def source_of(gnss: GnssConfig) -> GnssSource | None:
-    """The configured source: `source`, else the serial line `device`; None where there is neither."""
+    """Return the configured source: `source`, else the serial line `device`; None where there is neither."""
     if gnss.source is not None:
         return parse_source(gnss.source)
     return None if gnss.device is None else GnssSource("serial", path=gnss.device)

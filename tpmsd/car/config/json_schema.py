@@ -46,7 +46,7 @@ _TEXT: Schema = {"type": "string", "pattern": r"\S"}
 
 @singledispatch
 def of_rule(rule: object) -> Schema:
-    """The schema of one rule; TypeError for a rule without one."""
+    """Return the schema of one rule; TypeError for a rule without one."""
     raise TypeError(f"no schema for the rule {type(rule).__name__}")
 
 
@@ -183,7 +183,7 @@ def _output(can: dict[str, Schema]) -> Schema:
 
 
 def vehicle_schema() -> Schema:
-    """The schema of the whole file."""
+    """Return the schema of the whole file."""
     properties = {
         table: {key: of_rule(rule) for key, rule in rules.items()} for table, rules in tables(Path()).items()
     }

@@ -1,4 +1,4 @@
-"""From a TOML file to `Config`, or to everything that is wrong with it at once.
+"""Loading of a TOML file: the result is a `Config`, or every problem of the file at once.
 
 In: the path of a file or of a drive folder. Out: `Config`, or `ConfigProblems` (exit code 2), a line each.
 """
@@ -47,7 +47,8 @@ __all__ = ["ConfigProblems", "Parsed", "Problem", "load_config", "parse"]
 
 @dataclass(frozen=True, slots=True)
 class Parsed:
-    """What could be read, so that the signals can be checked even where the rest has problems."""
+    """Parts of a configuration that could be read, so that the signals can be checked even where the rest has
+    problems."""
 
     document: Document
     config: Config | None
@@ -62,7 +63,7 @@ class Parsed:
 
 
 def load_config(path: Path, dbc: Path | None = None) -> Config:
-    """The configuration in the file `path`, or in the `vehicle.toml` of the drive folder `path`.
+    """Return the configuration in the file `path`, or in the `vehicle.toml` of the drive folder `path`.
 
     `dbc` takes the place of the file's own `can.dbc`. Raises `ConfigProblems` with all that is wrong.
     """
@@ -146,7 +147,7 @@ class _Parser:
         return Parsed(self._document, config, problems, signals, dbc, alarms, channel, options, buses)
 
     def _raw(self, table: str) -> Mapping[str, Any]:
-        """The table as it stands in the file; empty if it is missing or no table."""
+        """Return the table as it stands in the file; empty if it is missing or no table."""
         value: Any = self._document.data
         for name in table.split("."):
             value = value.get(name) if isinstance(value, dict) else None
@@ -209,7 +210,7 @@ class _Parser:
         return BadValueError(what, allowed=" ".join(rules))
 
     def _home(self, key: str) -> str | None:
-        """The table that a misplaced key belongs in, with the key; None if it belongs nowhere."""
+        """Return the table that a misplaced key belongs in, with the key; None if it belongs nowhere."""
         for table, rules in self._tables.items():
             if key in rules:
                 self._given[table].add(key)  # misplaced is not missing: one mistake, one line
@@ -229,7 +230,7 @@ class _Parser:
     def _buses(
         self, can: Mapping[str, Any], dbc: Path | None, options: Mapping[str, SignalOptions]
     ) -> dict[str, BusConfig]:
-        """The further buses; reports a signal on a bus that has no entry."""
+        """Return the further buses; reports a signal on a bus that has no entry."""
         raw = self._raw("can").get("buses", {})
         buses, bad = buses_of(raw, self._document.file.parent, can, dbc)
         for name, error in bad.items():
@@ -242,7 +243,7 @@ class _Parser:
         return buses
 
     def _outputs(self) -> tuple[OutputConfig, ...]:
-        """The entries of [[can.output]] that can be read."""
+        """Return the entries of [[can.output]] that can be read."""
         raw = self._raw("can").get("output", [])
         good: list[OutputConfig] = []
         if not isinstance(raw, list) or len(raw) > MOST_OUTPUTS:
@@ -258,7 +259,7 @@ class _Parser:
         return tuple(good)
 
     def _spread_teeth(self, vehicle: dict[str, Any], wheels: tuple[str, ...]) -> None:
-        """A table of teeth becomes one number and the numbers of all wheels."""
+        """Make a table of teeth into one number and the numbers of all wheels."""
         teeth = vehicle.get("teeth_per_rev")
         if not isinstance(teeth, dict):
             return
@@ -271,7 +272,7 @@ class _Parser:
             vehicle["teeth_by_wheel"] = tuple(teeth.get(wheel, first) for wheel in WHEELS)
 
     def _dbc(self, override: Path | None, can: Mapping[str, Any]) -> Path | None:
-        """The DBC's path: the override, the file's own, or `bus.dbc` beside it."""
+        """Return the DBC's path: the override, the file's own, or `bus.dbc` beside it."""
         if self._dbc_elsewhere:
             return Path(DBC_FILE)
         if override is not None:

@@ -35,7 +35,8 @@ class _NotTomlError(Exception):
 
 
 def locate(text: str) -> dict[KeyPath, int]:
-    """Line of each table, key and array element of `text`; of a table made of several parts, the first."""
+    """Return the line of each table, key and array element of `text`; of a table made of several parts, the
+    first."""
     scanner = _Scanner(text)
     with contextlib.suppress(_NotTomlError, RecursionError):
         scanner.document()
@@ -43,7 +44,7 @@ def locate(text: str) -> dict[KeyPath, int]:
 
 
 def line_of(lines: dict[KeyPath, int], path: KeyPath) -> int | None:
-    """Line of `path`, or of the innermost table around it that has one; None if there is none."""
+    """Return the line of `path`, or of the innermost table around it that has one; None if there is none."""
     while path:
         if path in lines:
             return lines[path]
@@ -60,7 +61,7 @@ class _Scanner:
         self._last_index: dict[KeyPath, int] = {}
 
     def document(self) -> None:
-        """All of the file."""
+        """Read all of the file."""
         table: KeyPath = ()
         while True:
             self._skip(_BLANK_LINES)

@@ -52,7 +52,7 @@ ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES + FLAG_ROLES + GN
 
 @dataclass(frozen=True, slots=True)
 class VehicleConfig:
-    """What the operator knows about the car."""
+    """Vehicle data known to the operator."""
 
     wheel_radius_m: tuple[float, float, float, float]
     """Nominal effective rolling radius of fl, fr, rl, rr."""
@@ -69,7 +69,7 @@ class VehicleConfig:
     """Counts per revolution of fl, fr, rl, rr where they differ."""
 
     def teeth(self, wheel: int) -> float:
-        """Counts per revolution of one wheel, by its index in `tpmsd.foundation.wheels.WHEELS`."""
+        """Return counts per revolution of one wheel, by its index in `tpmsd.foundation.wheels.WHEELS`."""
         return self.teeth_per_rev if self.teeth_by_wheel is None else self.teeth_by_wheel[wheel]
 
 
@@ -87,7 +87,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class SignalOptions:
-    """What the table form of a signal says beyond its name; None or empty: as the DBC has it."""
+    """Options of the table form of a signal beyond its name; None or empty: as the DBC has it."""
 
     modulus: int | None = None
     """A counter rolls over from modulus - 1 to 0."""
@@ -119,7 +119,7 @@ class BusConfig:
 
 @dataclass(frozen=True, slots=True)
 class OutputSignal:
-    """What a signal of `[[can.output]]` is filled with."""
+    """Value and options that fill a signal of `[[can.output]]`."""
 
     value: str | None = None
     """A name of `tpmsd.onboard.sinks.output_values.NAMES`; None: the constant."""
@@ -129,11 +129,11 @@ class OutputSignal:
     mapped: tuple[float, ...] = ()
     """Physical values for 0, 1, 2, ..."""
     algorithm: str | None = None
-    """Of a checksum."""
+    """Algorithm of a checksum."""
     data_id: tuple[int, ...] = ()
     """Bytes that come before the frame's own in a checksum."""
     modulo: int | None = None
-    """Of a counter; None: the signal's width."""
+    """Modulus of a counter; None: the signal's width."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,15 +170,15 @@ class CanConfig:
     buses: dict[str, BusConfig] = field(default_factory=dict)
     """The further buses by name, in the order of the file."""
     output_ids: tuple[int, ...] = ()
-    """What may be sent by `output`."""
+    """Identifiers that `output` may send."""
     output: tuple[OutputConfig, ...] = ()
 
     def option(self, role: str) -> SignalOptions:
-        """The options of a role."""
+        """Return the options of a role."""
         return self.options.get(role, _NO_OPTIONS)
 
     def bus_number(self, role: str) -> int:
-        """0 for the bus of [can], else 1 and up in the order of [can.buses]."""
+        """Return 0 for the bus of [can], else 1 and up in the order of [can.buses]."""
         name = self.option(role).bus
         return 0 if name is None else 1 + list(self.buses).index(name)
 
@@ -207,7 +207,7 @@ class ObdConfig:
     """The car's own speed by OBD-II (SAE J1979, service 01, PID 0D), which has to be asked for."""
 
     speed: bool = False
-    """Whether it is asked for: that sends a frame on the car's bus."""
+    """True if the speed is requested: that sends a frame on the car's bus."""
     period_s: float = 1.0
     bus: str | None = None
     """A name of [can.buses]; None: the bus of [can]."""
@@ -225,7 +225,7 @@ class ObdConfig:
         return range(0x18DAF100, 0x18DAF200) if self.extended_ids else range(0x7E8, 0x7F0)
 
     def bus_number(self, can: CanConfig) -> int:
-        """0 for the bus of [can], else 1 and up in the order of [can.buses]."""
+        """Return 0 for the bus of [can], else 1 and up in the order of [can.buses]."""
         return 0 if self.bus is None else 1 + list(can.buses).index(self.bus)
 
 
@@ -251,9 +251,9 @@ class FilterConfig:
     """One of FILTER_GATES: what decides which ticks are informative, accelerations or the slips that they
     cause."""
     max_wheel_slip: float = 0.005
-    """For the gate `slip`: longitudinal slip of any wheel up to which a tick is informative."""
+    """Longitudinal slip of any wheel up to which a tick is informative, for the gate `slip`."""
     max_side_slip_rad: float = 0.05
-    """The same for the side slip of the rear axle."""
+    """Side slip of the rear axle up to which a tick is informative, rad."""
     fix_weights: str = "square"
     """One of FIX_WEIGHTS (gaussian-sum): how fast a fix that does not fit loses influence."""
     measurements: tuple[str, ...] = MEASUREMENTS
@@ -265,14 +265,15 @@ class FilterConfig:
 
 @dataclass(frozen=True, slots=True)
 class MonitorConfig:
-    """When a deviation is an alarm."""
+    """Thresholds at which a deviation is an alarm."""
 
     learn_s: float = 45.0
     """Informative driving before the baseline is frozen."""
     deflation_percent: float = 0.25
     """Loss of radius, in per cent of nominal, from which a wheel counts as deflated."""
     deflation_pressure_percent: float | None = None
-    """The same as a loss of pressure, in per cent, by the table [tyre]; takes the place of the former."""
+    """Threshold as a loss of pressure, in per cent, by the table [tyre]; replaces the threshold on the
+    radius."""
     deviation_percent: float = 0.8
     """Change of radius of either sign, in per cent of nominal, from which radius_deviation is raised."""
     raise_probability: float = 0.99
@@ -284,15 +285,16 @@ class MonitorConfig:
     """Time without usable wheels (or, moving, without fixes) before malfunction is raised."""
     gnss_malfunction_s: float = 300.0
     resonance: bool = False
-    """Whether the torsional resonances of the wheels bear witness, too (docs/explanation/resonance.md)."""
+    """True if the torsional resonances of the wheels are used as evidence, too
+    (docs/explanation/resonance.md)."""
 
 
 @dataclass(frozen=True, slots=True)
 class TyreConfig:
-    """What turns a loss of radius into one of pressure (`tpmsd.car.physics.tyre`)."""
+    """Tyre data that convert a loss of radius into a loss of pressure (`tpmsd.car.physics.tyre`)."""
 
     size: str | None = None
-    """As on the side wall, say 205/60R15; None if not known."""
+    """Size as on the side wall, say 205/60R15; None if not known."""
     load_n: float = 4000.0
     """Vertical load of one tyre."""
     pressure_kpa: float = 220.0
@@ -307,7 +309,7 @@ class TyreConfig:
 
 @dataclass(frozen=True, slots=True)
 class AlarmsConfig:
-    """What is put back on the bus, as dbc/tpmsd.dbc describes it."""
+    """Alarm messages that are sent on the bus, as dbc/tpmsd.dbc describes them."""
 
     can: bool = True
     channel: str | None = None
@@ -338,14 +340,14 @@ class NotifyConfig:
     kinds: tuple[str, ...] = ()
     """Kinds of alarms it is run for; empty: all."""
     min_interval_s: float = 5.0
-    """From one start to the next; events in between wait."""
+    """Time from one start to the next, at least, s; events in between wait."""
     timeout_s: float = 30.0
-    """After this it is killed."""
+    """Time after which the program is killed, s."""
 
 
 @dataclass(frozen=True, slots=True)
 class StateConfig:
-    """What is kept over restarts."""
+    """State that is kept over restarts."""
 
     file: Path | None = Path("/var/lib/tpmsd/state.json")
     interval_s: float = 60.0
@@ -353,8 +355,7 @@ class StateConfig:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationConfig:
-    """How the radii and tracks were found, as `tpmsd calibrate --write` notes it; nothing is computed from
-    it."""
+    """Origin of the radii and tracks, as `tpmsd calibrate --write` notes it; nothing is computed from it."""
 
     made: str | None = None
     method: str | None = None
@@ -384,7 +385,7 @@ class VehicleStateConfig:
     method: str | None = None
     """One of VEHICLE_STATE_METHODS; None: it is not estimated."""
     particles: int = 100
-    """Of upf and arupf."""
+    """Number of particles of upf and arupf."""
 
 
 @brief
@@ -408,4 +409,4 @@ class Config:
     dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     vehicle_state: VehicleStateConfig = field(default_factory=VehicleStateConfig)
     file: Path | None = None
-    """Where it was read from."""
+    """File from which the configuration was read."""

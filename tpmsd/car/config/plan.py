@@ -1,4 +1,4 @@
-"""What will be monitored with what, and what is lost for what is missing.
+"""Plan of the monitoring: the signals in use, and what is lost for those that are missing.
 
 In: a configuration without problems, the DBC's signals of its roles. Out: `Plan`, for people and programs.
 """
@@ -41,7 +41,7 @@ _LOST_BY_SLIP_GATE = {
 
 @dataclass(frozen=True, slots=True)
 class SignalPlan:
-    """Where on the bus a role's signal is."""
+    """Position on the bus of a role's signal."""
 
     role: str
     signal: str
@@ -51,7 +51,7 @@ class SignalPlan:
     period_s: float | None
     """The DBC's cycle time; None where it gives none."""
     unit: str | None
-    """As understood; None for counters."""
+    """Unit as understood; None for counters."""
     multiplexed: bool
 
 
@@ -86,12 +86,12 @@ class Plan:
     wheels: tuple[WheelPlan, ...]
     optional: tuple[SignalPlan, ...]
     losses: dict[str, str]
-    """What is missing -> what that costs."""
+    """Mapping missing input -> loss of function by it."""
     config: Config
 
 
 def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Plan:
-    """The plan of a configuration whose roles have all been found in the DBC."""
+    """Return the plan of a configuration whose roles have all been found in the DBC."""
     wheels = tuple(
         _wheel(config, index, role, *found[role])
         for index, wheel in enumerate(WHEELS)

@@ -1,4 +1,4 @@
-"""What is wrong with a configuration: one record per problem, and the error that carries all of them.
+"""Problems of a configuration: one record per problem, and the error that carries all of them.
 
 In: where, what was found, what is allowed. Out: `Problem` with a one-line text; `ConfigProblems`.
 """
@@ -28,7 +28,7 @@ class Problem:
     key: str
     """Table and key, such as '[vehicle] wheel_radius_m'; '' for the file as a whole."""
     what: str
-    """What is wrong, such as 'unknown key'."""
+    """Description of the problem, such as 'unknown key'."""
     found: str | None = None
     allowed: str | None = None
     suggestion: str | None = None
@@ -58,7 +58,7 @@ class ConfigProblems(ConfigError):  # noqa: N818 - it is all of them, not one er
 
 
 def shown_lines(problems: Sequence[Problem]) -> list[str]:
-    """A line for each problem; of many the first, and how many more there are."""
+    """Return a line for each problem; of many the first, and how many more there are."""
     lines = [problem.text for problem in problems[:MOST_SHOWN]]
     more = len(problems) - len(lines)
     if more > 0:
@@ -83,17 +83,17 @@ class BadValueError(Exception):
         super().__init__(what)
 
     def at(self, file: Path | str, line: int | None, key: str) -> Problem:
-        """The problem at a place."""
+        """Return the problem at a place."""
         return Problem(str(file), line, key, self.what, self.found, self.allowed, self.suggestion)
 
 
 def one_line(text: str) -> str:
-    """`text` without anything that a terminal would take for a new line or a control character."""
+    """Return `text` without anything that a terminal would take for a new line or a control character."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def show(value: object) -> str:
-    """A value of a TOML file as its author knows it, shortened to what fits in a line."""
+    """Return a value of a TOML file as its author knows it, shortened to what fits in a line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
@@ -108,7 +108,7 @@ def show(value: object) -> str:
 
 
 def show_key(key: str) -> str:
-    """A key as TOML would write it: bare where it can be, else quoted."""
+    """Return a key as TOML would write it: bare where it can be, else quoted."""
     if len(key) > _LONGEST_SHOWN:
         key = key[: _LONGEST_SHOWN - 3] + "..."
     return key if re.fullmatch(r"[A-Za-z0-9_-]+|[\w-]+\.\.\.", key) else json.dumps(key, ensure_ascii=False)

@@ -31,10 +31,10 @@ _SIZE_ALLOWED = "a size as on the side wall, such as '205/60R15'"
 
 
 class Rule(Protocol):
-    """What a value must be."""
+    """Rule that a value must meet."""
 
     def read(self, value: object) -> object:
-        """The value in its final type; raises `BadValueError`."""
+        """Return the value in its final type; raises `BadValueError`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Number:
     open: bool = False
 
     def read(self, value: object) -> float:
-        """The number as float."""
+        """Return the number as float."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             suggestion = None
             if isinstance(value, str) and self._holds(_number_in(value)):
@@ -86,7 +86,7 @@ class Whole:
     base: int = 10
 
     def read(self, value: object) -> int:
-        """The number as int; 115200.0 is one, too."""
+        """Return the number as int; 115200.0 is one, too."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise BadValueError("not a whole number", show(value), self.allowed)
         if isinstance(value, float) and not value.is_integer():  # NaN and the infinities are none either
@@ -115,7 +115,7 @@ class Flag:
     """True or false."""
 
     def read(self, value: object) -> bool:
-        """The flag."""
+        """Return the flag."""
         if not isinstance(value, bool):
             raise BadValueError("not a flag", show(value), "true or false")
         return value
@@ -128,7 +128,7 @@ class Choice:
     words: tuple[str, ...]
 
     def read(self, value: object) -> str:
-        """The word."""
+        """Return the word."""
         if value not in self.words:
             suggestion = nearest(value, self.words) if isinstance(value, str) else None
             raise BadValueError("not one of the choices", show(value), " | ".join(self.words), suggestion)
@@ -140,18 +140,18 @@ class Text:
     """A text that is not empty."""
 
     def read(self, value: object) -> str:
-        """The text without blanks around it."""
+        """Return the text without blanks around it."""
         return _text(value, "a text in quotes").strip()
 
 
 @dataclass(frozen=True, slots=True)
 class Rising:
-    """At least two numbers in a list, each greater than the one before."""
+    """List of at least two numbers, each greater than the one before."""
 
     each: Number
 
     def read(self, value: object) -> tuple[float, ...]:
-        """The numbers."""
+        """Return the numbers."""
         allowed = f"a list of 2 to 50 rising numbers, {self.each.allowed}"
         if not isinstance(value, list):
             raise BadValueError("not a list", show(value), allowed)
@@ -171,7 +171,7 @@ class Words:
     choices: tuple[str, ...] = ()
 
     def read(self, value: object) -> tuple[str, ...]:
-        """The texts."""
+        """Return the texts."""
         allowed = f"a list of up to {self.most} texts" + (
             f" of {' '.join(self.choices)}" if self.choices else ""
         )
@@ -190,7 +190,7 @@ class TyreSize:
     """A tyre's size as on its side wall."""
 
     def read(self, value: object) -> str:
-        """The size without blanks around it."""
+        """Return the size without blanks around it."""
         text = _text(value, _SIZE_ALLOWED).strip()
         if TYRE_SIZE.match(text) is None:
             raise BadValueError("not a tyre's size", show(text), _SIZE_ALLOWED)
@@ -202,7 +202,7 @@ class Channel:
     """A CAN channel: a name such as can0, or a number as some interfaces have it."""
 
     def read(self, value: object) -> str:
-        """The channel's name."""
+        """Return the channel's name."""
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 256:
             return str(value)
         return _text(value, "a text in quotes such as 'can0', or a number from 0 to 255").strip()
@@ -218,7 +218,7 @@ class FilePath:
     socket: bool = False
 
     def read(self, value: object) -> Path | None:
-        """The path, relative to the folder of the configuration if it is not absolute."""
+        """Return the path, relative to the folder of the configuration if it is not absolute."""
         if self.may_be_empty and value == "":
             return None
         text = _text(value, "a path in quotes" + (", or '' for none" if self.may_be_empty else ""))
@@ -241,7 +241,7 @@ class SignalName:
     """'Message.Signal' as the DBC names them."""
 
     def read(self, value: object) -> str:
-        """The name without blanks around it."""
+        """Return the name without blanks around it."""
         text = _text(value, "'Message.Signal' as in the DBC").strip()
         parts = text.split(".")
         if len(parts) != 2 or not all(part and not any(c.isspace() for c in part) for part in parts):

@@ -45,7 +45,8 @@ _LONGEST_CAN_ID = 0x1FFF_FFFF
 
 
 def tables(folder: Path) -> dict[str, dict[str, Rule]]:
-    """All tables; [can.signals] stands under 'can.signals', and `wheel_radius_m` is read by `agree`."""
+    """Return all tables; [can.signals] stands under 'can.signals', and `wheel_radius_m` is read by
+    `agree`."""
     return {
         "vehicle": {
             "wheel_radius_m": RADIUS,

@@ -36,10 +36,10 @@ class WhenSignal:
     """A comparison, such as 'MSG.QF == 1'; a signal alone stands for '!= 0'."""
 
     bare: bool = False
-    """Whether a signal alone will do."""
+    """True if a signal alone, without options, will do."""
 
     def read(self, value: object) -> Condition:
-        """The comparison."""
+        """Return the comparison."""
         text = Text().read(value)
         match = _CONDITION.match(text)
         if match is None:
@@ -99,7 +99,7 @@ class SignalEntry:
     role: str
 
     def read(self, value: object) -> tuple[str, SignalOptions]:
-        """Name and options."""
+        """Return the name and options."""
         if not isinstance(value, dict):
             return SignalName().read(value), SignalOptions()
         keys: dict[str, _Rule] = {
@@ -132,7 +132,7 @@ class BusEntry:
     folder: Path
 
     def read(self, value: object, main: Mapping[str, Any], main_dbc: Path | None) -> BusConfig:
-        """The bus; what it does not say is as in [can] (`main`, `main_dbc`)."""
+        """Return the bus; what it does not say is as in [can] (`main`, `main_dbc`)."""
         rules: dict[str, _Rule] = {
             "channel": Channel(),
             "interface": Text(),
@@ -159,7 +159,7 @@ class TeethTable:
     each: Number
 
     def read(self, value: object) -> float | dict[str, float]:
-        """The number, or wheel -> number."""
+        """Return the number, or wheel -> number."""
         if not isinstance(value, dict):
             return self.each.read(value)
         for wheel in value:
@@ -191,7 +191,8 @@ def _within(key: str, rule: Any, value: object) -> Any:
 def buses_of(
     raw: object, folder: Path, main: Mapping[str, Any], main_dbc: Path | None
 ) -> tuple[dict[str, BusConfig], dict[str, BadValueError]]:
-    """The table [can.buses]: the good buses and, by name, what is wrong with others ('': the table)."""
+    """Return the table [can.buses]: the good buses and, by name, what is wrong with others ('': the
+    table)."""
     if not isinstance(raw, dict):
         return {}, {"": BadValueError("must be a table", show(raw), "can1 = { channel = 'can1' }")}
     if len(raw) > _MOST_BUSES:

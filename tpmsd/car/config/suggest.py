@@ -12,7 +12,8 @@ _CUTOFF = 0.6
 
 
 def nearest(word: str, choices: Iterable[str]) -> str | None:
-    """The choice that looks most like `word`, upper and lower case being the same; None if none does."""
+    """Return the choice that looks most like `word`, upper and lower case being the same; None if none
+    does."""
     by_folded: dict[str, str] = {}
     for choice in choices:
         by_folded.setdefault(choice.casefold(), choice)

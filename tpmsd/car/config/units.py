@@ -142,7 +142,7 @@ _ASSUMED: Final[dict[str, str]] = {
 
 
 def canonical_unit(unit: str | None) -> str | None:
-    """The unit as this project spells it; None if the text is empty or names no unit known here."""
+    """Return the unit as this project spells it; None if the text is empty or names no unit known here."""
     # A UTF-8 degree sign or superscript that was read as Latin-1 has a stray A circumflex in front.
     text = (unit or "").replace("Â", "").replace("º", "°").replace("˚", "°")
     text = unicodedata.normalize("NFKC", text).casefold()
@@ -158,7 +158,7 @@ def canonical_unit(unit: str | None) -> str | None:
 
 
 def stated_unit(unit: str | None) -> str:
-    """What the DBC says, without blanks around it; '' where it says nothing (and '-', 'none', '1' do)."""
+    """Return the DBC's unit without blanks around it; '' where it states none (as '-', 'none' and '1' do)."""
     text = (unit or "").strip()
     return (
         ""
@@ -168,7 +168,8 @@ def stated_unit(unit: str | None) -> str:
 
 
 def role_kinds(role: str) -> tuple[Kind, ...]:
-    """What a role may measure; a `ConfigError` for a role that does not exist."""
+    """Return the kinds of quantity that a role may measure; a `ConfigError` for a role that does not
+    exist."""
     if role.startswith("wheel_count_"):
         return ("count",)
     if role.startswith("wheel_speed_"):
@@ -180,7 +181,7 @@ def role_kinds(role: str) -> tuple[Kind, ...]:
 
 
 def allowed_units(role: str) -> tuple[str, ...]:
-    """The units (canonical spelling) that the signal of a role may have; none for counters."""
+    """Return the units (canonical spelling) that the signal of a role may have; none for counters."""
     kinds = role_kinds(role)
     # A yaw rate in rpm is somebody's engine speed.
     refused = ("rpm",) if role == "yaw_rate" else ()
@@ -188,7 +189,8 @@ def allowed_units(role: str) -> tuple[str, ...]:
 
 
 def assumed_unit(role: str) -> str | None:
-    """The unit that is taken where the DBC states none; None for counters and flags, which need none."""
+    """Return the unit that is taken where the DBC states none; None for counters and flags, which need
+    none."""
     kinds = role_kinds(role)
     if "count" in kinds or "flag" in kinds:
         return None
@@ -196,7 +198,7 @@ def assumed_unit(role: str) -> str | None:
 
 
 def to_si(role: str, unit: str | None) -> tuple[float, float]:
-    """Factor and offset that turn a value in `unit` into the SI unit of `role`.
+    """Return the factor and offset that turn a value in `unit` into the SI unit of `role`.
 
     An empty unit stands for `assumed_unit(role)`. Counters stay counts: (1.0, 0.0), unless their unit says
     that they are no counters. Raises `ConfigError` for a unit of the wrong kind or one that is not known.
@@ -224,7 +226,8 @@ def to_si(role: str, unit: str | None) -> tuple[float, float]:
 
 
 def wheel_speed_kind(unit: str | None) -> Literal["linear", "angular"]:
-    """Whether a wheel speed in `unit` is a speed over the road (SI: m/s) or of the wheel (SI: rad/s)."""
+    """Return whether a wheel speed in `unit` is a speed over the road (SI: m/s) or of the wheel (SI:
+    rad/s)."""
     to_si("wheel_speed_rl", unit)
     canonical = (canonical_unit(unit) if stated_unit(unit) else None) or "km/h"
     return "linear" if UNITS[canonical][0] == "linear speed" else "angular"

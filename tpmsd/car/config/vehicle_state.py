@@ -1,4 +1,4 @@
-"""What `[vehicle_state] method` and `replay --vehicle-state` need of a configuration.
+"""Needs of `[vehicle_state] method` and `replay --vehicle-state` on a configuration.
 
 In: the keys and roles that are given. Out: the names of what is missing, or ConfigError in one line.
 """

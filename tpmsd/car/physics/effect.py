@@ -121,6 +121,11 @@ class Effect:
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
     sentence: ClassVar[str] = ""
     """What it is, as a clause for reports; the docstring's first line where it is empty."""
+    noun: ClassVar[str] = ""
+    """What it is called within a sentence."""
+    answers: ClassVar[tuple[str, ...]] = ()
+    """What is said of it once it is found: format strings over its parameters (`in_words`), each said where
+    all of its parameters were found."""
     telling_drive: ClassVar[str] = ""
     """What to drive so that it shows beside what resembles it."""
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")

@@ -39,7 +39,7 @@ NAMES = (
 
 @cache
 def schema_of(name: str) -> dict[str, Any]:
-    """The schema of a name; KeyError if it is none of `NAMES`."""
+    """Return the schema of a name; KeyError if it is none of `NAMES`."""
     if name not in NAMES:
         raise KeyError(name)
     text = files(__name__).joinpath(name.replace("/", ".") + ".json").read_text(encoding="utf-8")

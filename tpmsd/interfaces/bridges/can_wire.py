@@ -1,4 +1,4 @@
-"""A CAN bus that frames are put on, opened again when it was away.
+"""CAN bus on which frames are put, opened again after it was away.
 
 In: frames. Out: whether each was taken. A SocketCAN interface must be virtual: a bridge has no business on a
 car's own bus, and `can0` is easily typed for `vcan0`.
@@ -19,7 +19,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.bridges.vss_frames import Frame
 
 RETRY_S = 1.0
-"""From a failure to the next try."""
+"""Time from a failure to the next attempt, s."""
 VIRTUAL = frozenset({"vcan", "vxcan"})
 _RTM_GETLINK, _NLM_F_REQUEST, _IFLA_LINKINFO, _IFLA_INFO_KIND = 18, 1, 18, 1
 """Linux's numbers (linux/rtnetlink.h, netlink.h, if_link.h)."""
@@ -29,7 +29,8 @@ _ATTRIBUTE = struct.Struct("=HH")
 
 
 def link_kind(name: str) -> str | None:
-    """Kind of a network interface: `vcan`, `vxcan`, '' for hardware; None where there is no such one."""
+    """Return the kind of a network interface: `vcan`, `vxcan`, '' for hardware; None where there is no such
+    one."""
     try:
         index = socket.if_nametoindex(name)
         with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:
@@ -43,7 +44,8 @@ def link_kind(name: str) -> str | None:
 
 
 def _attributes(data: bytes) -> dict[int, bytes]:
-    """Netlink attributes by type: length and type, then what they hold, filled up to multiples of four."""
+    """Return netlink attributes by type: length and type, then what they hold, filled up to multiples of
+    four."""
     found = {}
     while len(data) >= _ATTRIBUTE.size:
         length, number = _ATTRIBUTE.unpack_from(data)

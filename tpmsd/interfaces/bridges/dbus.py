@@ -1,4 +1,4 @@
-"""`tpmsd bridge dbus`: alarms as signals on D-Bus, and the state for who asks.
+"""`tpmsd bridge dbus`: alarms as signals on D-Bus, and the state on request.
 
 In: the status socket, a message bus. Out: signals `AlarmRaised`, `AlarmCleared`, `HealthChanged` of
 `org.tpmsd.Tpmsd1`, and answers to `GetState`. An alarm counts as told once the bus has taken its signal, so a
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 NAME = "org.tpmsd.Tpmsd1"
 PATH = "/org/tpmsd/Tpmsd1"
 ANSWER_S = 2.0
-"""How long the bus may take to give the name."""
+"""Time that the bus may take to give the name, s."""
 MOST_CALLS = 50
-"""Calls answered after one document; what is beyond waits in the socket."""
+"""Number of calls answered after one document; further ones wait in the socket."""
 OWNER, ALREADY_OWNER = 1, 4
 """Answers to RequestName (D-Bus specification) that mean the name is ours."""
 
@@ -68,7 +68,7 @@ class DbusBridge:
         self._document: dict[str, Any] = {}
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Tell what the documents say until they end."""
+        """Publish the documents until they end."""
         try:
             for document in documents:
                 self.step(document)
@@ -81,15 +81,15 @@ class DbusBridge:
         try:
             self._connect()
             if document is None:
-                self._tell_health("no daemon")
+                self._publish_health("no daemon")
             else:
-                self._tell(summarise(document))
+                self._publish(summarise(document))
             self._answer()
         except (OSError, EOFError, ConnectionError) as error:
             self._close()
             self._warn(f"the bus does not answer: {error}")
 
-    def _tell(self, summary: Summary) -> None:
+    def _publish(self, summary: Summary) -> None:
         if not summary.ready:
             return
         stands = {alarm.key: alarm for alarm in summary.alarms}
@@ -101,9 +101,9 @@ class DbusBridge:
                 what = (*_identity(alarm), _or_nan(alarm.deviation_mm), alarm.reason)
                 self._send("AlarmRaised", "ssdds", what)
                 self._alarms[key] = alarm
-        self._tell_health(summary.health)
+        self._publish_health(summary.health)
 
-    def _tell_health(self, health: str) -> None:
+    def _publish_health(self, health: str) -> None:
         if health != self._health:
             self._send("HealthChanged", "s", (health,))
             self._health = health
@@ -167,7 +167,7 @@ class DbusBridge:
 
 
 def _identity(alarm: Alarm) -> tuple[str, str, float]:
-    """Kind, wheel and time: the same for the same alarm, whoever tells it and however often."""
+    """Return kind, wheel and time: the same for the same alarm, whoever tells it and however often."""
     return alarm.kind, alarm.wheel or "", _or_nan(alarm.time_s)
 
 

@@ -1,4 +1,4 @@
-"""What Home Assistant is told of itself: MQTT discovery messages of one car.
+"""Discovery of one car by Home Assistant: its MQTT discovery messages.
 
 In: names of topics and wheels. Out: (topic, payload) pairs, to be published retained. Source:
 Home Assistant's documentation, "MQTT", "Discovery payload"; one message per entity, which all versions know.
@@ -15,7 +15,7 @@ WHEEL_NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr":
 def discovery(
     prefix: str, node: str, base: str, version: str, wheels: Sequence[str], name: str = "Tyres"
 ) -> list[tuple[str, dict[str, Any]]]:
-    """One message per entity; `prefix` is Home Assistant's own (`homeassistant`), `base` ours."""
+    """Return one message per entity; `prefix` is Home Assistant's own (`homeassistant`), `base` ours."""
     common: dict[str, Any] = {
         "state_topic": f"{base}/state",
         "availability_topic": f"{base}/availability",

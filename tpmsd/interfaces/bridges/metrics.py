@@ -16,7 +16,7 @@ from tpmsd.interfaces.bridges.summary import summarise
 WHEEL_STATES = ("unavailable", "learning", "monitoring", "alarm")
 ALARM_KINDS = ("radius_deviation", "deflation", "slow_leak", "malfunction")
 _MAX_KINDS = 50
-"""Kinds of faults that are exposed: what a document names must not make series without end."""
+"""Number of kinds of faults that are exposed: a document must not make series without end."""
 
 
 @dataclass(slots=True)
@@ -31,13 +31,13 @@ class Family:
     samples: list[tuple[tuple[str, ...], float]] = field(default_factory=list)
 
     def add(self, value: object, *labels: str) -> None:
-        """A series; left out where the value is not known."""
+        """Add a series; left out where the value is not known."""
         if (known := number(value)) is not None:
             self.samples.append((labels, known))
 
 
 def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
-    """All families; without a document `tpmsd_up` alone."""
+    """Yield all families; without a document `tpmsd_up` alone."""
     up = Family("tpmsd_up", "gauge", "1 if the daemon answers on its socket")
     up.add(0 if document is None else 1)
     yield up

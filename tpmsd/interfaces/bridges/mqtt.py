@@ -31,13 +31,13 @@ RECONNECT_S = (1, 30)
 MAX_IN_FLIGHT, MAX_QUEUED = 20, 100
 """Messages that paho holds for a broker that does not acknowledge; what is beyond waits here, bounded too."""
 RECALL_S = 2.0
-"""How long the broker may take to send what it retains, after it has confirmed the subscription."""
+"""Time that the broker may take to send retained messages after it has confirmed the subscription, s."""
 CLOSE_S = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class MqttSettings:
-    """Where and how to publish."""
+    """Settings of the connection and the topics."""
 
     host: str
     port: int
@@ -45,7 +45,7 @@ class MqttSettings:
     """Name of the car in topics and identifiers."""
     base: str = "tpmsd"
     discovery_prefix: str = "homeassistant"
-    """Empty: Home Assistant is told nothing."""
+    """Prefix of the discovery topics; empty: no message to Home Assistant."""
     period_s: float = 10.0
     user: str | None = None
     password: str | None = None
@@ -53,7 +53,7 @@ class MqttSettings:
 
 
 def tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
-    """A context that verifies the broker; raises ConfigError for files that are none."""
+    """Return a context that verifies the broker; raises ConfigError for files that are none."""
     try:
         context = ssl.create_default_context(cafile=None if ca is None else str(ca))
         context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -79,13 +79,13 @@ class MqttBridge:
         self._topics = Topics(f"{settings.base}/{settings.node}")
         self.announcer = Announcer(self._topics, settings.period_s)
         self._news: queue.SimpleQueue[tuple[str, bytes | None]] = queue.SimpleQueue()
-        """What paho's thread has to tell: connected, subscribed, recalled, gone."""
+        """Events from paho's thread: connected, subscribed, recalled, gone."""
         self._connected = False
         self._again = False
         self._subscribed_s: float | None = None
         self._recalled: bytes | None = None
         self._available = False
-        self._told_available: bool | None = None
+        self._published_available: bool | None = None
         self._introduced: tuple[str, ...] = ()
         self._summary: Summary | None = None
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=f"tpmsd-{settings.node}")
@@ -106,7 +106,7 @@ class MqttBridge:
         self._full = MQTTErrorCode.MQTT_ERR_QUEUE_SIZE
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Publish what the documents say until they end."""
+        """Publish the documents until they end."""
         with self._network():
             for document in documents:
                 self.step(document, time.monotonic())
@@ -120,10 +120,10 @@ class MqttBridge:
         self._take_news(now_s)
         if not self._connected:
             return
-        if self._told_available != self._available:
+        if self._published_available != self._available:
             availability = "online" if self._available else "offline"
             if self._publish(Message(self._topics.availability, availability, True)):
-                self._told_available = self._available
+                self._published_available = self._available
         events = self.announcer.events
         while events and self._publish(events[0]):
             events.popleft()
@@ -136,7 +136,7 @@ class MqttBridge:
         self._again = not all(done) if done else self._again
 
     def _introduce(self, summary: Summary) -> None:
-        """Tell Home Assistant of the wheels, when they are known and after every reconnection."""
+        """Announce the wheels to Home Assistant, when they are known and after every reconnection."""
         wheels = tuple(wheel.name for wheel in summary.wheels)
         settings = self._settings
         if not settings.discovery_prefix or not wheels or wheels == self._introduced:
@@ -153,7 +153,7 @@ class MqttBridge:
                 break
             if what == "connected":
                 self._connected = self._again = True
-                self._told_available, self._introduced = None, ()
+                self._published_available, self._introduced = None, ()
                 if not self.announcer.is_ready:
                     self._client.subscribe(self._topics.alarms, qos=1)
             elif what == "gone":

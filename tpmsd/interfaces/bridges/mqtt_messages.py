@@ -1,4 +1,4 @@
-"""Which MQTT messages follow from which documents; the network is not here.
+"""MQTT messages that follow from documents; the network is not here.
 
 In: summaries, one after the other, and what the broker retains of an earlier run. Out: messages. State and
 the alarms that stand are retained and always true; an event is sent once for each alarm raised or cleared,
@@ -28,7 +28,7 @@ KIND = re.compile(r"[a-z][a-z_]{0,49}")
 """Kinds of alarms, of this version or of another: whoever may write to the broker must not put other text
 into our messages."""
 LONGEST_S = 1e12
-"""No alarm was raised later, Unix seconds."""
+"""Latest time at which an alarm can have been raised, Unix seconds."""
 
 
 class Message(NamedTuple):
@@ -58,7 +58,7 @@ class Topics:
 
     @property
     def event(self) -> str:
-        """Not retained: one message per alarm raised or cleared."""
+        """Return a message that is not retained: one per alarm raised or cleared."""
         return f"{self.base}/event"
 
     @property
@@ -71,25 +71,25 @@ class Announcer:
     """Turns summaries into messages."""
 
     def __init__(self, topics: Topics, period_s: float) -> None:
-        """`period_s`: how often numbers are told while nothing else changes."""
+        """`period_s`: period at which numbers are sent while nothing else changes."""
         self._topics = topics
         self._period_s = period_s
         self._known: dict[str, Alarm] | None = None
         """Alarms that were announced, by key; None until it is known what an earlier run announced."""
         self._waiting: deque[Summary] = deque(maxlen=MAX_EVENTS)
         """Changes seen before that was known."""
-        self._told_s = -math.inf
-        self._told: object = None
+        self._sent_s = -math.inf
+        self._sent: object = None
         self.events: deque[Message] = deque(maxlen=MAX_EVENTS)
         self.dropped = 0
 
     @property
     def is_ready(self) -> bool:
-        """Whether it is known which alarms were announced before."""
+        """True if it is known which alarms were announced before."""
         return self._known is not None
 
     def recall(self, payload: bytes | None) -> None:
-        """What the broker retained on the topic `alarms`; None where it has nothing."""
+        """Take the message that the broker retained on the topic `alarms`; None where it has none."""
         self._known = {} if payload is None else {alarm.key: alarm for alarm in recalled(payload)}
         while self._waiting:
             self.take(self._waiting.popleft())
@@ -112,16 +112,16 @@ class Announcer:
         self._known = standing
 
     def state(self, summary: Summary, now_s: float, again: bool = False) -> list[Message]:
-        """State and alarms, if they are due; `again`: the broker may have forgotten them."""
+        """Return the state and alarms, if they are due; `again`: the broker may have forgotten them."""
         discrete = (
             [(wheel.name, wheel.state, wheel.problem) for wheel in summary.wheels],
             [alarm.key for alarm in summary.alarms],
             summary.health,
         )
-        if not again and discrete == self._told and 0.0 <= now_s - self._told_s < self._period_s:
+        if not again and discrete == self._sent and 0.0 <= now_s - self._sent_s < self._period_s:
             return []
-        changed = again or self._told is None or discrete != self._told
-        self._told, self._told_s = discrete, now_s
+        changed = again or self._sent is None or discrete != self._sent
+        self._sent, self._sent_s = discrete, now_s
         messages = [Message(self._topics.state, _json(state_document(summary)), True)]
         if changed:
             alarms = [_alarm_document(alarm) for alarm in summary.alarms]
@@ -136,7 +136,7 @@ class Announcer:
 
 
 def state_document(summary: Summary) -> dict[str, Any]:
-    """The state as it is published."""
+    """Return the state as it is published."""
     return {
         "schema": "tpmsd.mqtt/1",
         "health": summary.health,
@@ -156,7 +156,7 @@ def _wheel_document(wheel: Wheel) -> dict[str, Any]:
 
 
 def recalled(payload: bytes) -> Iterable[Alarm]:
-    """The alarms in a retained message; anything else that stands there counts for nothing."""
+    """Return the alarms in a retained message; anything else that stands there counts for nothing."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         return []
     try:
@@ -167,11 +167,11 @@ def recalled(payload: bytes) -> Iterable[Alarm]:
     for one in raw if isinstance(raw, list) else []:
         if not isinstance(one, dict):
             continue
-        kind, wheel, told = one.get("kind"), one.get("wheel"), one.get("time")
-        time_s = number(told)
+        kind, wheel, raised = one.get("kind"), one.get("wheel"), one.get("time")
+        time_s = number(raised)
         if not isinstance(kind, str) or KIND.fullmatch(kind) is None or wheel not in (None, *WHEELS):
             continue
-        if told is not None and (time_s is None or abs(time_s) > LONGEST_S):
+        if raised is not None and (time_s is None or abs(time_s) > LONGEST_S):
             continue
         out.append(Alarm(kind, wheel, time_s))
     return out

@@ -21,11 +21,12 @@ from tpmsd.interfaces.bridges.metrics import families
 from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 SCRAPE_TIMEOUT_S = 3.0
-"""Below the 10 s of Prometheus's own default."""
+"""Time-out of a scrape, s; below the 10 s of Prometheus's own default."""
 MOST_REQUESTS = 16
 """Requests at a time, a thread each: a server or two scrape, every some seconds."""
 REQUEST_S = 10.0
-"""From a connection to the end of its answer; what takes longer is closed, a scrape ends by itself before."""
+"""Time from a connection to the end of its answer, s; what takes longer is closed, a scrape ends by itself
+before."""
 
 
 class StatusCollector:
@@ -36,11 +37,11 @@ class StatusCollector:
         self._said = ""
 
     def describe(self) -> list[Any]:
-        """Nothing: so that registering asks no daemon."""
+        """Return nothing: so that registering asks no daemon."""
         return []
 
     def collect(self) -> Iterator[Any]:
-        """The families of the moment."""
+        """Yield the families of the moment."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
         for family in families(self._document()):
@@ -63,7 +64,8 @@ class StatusCollector:
 
 
 def serve(path: Path, address: str, port: int, log: logging.Logger) -> tuple[int, Callable[[], None]]:
-    """Begin to serve; the port (of interest where 0 was asked for), and what ends it.
+    """Begin to serve; return the port (chosen by the system where 0 was asked for), and a function that ends
+    it.
 
     Raises ConfigError where prometheus-client is not installed, TpmsdError where nobody can listen there.
     """
@@ -98,24 +100,25 @@ class _Handler(WSGIRequestHandler):
 
 
 class _Server(ThreadingMixIn, WSGIServer):
-    """A thread per request: so many at most, each for a bounded time (prometheus-client's has no bounds)."""
+    """Server with a thread per request: a bounded number, each for a bounded time (prometheus-client's has no
+    bounds)."""
 
     daemon_threads = True
 
     def __init__(self, family: int, where: tuple[str, int]) -> None:
         self.address_family = family
-        self._places = threading.BoundedSemaphore(MOST_REQUESTS)
+        self._slots = threading.BoundedSemaphore(MOST_REQUESTS)
         super().__init__(where, _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Begin a thread, or close the connection where all places are taken."""
-        if not self._places.acquire(blocking=False):
+        if not self._slots.acquire(blocking=False):
             self.shutdown_request(request)
             return
         try:
             super().process_request(request, client_address)
         except RuntimeError:  # no thread to be had
-            self._places.release()
+            self._slots.release()
             raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -127,7 +130,7 @@ class _Server(ThreadingMixIn, WSGIServer):
             super().process_request_thread(request, client_address)
         finally:
             late.cancel()
-            self._places.release()
+            self._slots.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing: a visitor that leaves is no error."""

@@ -16,7 +16,7 @@ MAX_BYTES = 4096
 
 
 def secret(file: Path | None, credential: str, environment: Mapping[str, str]) -> str | None:
-    """The secret in `file`, else in the systemd credential of that name; None where there is neither.
+    """Return the secret in `file`, else in the systemd credential of that name; None where there is neither.
 
     One line end at its end is taken off. Raises ConfigError.
     """

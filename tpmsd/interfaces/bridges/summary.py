@@ -1,4 +1,4 @@
-"""What other systems want to know of a status document, in one shape.
+"""Summary of a status document for other systems, in one shape.
 
 In: a document as the status socket gives it, from this version of tpmsd or a later one. Out: `Summary`. What
 a document does not say, or says in a form that is not known, is None; nothing here raises.
@@ -24,13 +24,13 @@ class Alarm:
     kind: str
     wheel: str | None
     time_s: float | None
-    """When it was raised, host time."""
+    """Host time at which it was raised, s."""
     deviation_mm: float | None = None
     reason: str = ""
 
     @property
     def key(self) -> str:
-        """The same for the same alarm, whoever asks and whenever: kind, wheel and instant."""
+        """Return the key of an alarm, equal in every document: kind, wheel and instant."""
         instant = "0" if self.time_s is None else f"{self.time_s:.3f}"
         return f"{self.kind}:{self.wheel or 'all'}:{instant}"
 
@@ -42,7 +42,7 @@ class Wheel:
     name: str
     state: str
     problem: bool
-    """Whether an alarm concerns it."""
+    """True if an alarm concerns it."""
     deviation_mm: float | None
     std_mm: float | None
     change_mm: float | None
@@ -56,7 +56,7 @@ class Summary:
 
     version: str
     ready: bool
-    """Whether the daemon has made a tick; before that it does not say which alarms stand."""
+    """True if the daemon has made a tick; before that it does not state which alarms stand."""
     wheels: tuple[Wheel, ...]
     alarms: tuple[Alarm, ...]
     malfunction: bool
@@ -75,7 +75,7 @@ class Summary:
 
 
 def summarise(document: Mapping[str, Any]) -> Summary:
-    """The summary of a document."""
+    """Return the summary of a document."""
     raw = document.get("alarms")
     alarms = tuple(_alarm(one) for one in raw if isinstance(one, dict)) if isinstance(raw, list) else ()
     concerned = {name for alarm in alarms for name in _concerned(alarm)}
@@ -105,7 +105,8 @@ def _alarm(raw: Mapping[str, Any]) -> Alarm:
 
 
 def _concerned(alarm: Alarm) -> tuple[str, ...]:
-    """The wheels of an alarm; one that names none concerns them all, unless it is tpmsd itself that fails."""
+    """Return the wheels of an alarm; one that names none concerns them all, unless it is tpmsd itself that
+    fails."""
     if alarm.wheel is not None:
         return (alarm.wheel,)
     return () if alarm.kind == MALFUNCTION else WHEELS

@@ -1,4 +1,4 @@
-"""`tpmsd bridge vss`: which tyre is soft, to a KUKSA databroker as signals of the VSS.
+"""`tpmsd bridge vss`: low pressure of each tyre, to a KUKSA databroker as signals of the VSS.
 
 In: the status socket, a databroker (gRPC, kuksa.val.v2). Out: `Tire.IsPressureLow` of each wheel
 (`vss_names.py`): true or false while the wheel is monitored, no value while nobody knows. A value counts as
@@ -23,7 +23,7 @@ WATCHED = frozenset({"monitoring", "alarm"})
 
 
 def pressure_low(summary: Summary) -> dict[str, bool | None]:
-    """Of each wheel whether its pressure is low; None where that is not known."""
+    """Return whether the pressure of each wheel is low; None where that is not known."""
     low = {alarm.wheel for alarm in summary.alarms if alarm.kind in MEANS_LOW}
     blind = {alarm.wheel for alarm in summary.alarms if alarm.kind == MALFUNCTION}
     states = {wheel.name: wheel.state for wheel in summary.wheels}
@@ -41,16 +41,16 @@ class VssBridge:
     """One databroker, one daemon."""
 
     def __init__(self, settings: DatabrokerSettings, log: logging.Logger, period_s: float = 10.0) -> None:
-        """All values are told again every `period_s`. ConfigError as `Connection` has it."""
+        """Send all values again every `period_s`. ConfigError as `Connection` has it."""
         self._databroker, self._log, self._period_s = Connection(settings), log, period_s
-        self._told: dict[str, bool | None] = {}
+        self._sent: dict[str, bool | None] = {}
         self._absent: set[str] = set()
         """Wheels for which the databroker's specification has no signal."""
         self._due_s = self._again_s = -math.inf
         self._said = ""
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Tell what the documents say until they end; in the end nothing is known any more."""
+        """Send the documents until they end; at the end send that nothing is known any more."""
         try:
             for document in documents:
                 self.step(document, time.monotonic())
@@ -67,19 +67,19 @@ class VssBridge:
                 return
             values = pressure_low(summary)
         if now_s >= self._due_s:
-            self._told, self._due_s = {}, now_s + self._period_s
+            self._sent, self._due_s = {}, now_s + self._period_s
         if now_s < self._again_s:
             return
         for wheel, low in values.items():
-            if wheel in self._absent or (wheel in self._told and self._told[wheel] == low):
+            if wheel in self._absent or (wheel in self._sent and self._sent[wheel] == low):
                 continue
             if not self._publish(wheel, low):
-                self._told, self._again_s = {}, now_s + RETRY_S
+                self._sent, self._again_s = {}, now_s + RETRY_S
                 return
-            self._told[wheel] = low
+            self._sent[wheel] = low
 
     def _publish(self, wheel: str, low: bool | None) -> bool:
-        """Tell one value; False if it is to be tried again."""
+        """Send one value; return False if it is to be tried again."""
         databroker = self._databroker
         point = databroker.types.Datapoint()
         point.timestamp.GetCurrentTime()

@@ -14,9 +14,9 @@ from typing import Any
 from tpmsd.foundation.errors import ConfigError
 
 CALL_S = 2.0
-"""How long the databroker may take for one answer."""
+"""Time that the databroker may take for one answer, s."""
 RETRY_S = 1.0
-"""From a failure to the next try."""
+"""Time from a failure to the next attempt, s."""
 CHANNEL = (
     ("grpc.initial_reconnect_backoff_ms", 200),
     ("grpc.max_reconnect_backoff_ms", 5000),
@@ -27,7 +27,7 @@ CHANNEL = (
 
 @dataclass(frozen=True, slots=True)
 class DatabrokerSettings:
-    """Where the databroker is, and how it is spoken to."""
+    """Address and credentials of the databroker."""
 
     host: str
     port: int
@@ -65,16 +65,16 @@ class Connection:
         self._header = [] if settings.token is None else [("authorization", f"Bearer {settings.token}")]
 
     def call(self, name: str, request: Any) -> Any:
-        """The answer to one call of the service, `PublishValue` for one; `error` if it fails."""
+        """Return the answer to one call of the service, `PublishValue` for one; `error` if it fails."""
         return getattr(self._stub, name)(request, timeout=CALL_S, metadata=self._header)
 
     def stream(self, name: str, request: Any) -> Any:
-        """The answers to a call that has many; an iterator with `cancel`."""
+        """Return the answers to a call that has many; an iterator with `cancel`."""
         return getattr(self._stub, name)(request, metadata=self._header)
 
     @staticmethod
     def failure(error: Any) -> str:
-        """gRPC's name of the reason: `not_found`, `unavailable`, `unauthenticated` and so on."""
+        """Return gRPC's name of the reason: `not_found`, `unavailable`, `unauthenticated` and so on."""
         return str(error.code().name).lower()
 
     def close(self) -> None:

@@ -22,13 +22,15 @@ import cantools
 from tpmsd.interfaces.bridges.vss_names import FIX_TYPE, GNSS_TIME
 
 LATE_S = 0.1
-"""A wheel speed may be that much older than usual: at 3 m/s2 one reading of many is wrong by 0.3 m/s."""
+"""Excess of a wheel speed's age over the usual one, at most, s: at 3 m/s2 one reading of many is wrong by 0.3
+m/s."""
 WINDOW_S = 30.0
-"""The least delay is that of the last one to two windows; a clock that was set right counts after that."""
+"""Window of the least delay, s: that of the last one to two windows; a clock that was set right counts after
+that."""
 
 
 class NotSent(StrEnum):
-    """Why a value is not sent."""
+    """Reason for which a value is not sent."""
 
     NO_VALUE = "has no value"
     NOT_RENEWED = "is not renewed"
@@ -38,14 +40,14 @@ class NotSent(StrEnum):
 
 
 class Frame(NamedTuple):
-    """What is sent: an identifier of 11 bits and up to 8 bytes."""
+    """Frame that is sent: an identifier of 11 bits and up to 8 bytes."""
 
     identifier: int
     data: bytes
 
 
 def vss_dbc() -> str:
-    """The text of `vss.dbc`."""
+    """Return the text of `vss.dbc`."""
     return (resources.files("tpmsd.interfaces.bridges") / "vss.dbc").read_text("utf-8")
 
 
@@ -80,12 +82,12 @@ class VssFrames:
         return tuple(self._messages)
 
     def note(self, path: str, stamp_s: float) -> None:
-        """A value that was there before: known, and not sent."""
+        """Note a value that was there before: known, and not sent."""
         if path in self._messages:
             self._stamps_s[path] = stamp_s
 
     def take(self, path: str, stamp_s: float, value: object, now_s: float) -> Frame | NotSent:
-        """One value, None where the databroker has none; `path` is one of `paths`."""
+        """Return one value, None where the databroker has none; `path` is one of `paths`."""
         message = self._messages[path]
         if stamp_s == self._stamps_s.get(path):
             return NotSent.NOT_RENEWED
@@ -104,7 +106,8 @@ class VssFrames:
 
 
 def _number(path: str, value: object, flag: bool) -> float | None:
-    """A value in the unit of its signal; None where it is not what the specification says of that path."""
+    """Return a value in the unit of its signal; None where it is not what the specification says of that
+    path."""
     if path in _TEXTS:
         return _TEXTS[path](value) if isinstance(value, str) else None
     if isinstance(value, bool) is not flag or not isinstance(value, int | float):
@@ -113,7 +116,7 @@ def _number(path: str, value: object, flag: bool) -> float | None:
 
 
 def _unix_ms(text: str) -> float | None:
-    """ISO 8601 with a time; UTC where it does not say its zone, as the specification has it."""
+    """Return ISO 8601 with a time; UTC where it does not say its zone, as the specification has it."""
     try:
         moment = datetime.fromisoformat(text)
         if "T" not in text:
@@ -124,7 +127,7 @@ def _unix_ms(text: str) -> float | None:
 
 
 def _fix(text: str) -> float | None:
-    """`NONE`, or a fix in two or three dimensions whatever it was augmented by."""
+    """Return `NONE`, or a fix in two or three dimensions whatever it was augmented by."""
     if text == "NONE":
         return 0.0
     return 1.0 if text.startswith(("TWO_D", "THREE_D")) else None

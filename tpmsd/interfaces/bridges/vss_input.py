@@ -24,7 +24,8 @@ from tpmsd.interfaces.bridges.vss_names import is_wheel
 BUFFER = 200
 """Messages that the databroker keeps for a slow reader: a second of four wheels at 50 Hz."""
 SILENCE_S = 10.0
-"""After that long without a value the subscription is made anew: a connection may be dead without a word."""
+"""Time without a value after which the subscription is made again, s: a connection may be dead without an
+error."""
 ORDINARY = frozenset({NotSent.NO_VALUE, NotSent.NOT_RENEWED})
 """Reasons that say nothing against a value."""
 
@@ -37,7 +38,7 @@ class VssInput:
         self._databroker, self._wire, self._log = Connection(settings), wire, log
         self._frames = VssFrames()
         self._absent: list[str] = []
-        self._told: set[tuple[str, NotSent]] = set()
+        self._logged: set[tuple[str, NotSent]] = set()
         self._said = ""
         self.counts: Counter[str] = Counter()
         """Values that were sent, those for which the bus was away, and those of each `NotSent`."""
@@ -55,7 +56,7 @@ class VssInput:
             self._log.info("%s", ", ".join(f"{count} {name}" for name, count in self.counts.items()))
 
     def listen(self) -> None:
-        """Subscribe, and hand on values until the databroker ends it or is silent."""
+        """Subscribe, and hand on values until the databroker ends the call or is silent."""
         try:
             paths = self._known()
             if any(map(is_wheel, paths)):
@@ -69,7 +70,7 @@ class VssInput:
             self._say(f"the databroker gives no values ({reason})")
 
     def _known(self) -> list[str]:
-        """The signals that the databroker has and lets us read."""
+        """Return the signals that the databroker has and lets us read."""
         known, absent = [], []
         types, requests = self._databroker.types, self._databroker.requests
         for path in self._frames.paths:
@@ -110,8 +111,8 @@ class VssInput:
             return
         self.counts[f"that {made}"] += 1
         what = "a value" if made is NotSent.LATE else f"a value of {path}"
-        if made not in ORDINARY and (what, made) not in self._told:
-            self._told.add((what, made))
+        if made not in ORDINARY and (what, made) not in self._logged:
+            self._logged.add((what, made))
             self._log.warning("%s %s: not sent (said once)", what, made)
 
     def _say(self, text: str) -> None:
@@ -121,19 +122,21 @@ class VssInput:
 
 
 def stamp_s(point: Any) -> float:
-    """When the databroker got a data point, as Unix time by its clock; 0 where it does not say."""
+    """Return the Unix time at which the databroker got a data point, by its clock; 0 where it does not state
+    it."""
     return float(point.timestamp.seconds + point.timestamp.nanos * 1e-9)
 
 
 def value_of(point: Any) -> object:
-    """Its value, whatever its type; None where there is none."""
+    """Return its value, whatever its type; None where there is none."""
     kind = point.value.WhichOneof("typed_value")
     return None if kind is None else getattr(point.value, kind)
 
 
 @contextlib.contextmanager
 def cancelled_by_silence(call: Any, patience_s: float) -> Iterator[Callable[[], None]]:
-    """Cancels a call that is silent for one to two times `patience_s`; yields what notes a sign of life."""
+    """Cancel a call that is silent for one to two times `patience_s`; yield the function that notes a sign of
+    life."""
     heard, over = threading.Event(), threading.Event()
 
     def watch() -> None:

@@ -74,7 +74,8 @@ def add_parser(subparsers: Subparsers) -> None:
         type=Path,
         metavar="SIM_DRIVE",
         help="drive folder that your own simulator wrote of the same drive: say what it lacks,"
-        " not what the rolling model lacks",
+        " not what the rolling model lacks; with --baseline single-track or three-dof also an FMU (.fmu),"
+        " run on the recording's inputs",
     )
     parser.add_argument(
         "--certify",
@@ -169,7 +170,8 @@ def _run_rolling(args: argparse.Namespace) -> int:
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
-        for note in diagnosis.notes:
+        # The summary has them, unless standard output is the document's.
+        for note in diagnosis.notes if outputs.fill_stdout else ():
             print(f"tpmsd: {note}", file=sys.stderr)
         alarms = []
         if replays is not None and diagnosis.verdict != INSUFFICIENT:

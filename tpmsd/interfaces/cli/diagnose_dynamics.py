@@ -39,7 +39,7 @@ def run_dynamics(args: argparse.Namespace) -> int:
     baseline, drive = read_dynamics_drive(folder, args.config, args.baseline)
     given = model_effects(args.model, drive.key)
     if args.simulation is not None:
-        drive = _against(args.simulation, baseline, drive)
+        drive = _against(args.simulation, baseline, drive, folder)
     with Progress(1.0, "diagnose") as progress:
         diagnosis = diagnose_dynamics(baseline, drive, given, progress.update)
     known = diagnosis.verdict != INSUFFICIENT
@@ -68,15 +68,17 @@ def _refuse(args: argparse.Namespace) -> None:
             raise ConfigError(f"--{option} is not there for --baseline {args.baseline}")
 
 
-def _against(folder: Path, baseline: Baseline, drive: DynamicsDrive) -> DynamicsDrive:
+def _against(simulation: Path, baseline: Baseline, drive: DynamicsDrive, recording: Path) -> DynamicsDrive:
     """Return the drive against a user's simulation of it; InputError if that has no usable output."""
     import numpy as np
 
     from tpmsd.offline.dynamics.simulate import against_simulation
     from tpmsd.offline.signals.columns import OUTPUTS
+    from tpmsd.offline.signals.fmu import fmu_table
     from tpmsd.offline.signals.read import read_signals
 
-    table = read_signals(folder)
+    is_fmu = simulation.suffix.lower() == ".fmu"
+    table = fmu_table(simulation, recording, drive) if is_fmu else read_signals(simulation)
     at = drive.time_s + drive.start_s
     known = {}
     for name, column in OUTPUTS.items():

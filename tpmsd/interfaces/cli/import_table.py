@@ -1,6 +1,7 @@
 """`tpmsd import TABLE --map map.toml DRIVE`: a user's own table as a drive folder.
 
-In: a table (CSV, Parquet, MF4, MATLAB v7.3) and its map. Out: a drive folder that every command takes.
+In: a table (CSV, Parquet, MF4, MATLAB v7.3) and its map, or a Racelogic VBO file. Out: a drive folder that
+every command takes; of a VBO file one with `signals.csv`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ TABLE is CSV, Parquet, MF4 or MATLAB v7.3. The map says which column is what, in
 car; it is checked like a configuration. Without a map the columns' names tell role and unit, as in the
 tables that `tpmsd replay --csv` and `--parquet` write. --guess prints a map to begin with: roles by
 names, units, signs and the rolling radius by the values.
+
+A Racelogic VBO file (.vbo) becomes a folder with signals.csv, for diagnose --baseline single-track and
+three-dof and replay --vehicle-state. It needs no map; --vehicle copies the car's vehicle.toml beside it.
 """
 _EPILOG = """\
 a map:
@@ -38,6 +42,7 @@ examples:
   tpmsd import log.csv --guess > map.toml
   tpmsd import log.csv --map map.toml drives/monday
   tpmsd import monday.parquet drives/again         a table of tpmsd replay --parquet
+  tpmsd import track.vbo drives/track --vehicle car.toml
 
 exit codes: 0 done, 2 wrong usage or map, 3 unusable table, 4 --guess found no wheels
 """
@@ -81,6 +86,9 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--guess", action=_Guess, drive=drive, help="print a map of TABLE, guessed; takes no DRIVE"
     )
+    parser.add_argument(
+        "--vehicle", type=Path, metavar="FILE", help="of a VBO file: the vehicle.toml to be put beside it"
+    )
     add_json_option(parser)
 
 
@@ -97,6 +105,10 @@ def run(args: argparse.Namespace) -> int:
     outputs = Outputs(("--json", args.json))
     if args.drive.exists() and (not args.drive.is_dir() or any(args.drive.iterdir())):
         raise ConfigError(f"{args.drive}: exists already")
+    if args.table.suffix.lower() == ".vbo":
+        return _run_vbo(args, outputs)
+    if args.vehicle is not None:
+        raise ConfigError("--vehicle is for VBO files; a map names the car of other tables")
     drive = load_table(args.table, args.map, say)
     drive.save(args.drive)
     items = getattr(drive.recording, "items", ())
@@ -128,3 +140,34 @@ def _guess(args: argparse.Namespace) -> int:
     if not has_wheels:
         print(f"tpmsd: {args.table}: no column was taken for each rear wheel", file=sys.stderr)
     return 0 if has_wheels else EXIT_UNDECIDED
+
+
+def _run_vbo(args: argparse.Namespace, outputs: Outputs) -> int:
+    """Read a Racelogic VBO file, write a folder with `signals.csv`, report."""
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.foundation.text_file import read_text
+    from tpmsd.interfaces.cli.drive_reading import say
+    from tpmsd.offline.signals.vbo import CAR_TEMPLATE, read_vbo
+    from tpmsd.offline.signals.write import write_signals_text
+
+    if args.map is not None:
+        raise ConfigError("--map is not for VBO files: they name their columns themselves")
+    car = CAR_TEMPLATE if args.vehicle is None else read_text(args.vehicle, 1 << 20, "a vehicle.toml")
+    table = read_vbo(args.table, say)
+    write_signals_text(args.drive, table.columns, car)
+    time_s = table.columns["time_s"]
+    span_s = float(time_s.max() - time_s.min())
+    document = {
+        **provenance("tpmsd.import/1", [args.table], args.vehicle),
+        "folder": str(args.drive),
+        "duration_s": span_s,
+        "frames": 0,
+        "sentences": 0,
+        "signals": table.sources,
+    }
+    if not outputs.fill_stdout:
+        print(f"{span_s:.0f} s, {len(time_s)} rows of {' '.join(table.columns)}: written to {args.drive}")
+        if args.vehicle is None:
+            print(f"Fill in {args.drive / 'vehicle.toml'}: the car is not known yet.")
+    outputs.write({"--json": lambda: json_text(document)})
+    return 0

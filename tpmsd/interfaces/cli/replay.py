@@ -157,7 +157,7 @@ def _vehicle_of(drive: Path) -> Path:
 
 
 def _with_vehicle_state(config: Config, args: argparse.Namespace) -> Config:
-    """Return the configuration with the filter of `--vehicle-state`; ConfigError for an unknown car."""
+    """Return the configuration with the filter of `--vehicle-state`; ConfigError if the car is not known."""
     if args.vehicle_state is None:
         return config
     check_vehicle_state(config)

@@ -21,8 +21,8 @@ from tpmsd.offline.calibration.result import Calibration, Effect, WheelResult
 from tpmsd.offline.inference.recording import Recording
 
 METHODS = ("joint", "paper")
-_TELLING = 0.7
-"""An effect is reported where the drives narrowed what was believed of it to this share."""
+_MAX_STD_RATIO = 0.7
+"""Ratio of posterior to prior standard deviation below which an effect is reported."""
 
 
 def calibrate(
@@ -31,7 +31,8 @@ def calibrate(
     method: str = "joint",
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Calibration, Vehicle]:
-    """Calibrate; also the vehicle as calibrated. `progress` is told the share of the work that is done.
+    """Calibrate; also return the vehicle as calibrated. `progress` is given the share of the work that is
+    done.
 
     ValueError on an unknown method, `RefusedError` (one, too).
     """
@@ -124,6 +125,6 @@ def _effects(found: JointFit) -> dict[str, Effect]:
     out = {}
     for name in found.names:
         base = name.split("@")[0]
-        if base in _UNITS and found.std(name) < _TELLING * PRIOR[base][1]:
+        if base in _UNITS and found.std(name) < _MAX_STD_RATIO * PRIOR[base][1]:
             out[name] = Effect(found.value(name), found.std(name), _UNITS[base])
     return out

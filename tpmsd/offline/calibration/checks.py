@@ -27,7 +27,7 @@ MIN_READ = 0.5
 STRAIGHT_RADIUS_M = 300.0
 MIN_STRAIGHT_S = 15.0
 MAX_TRACK_STD = 0.1
-"""Relative: half of what is believed beforehand."""
+"""Relative standard deviation of the track: half of the prior one."""
 MIN_TURN_RAD = math.radians(60.0)
 TURNING_RADPS = 0.03
 CHANGE_SIGMA = 5.0
@@ -55,30 +55,30 @@ class Change:
     """A change of one wheel's radius within a drive, or of all of them."""
 
     wheel: int | None
-    """None: all together."""
+    """Index of the wheel; None: all together."""
     relative: float
-    """Against the other wheels; of all together: against the receiver."""
+    """Change relative to the other wheels; of all together: relative to the receiver."""
     sigmas: float
     time_s: float
-    """By when it has come about."""
+    """Time at which the change is complete, s."""
 
     @property
-    def telling(self) -> bool:
-        """Whether this is taken for a loss of pressure."""
+    def informative(self) -> bool:
+        """True if this is taken for a loss of pressure."""
         if self.wheel is None:  # tyres that warm up grow
             return self.sigmas > COMMON_SIGMA and self.relative < -MIN_COMMON_LOSS
         return self.sigmas > CHANGE_SIGMA and abs(self.relative) > MIN_CHANGE
 
     @property
     def words(self) -> str:
-        """What changed."""
+        """Return the change in words."""
         if self.wheel is None:
             return f"the radii of all wheels change by {self.relative:+.2%}"
         return f"the radius of wheel {WHEELS[self.wheel]} changes by {self.relative:+.2%} against the others"
 
 
 def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
-    """Refuse what needs no fit to be seen."""
+    """Reject recordings that need no fit to be seen as unusable."""
     straight = turned = 0.0
     for at, recording in enumerate(recordings):
         wheels = calibrated_wheels(recording)
@@ -126,10 +126,10 @@ def _near(times_s: FloatArray, fixes_s: FloatArray) -> float:
 
 
 def check_fit(recordings: list[Recording], fit: JointFit) -> None:
-    """Refuse what only the fit shows."""
+    """Reject recordings that only the fit shows to be unusable."""
     for at, (recording, rows) in enumerate(zip(recordings, fit.rows, strict=True)):
         change = worst_change(recording, rows)
-        if change.telling:
+        if change.informative:
             raise RefusedError(
                 f"{change.words} within {change.time_s:.0f} s ({change.sigmas:.0f} standard deviations): "
                 "a tyre that loses pressure cannot be calibrated",
@@ -143,7 +143,7 @@ def check_fit(recordings: list[Recording], fit: JointFit) -> None:
 
 
 def worst_change(recording: Recording, rows: Rows) -> Change:
-    """The most significant change within a drive: of one wheel against the others, or of all together.
+    """Return the most significant change within a drive: of one wheel against the others, or of all together.
 
     All wheels may change piecewise linearly over the drive; what is judged is how far one of them has come
     from the others at the end of each piece. Bends are left out: load transfer rules there. Against the
@@ -172,7 +172,7 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     columns = np.concatenate([rows.X[:, :, :steady], ramp], axis=2)
     size, sigmas = _sizes(rows.y, columns, priors, np.eye(steady + 1)[-1:], rows.time_s)
     together = Change(None, float(size[0]), float(sigmas[0]), end_s)
-    return together if together.telling and not one.telling else one
+    return together if together.informative and not one.informative else one
 
 
 def _sizes(
@@ -182,8 +182,8 @@ def _sizes(
     contrasts: FloatArray,
     time_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """(q,) contrasts (q, p) of the parameters that rows of innovations (k, 9) and columns (k, 9, p) give,
-    and how many standard deviations that is."""
+    """Return (q,) contrasts (q, p) of the parameters that rows of innovations (k, 9) and columns (k, 9, p)
+    give, and how many standard deviations that is."""
     mean, std = prior
     flat = X.reshape(-1, X.shape[2])
     covariance = np.linalg.inv(flat.T @ flat + np.diag(1.0 / np.square(std)))
@@ -205,7 +205,8 @@ def _sizes(
 
 
 def _contrasts(wheels: list[int]) -> tuple[FloatArray, list[int], list[int]]:
-    """(q, p) one wheel's change up to the end of a piece minus the mean of the others'; whose and which."""
+    """Return (q, p) one wheel's change up to the end of a piece minus the mean of the others'; whose and
+    which."""
     rows, wheel_of, piece_of = [], [], []
     for wheel in wheels:
         for piece in range(PIECES):

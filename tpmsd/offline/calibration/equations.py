@@ -1,4 +1,4 @@
-"""What a drive measures, in windows of a second, as linear equations about the nominal motion.
+"""Measurements of a drive, in windows of a second, as linear equations about the nominal motion.
 
 In: `Recording`, `Nominal`, `Vehicle`. Out: `Equations`: residuals y, what they see of the windows' unknown
 motion, and what they see of the parameters (X), such that y = H s + X theta + noise with the states s of
@@ -57,7 +57,7 @@ MOVING_MPS = 3.0
 MAX_ACCEL_MPS2 = 2.5
 """Harder than this the tyres slip too much to be modelled: such windows' wheels weigh little."""
 SLIPPING = 1e4
-"""Factor on the variance of such a wheel's way: slip of a few per cent is a hundred times road noise."""
+"""Factor on the variance of such a wheel's distance: slip of a few per cent is a hundred times road noise."""
 _STOPPED_MPS = 0.3
 
 
@@ -74,7 +74,7 @@ class Equations(Linearised):
 
     @property
     def here(self) -> np.ndarray:
-        """(w, 9) what was measured."""
+        """(w, 9) True where a measurement exists."""
         return np.isfinite(self.y)
 
     @property
@@ -84,7 +84,7 @@ class Equations(Linearised):
 
 
 def probes() -> dict[str, Probe]:
-    """By the name in a calibration, the effect's parameter that it is."""
+    """Return a mapping name in a calibration -> parameter of an effect."""
     out = {}
     for effect in EFFECTS.values():
         numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
@@ -110,8 +110,8 @@ def make_equations(
     windows = reader.windows
     y = windows.measured - reader.predicted(rolling)
     y[:, [wheel for wheel in range(4) if wheel not in calibrated_wheels(recording)]] = math.nan
-    ways = np.abs(np.stack([windows.measured[:, :4], windows.measured[:, :4] - y[:, :4]]))
-    y[:, :4][(ways < _STOPPED_MPS * WINDOW_S).all(axis=0)] = math.nan
+    distances = np.abs(np.stack([windows.measured[:, :4], windows.measured[:, :4] - y[:, :4]]))
+    y[:, :4][(distances < _STOPPED_MPS * WINDOW_S).all(axis=0)] = math.nan
     X = _columns(reader, rolling, car, reference_speed_mps)
     X[~np.isfinite(y)] = 0.0
     design = windows.design.copy()
@@ -133,7 +133,7 @@ def make_equations(
 
 
 def _where_moving(recording: Recording, motion: Nominal) -> Recording:
-    """The recording without the receiver's speeds and courses where the car is slow."""
+    """Return the recording without the receiver's speeds and courses where the car is slow."""
     moving = np.interp(recording.fix_time_s, motion.time_s, motion.speed_mps) > MOVING_MPS
     return replace(
         recording,
@@ -143,7 +143,7 @@ def _where_moving(recording: Recording, motion: Nominal) -> Recording:
 
 
 def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> Reference:
-    """The nominal motion as the reference of a `Reader`."""
+    """Return the nominal motion as the reference of a `Reader`."""
     speed, yaw = motion.speed_mps, motion.yaw_rate_radps
     curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
     return Reference(
@@ -167,7 +167,7 @@ def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> Reference
 
 
 def _columns(reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps: float) -> FloatArray:
-    """(w, 9, p) response of the channels to each of `COLUMNS`."""
+    """Return (w, 9, p) response of the channels to each of `COLUMNS`."""
     k = len(reader.windows)
     X = np.zeros((k, CHANNELS, len(COLUMNS)))
     always = np.ones(len(reader.reference.motion.time_s))
@@ -186,12 +186,12 @@ def _columns(reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps
 
 
 def _after_fixes(recording: Recording, count: int) -> FloatArray:
-    """(w, 3) share of each window that follows its speeds, courses and positions, in the mean."""
-    place, late = np.divmod(recording.fix_time_s / WINDOW_S, 1.0)
+    """Return (w, 3) share of each window that follows its speeds, courses and positions, in the mean."""
+    position, late = np.divmod(recording.fix_time_s / WINDOW_S, 1.0)
     out = np.zeros((count, 3))
     for column, values in enumerate((recording.speed_mps, recording.course_rad, recording.east_m)):
-        use = np.isfinite(values) & (place >= 0) & (place < count)
-        where = place[use].astype(int)
+        use = np.isfinite(values) & (position >= 0) & (position < count)
+        where = position[use].astype(int)
         number = np.bincount(where, minlength=count)
         total = np.bincount(where, weights=1.0 - late[use], minlength=count)
         np.divide(total, number, out=out[:, column], where=number > 0)
@@ -201,8 +201,8 @@ def _after_fixes(recording: Recording, count: int) -> FloatArray:
 def _position_rows(
     design: FloatArray, windows: Linearised, recording: Recording, motion: Nominal, after: FloatArray
 ) -> None:
-    """What positions see of yaw rate and heading at their own instant: by the antenna's arm and by the way
-    that follows them in the window. `Reader` takes them in the middle."""
+    """Fill the rows of positions with the effect of yaw rate and heading at their own instant: by the
+    antenna's arm and by the distance that follows them in the window. `Reader` takes them in the middle."""
     forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
     middle = np.interp(windows.time_s, motion.time_s, motion.heading_rad)
     cos, sin = np.cos(middle), np.sin(middle)

@@ -42,7 +42,8 @@ FREE = 0.2
 
 
 def _usual() -> dict[str, tuple[float, float]]:
-    """Of what confounds radii: mean and standard deviation as the effects state them, from neutral."""
+    """Return mean and standard deviation of the terms that confound radii, as the effects state them, from
+    neutral."""
     out = {}
     for name, probe in probes().items():
         for one in EFFECTS[probe.effect].parameters:
@@ -62,7 +63,7 @@ _NONE = 1e-9
 """Prior standard deviation of what is not let in."""
 MAX_ITERATIONS = 12
 NOISE_ITERATIONS = (2, 3, 5)
-"""In which the noise of each drive is estimated: the last time with all outliers weighed down."""
+"""Iterations in which the noise of each drive is estimated: the last time with all outliers weighed down."""
 LAST_OUTLIERS = 4
 """Last iteration that looks for outliers, on top of those before."""
 STILL = 0.02
@@ -92,7 +93,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class JointFit:
-    """Where the iteration ended."""
+    """Result of the iteration."""
 
     vehicle: Vehicle
     names: tuple[str, ...]
@@ -110,18 +111,18 @@ class JointFit:
     rows: list[Rows] = field(repr=False)
 
     def of_drive(self, drive: int) -> tuple[FloatArray, FloatArray]:
-        """(p,) what stands between a drive's last linearisation and the final values; their covariance (p,
-        p)."""
-        place = _places(self.names, drive)
-        return (self.values - self.linearised)[place], self.covariance[np.ix_(place, place)]
+        """Return (p,) what stands between a drive's last linearisation and the final values; their covariance
+        (p, p)."""
+        columns = _columns(self.names, drive)
+        return (self.values - self.linearised)[columns], self.covariance[np.ix_(columns, columns)]
 
     def std(self, name: str) -> float:
-        """Standard deviation of a parameter."""
+        """Return the standard deviation of a parameter."""
         at = self.names.index(name)
         return float(np.sqrt(self.covariance[at, at]))
 
     def value(self, name: str) -> float:
-        """Value of a parameter."""
+        """Return the value of a parameter."""
         return float(self.values[self.names.index(name)])
 
 
@@ -167,7 +168,7 @@ def fit(
         if iteration <= LAST_OUTLIERS:
             free, _ = solve(rows, names, mean, wide, moved)
             for at, drive in enumerate(rows):
-                residual = drive.y - drive.X @ (free - moved)[_places(names, at)]
+                residual = drive.y - drive.X @ (free - moved)[_columns(names, at)]
                 before = drive.equations.inflate if iteration < LAST_OUTLIERS else drive.inflate
                 inflates[at] = before * outlier_factors(residual)
         std = np.sqrt(np.diag(covariance))
@@ -191,7 +192,8 @@ def fit(
 
 
 def _share_done(iteration: int, drives: float) -> float:
-    """Of the work, by the shares that the iterations have; most of them fit no noise and are short."""
+    """Return the share of the work that is done, by the shares that the iterations have; most of them fit no
+    noise and are short."""
     before = [0.0, 0.02, 0.42, 0.67, 0.69, 0.94]
     begin = before[min(iteration - 1, len(before) - 1)]
     end = before[iteration] if iteration < len(before) else 1.0
@@ -199,14 +201,14 @@ def _share_done(iteration: int, drives: float) -> float:
 
 
 def reference_speed(recordings: list[Recording], car: Vehicle) -> float:
-    """Root of the mean square speed along the way of all drives, by the rear wheels."""
+    """Return the root of the mean square speed along the way of all drives, by the rear wheels."""
     speed = np.concatenate([r.rotation_rad[:, 2] * car.radius_m[2] / r.dt_s for r in recordings])
     speed = speed[np.isfinite(speed) & (speed > 1.0)]
     return float(np.sqrt(np.sum(speed**3) / np.sum(speed))) if speed.size else 0.0
 
 
 def names_of(drives: int) -> tuple[str, ...]:
-    """All parameters of so many drives."""
+    """Return all parameters of so many drives."""
     shared = tuple(name for name in COLUMNS if name not in LOCAL)
     return shared + tuple(f"{name}@{drive}" for drive in range(drives) for name in LOCAL)
 
@@ -215,8 +217,8 @@ def _own(name: str, drive: int) -> str:
     return f"{name}@{drive}" if name in LOCAL else name
 
 
-def _places(names: tuple[str, ...], drive: int) -> list[int]:
-    """Where a drive's columns stand among all parameters."""
+def _columns(names: tuple[str, ...], drive: int) -> list[int]:
+    """Return the columns of a drive among all parameters."""
     return [names.index(_own(name, drive)) for name in COLUMNS]
 
 
@@ -226,22 +228,22 @@ def _priors(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
 
 
 def whitened(equations: Equations, noise: Noise, inflate: FloatArray) -> FloatArray:
-    """(w, 9, 1 + p) a drive's residuals and columns as innovations."""
+    """Return (w, 9, 1 + p) a drive's residuals and columns as innovations."""
     return Whitener.of(equations, noise, equations.here, inflate, LEANING_CAR).apply(equations.data)
 
 
 def _fit_noise(
     equations: Equations, start: Noise, inflate: FloatArray, prior_std: FloatArray, windows: int
 ) -> Noise:
-    """The likeliest noise of a drive by so many windows, its parameters integrated out under these priors
-    (p,)."""
+    """Return the likeliest noise of a drive by so many windows, its parameters integrated out under these
+    priors (p,)."""
     space = geometry(equations, equations.here, LEANING_CAR)
     data = representative(Data(space, equations.data, inflate, prior_std, priors={}), windows)
     return maximised(data, start, data.estimable())
 
 
 def outlier_factors(white: FloatArray) -> FloatArray:
-    """(w, 9) factors on the variances; a position weighs less on both axes."""
+    """Return (w, 9) factors on the variances; a position weighs less on both axes."""
     factor = single_outliers(white)
     factor[:, EAST:] = factor[:, EAST:].max(axis=1, keepdims=True)
     return factor
@@ -250,7 +252,8 @@ def outlier_factors(white: FloatArray) -> FloatArray:
 def solve(
     rows: list[Rows], names: tuple[str, ...], mean: FloatArray, prior_std: FloatArray, moved: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Values (q,) and covariance of all parameters; `moved` (q,) is what the rows were linearised about.
+    """Return values (q,) and covariance of all parameters; `moved` (q,) is what the rows were linearised
+    about.
 
     The prior speaks of the values themselves, so it pulls them back by what was moved already.
     """
@@ -272,20 +275,20 @@ def _widened(
     moved: FloatArray,
     radius_m: FloatArray,
 ) -> FloatArray:
-    """The covariance, scaled up per parameter where the innovations are not as independent as the noise
-    model says.
+    """Return the covariance, scaled up per parameter where the innovations are not as independent as the
+    noise model says.
 
     Sandwich estimate with clusters of 20 s (Liang and Zeger, Biometrika 73, 1986).
     """
     meat = np.zeros_like(covariance)
     for at, drive in enumerate(rows):
-        place = _places(names, at)
-        residual = drive.y - drive.X @ (values - moved)[place]
+        columns = _columns(names, at)
+        residual = drive.y - drive.X @ (values - moved)[columns]
         score = np.einsum("kcp,kc->kp", drive.X, residual)
         cluster = (drive.time_s / CLUSTER_S).astype(int)
-        sums = np.zeros((cluster.max() + 1, len(place)))
+        sums = np.zeros((cluster.max() + 1, len(columns)))
         np.add.at(sums, cluster, score)
-        meat[np.ix_(place, place)] += sums.T @ sums
+        meat[np.ix_(columns, columns)] += sums.T @ sums
     robust = covariance @ meat @ covariance
     scale = np.sqrt(np.maximum(np.diag(robust) / np.diag(covariance), 1.0))
     widened = covariance * np.outer(scale, scale)

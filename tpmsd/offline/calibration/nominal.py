@@ -39,12 +39,12 @@ class Vehicle:
     driven: np.ndarray
     """(4,) mask."""
     load_lateral_s2: float = 0.0
-    """What bends take from the radii of the outer wheels and give to those of the inner ones, m per m/s2."""
+    """Change of radius in bends, subtracted at the outer wheels and added at the inner ones, m per m/s2."""
 
     def moved(
         self, radii: FloatArray, track_rear: float, track_front: float, load_lateral_s2: float = 0.0
     ) -> Vehicle:
-        """The car after relative corrections of radii (4,) and tracks."""
+        """Return the car after relative corrections of radii (4,) and tracks."""
         geometry = replace(
             self.geometry,
             track_rear_m=self.geometry.track_rear_m * (1.0 + track_rear),
@@ -59,7 +59,7 @@ class Vehicle:
 
 
 def vehicle_of(config: VehicleConfig) -> Vehicle:
-    """The car as configured."""
+    """Return the car as configured."""
     return Vehicle(
         np.array(config.wheel_radius_m, dtype=np.float64),
         Geometry(config.track_front_m, config.track_rear_m, config.wheelbase_m),
@@ -68,7 +68,8 @@ def vehicle_of(config: VehicleConfig) -> Vehicle:
 
 
 def calibrated_wheels(recording: Recording) -> list[int]:
-    """The rear pair in any case; the front pair before it, if both were read through most of the drive."""
+    """Return the rear pair in any case; the front pair before it, if both were read through most of the
+    drive."""
     known = np.isfinite(recording.rotation_rad).mean(axis=0)
     front = [FL, FR] if min(known[FL], known[FR]) > 0.5 else []
     return [*front, RL, RR]
@@ -116,7 +117,7 @@ def nominal(recording: Recording, car: Vehicle) -> Nominal:
 
 
 def shown_turn(car: Vehicle, speed_mps: FloatArray) -> FloatArray:
-    """(n,) how many times the true turn the rear wheels show, at speeds (n,).
+    """Return (n,) how many times the true turn the rear wheels show, at speeds (n,).
 
     In a bend the outer wheel shrinks and the inner one grows by c * v * yaw rate, which looks like more turn:
     half as much again at 25 m/s is common.
@@ -131,7 +132,7 @@ def _to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
 
 
 def _lead(recording: Recording, edges: FloatArray, speed: FloatArray, turned: FloatArray) -> FloatArray:
-    """(n + 1,) slow difference between the receiver's course and the wheels' turn."""
+    """Return (n + 1,) slow difference between the receiver's course and the wheels' turn."""
     time_s, course = courses(recording)
     moving = np.interp(time_s, edges, speed) > COURSE_FROM_MPS
     if moving.sum() < 5:
@@ -146,7 +147,7 @@ def _lead(recording: Recording, edges: FloatArray, speed: FloatArray, turned: Fl
 def _turned_to_positions(
     recording: Recording, edges: FloatArray, heading: FloatArray, forward: FloatArray
 ) -> FloatArray:
-    """(n + 1,) what turns the nominal path along the positions: their drift across it, over the speed.
+    """Return (n + 1,) what turns the nominal path along the positions: their drift across it, over the speed.
 
     An error of heading costs its square half in way, so what is left of it must be small.
     """
@@ -170,7 +171,7 @@ def _turned_to_positions(
 
 
 def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Times and courses of the receiver; from its positions over a leg where it gives none."""
+    """Return times and courses of the receiver; from its positions over a leg where it gives none."""
     known = np.isfinite(recording.course_rad)
     if len(known) and known.mean() > COURSES_FROM:
         return recording.fix_time_s[known], recording.course_rad[known]
@@ -185,7 +186,7 @@ def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _grade(recording: Recording, edges: FloatArray, speed: FloatArray) -> FloatArray:
-    """(n + 1,) slope by the receiver's heights, smoothed: the receiver sees the horizontal part of the
+    """Return (n + 1,) slope by the receiver's heights, smoothed: the receiver sees the horizontal part of the
     way."""
     known = np.isfinite(recording.up_m)
     if known.sum() < 30:
@@ -193,6 +194,6 @@ def _grade(recording: Recording, edges: FloatArray, speed: FloatArray) -> FloatA
     sigma = HEIGHT_SMOOTHING_S / recording.dt_s
     height = np.interp(edges, recording.fix_time_s[known], recording.up_m[known])
     climb = np.gradient(gaussian_filter1d(height, sigma, mode="nearest"), recording.dt_s)
-    way = gaussian_filter1d(speed, sigma, mode="nearest")
-    slope = np.where(way > 2.0, climb / np.maximum(way, 2.0), 0.0)
+    smooth_speed = gaussian_filter1d(speed, sigma, mode="nearest")
+    slope = np.where(smooth_speed > 2.0, climb / np.maximum(smooth_speed, 2.0), 0.0)
     return np.asarray(np.arcsin(np.clip(slope, -0.2, 0.2)))

@@ -1,4 +1,4 @@
-"""How far the rear wheels alone lead astray: un-fused odometry against the receiver's positions.
+"""Position error of the rear wheels alone: un-fused odometry against the receiver's positions.
 
 In: `Recording`, `Vehicle`. Out: the mean distance in metres (`pose_error`), paths for a picture.
 [KF-WLS], eqs (1), (2): the two-wheel model integrated without any fusion. A whole drive's error is ruled by
@@ -35,14 +35,14 @@ class Piece:
 
 
 def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
-    """Un-fused odometry of the antenna beside the receiver's positions."""
+    """Return Un-fused odometry of the antenna beside the receiver's positions."""
     roll = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) * car.radius_m[[RL, RR]]
-    way, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
-    turn = turn / shown_turn(car, way / recording.dt_s)
+    distance, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
+    turn = turn / shown_turn(car, distance / recording.dt_s)
     heading = np.concatenate([[0.0], np.cumsum(turn)])
     middle = heading[:-1] + turn / 2
-    axle = np.zeros((len(way) + 1, 2))
-    np.cumsum(np.stack([way * np.cos(middle), way * np.sin(middle)], axis=1), axis=0, out=axle[1:])
+    axle = np.zeros((len(distance) + 1, 2))
+    np.cumsum(np.stack([distance * np.cos(middle), distance * np.sin(middle)], axis=1), axis=0, out=axle[1:])
     forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
     cos, sin = np.cos(heading), np.sin(heading)
     antenna = axle + np.stack([forward * cos - left * sin, forward * sin + left * cos], axis=1)
@@ -51,7 +51,7 @@ def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
     time_s = recording.fix_time_s[known]
     odometry = np.stack([np.interp(time_s, edges, antenna[:, axis]) for axis in (0, 1)], axis=1)
     position = np.stack([recording.east_m[known], recording.north_m[known]], axis=1)
-    rolled = np.interp(time_s, edges, np.concatenate([[0.0], np.cumsum(np.abs(way))]))
+    rolled = np.interp(time_s, edges, np.concatenate([[0.0], np.cumsum(np.abs(distance))]))
     if not rolled.size:
         return []
     number = np.floor(rolled / max(rolled[-1] / max(round(rolled[-1] / PIECE_M), 1), 1e-9)).astype(int)
@@ -64,13 +64,14 @@ def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
 
 
 def pose_error(recordings: list[Recording], car: Vehicle) -> float:
-    """Mean distance of un-fused odometry from the positions of all drives, metres; NaN without positions."""
+    """Return the mean distance of un-fused odometry from the positions of all drives, metres; NaN without
+    positions."""
     distances = [piece.distances_m for r in recordings for piece in pieces(r, car)]
     return float(np.concatenate(distances).mean()) if distances else float("nan")
 
 
 def _laid(points: FloatArray, onto: FloatArray) -> FloatArray:
-    """The points after the rotation and shift that bring them closest to the others (Kabsch, in the
+    """Return the points after the rotation and shift that bring them closest to the others (Kabsch, in the
     plane)."""
     here, there = points - points.mean(axis=0), onto - onto.mean(axis=0)
     angle = np.arctan2(

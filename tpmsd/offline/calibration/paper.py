@@ -32,7 +32,7 @@ _FLOOR = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class PaperSettings:
-    """What the paper leaves to choose."""
+    """Settings that the paper leaves open."""
 
     iterations: int = 9
     alpha: float = 0.3
@@ -48,7 +48,7 @@ class PaperSettings:
 
 @dataclass(frozen=True)
 class PaperFit:
-    """Where the iteration ended."""
+    """Result of the iteration."""
 
     vehicle: Vehicle
     std_m: FloatArray
@@ -69,7 +69,7 @@ class _Drive:
     reference: ReferencePose
     block: np.ndarray
     pieces: list[slice]
-    """Of the ticks: as long as the paper's course each."""
+    """Pieces of the ticks: as long as the paper's course each."""
 
 
 def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettings | None = None) -> PaperFit:
@@ -111,7 +111,7 @@ def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettin
 
 
 def covariances(i: int, s: PaperSettings) -> tuple[FloatArray, FloatArray]:
-    """(3,) diagonals of P (10b) and M (10a) in iteration i, kept positive.
+    """Return (3,) diagonals of P (10b) and M (10a) in iteration i, kept positive.
 
     As printed, the heading's entry 0.1 - qP*i of (10b) is negative from the first iteration on. Here all
     three entries of P shrink alike, each from its own first value.
@@ -124,25 +124,25 @@ def covariances(i: int, s: PaperSettings) -> tuple[FloatArray, FloatArray]:
 def un_fused(
     revolutions: FloatArray, reference: ReferencePose, c: FloatArray, track_m: float, piece: slice
 ) -> FloatArray:
-    """(k + 1, 2) the two-wheel model integrated over k ticks from the reference pose before them, eqs (1),
-    (2)."""
-    way, turn = _inputs(revolutions[piece], c, track_m)
+    """Return (k + 1, 2) the two-wheel model integrated over k ticks from the reference pose before them, eqs
+    (1), (2)."""
+    distance, turn = _inputs(revolutions[piece], c, track_m)
     at = piece.start
     heading = reference.heading_rad[at] + np.concatenate([[0.0], np.cumsum(turn)])
     course = heading[:-1] + turn / 2 + reference.side_slip_rad[piece.start + 1 : piece.stop + 1]
-    out = np.empty((len(way) + 1, 2))
+    out = np.empty((len(distance) + 1, 2))
     out[0] = reference.east_m[at], reference.north_m[at]
-    out[1:, 0] = out[0, 0] + np.cumsum(way * np.cos(course))
-    out[1:, 1] = out[0, 1] + np.cumsum(way * np.sin(course))
+    out[1:, 0] = out[0, 0] + np.cumsum(distance * np.cos(course))
+    out[1:, 1] = out[0, 1] + np.cumsum(distance * np.sin(course))
     return out
 
 
 def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _Drive:
     turned = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) / (2 * math.pi)
     block = (np.arange(len(turned)) * recording.dt_s / BLOCK_S).astype(int)
-    way = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]
-    count = max(round(float(way[-1]) / PIECE_M), 1)
-    bounds = np.searchsorted(way, way[-1] * np.arange(count + 1) / count)
+    distance = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]
+    count = max(round(float(distance[-1]) / PIECE_M), 1)
+    bounds = np.searchsorted(distance, distance[-1] * np.arange(count + 1) / count)
     pieces = [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
     return _Drive(turned, reference_pose(recording, start, s.side_slip), block, pieces)
 
@@ -159,20 +159,20 @@ def _inputs(revolutions: FloatArray, c: FloatArray, track_m: float) -> tuple[Flo
 
 
 def _mean_error(drives: list[_Drive], c: FloatArray, track_m: float) -> float:
-    """Metres, over all poses of all pieces."""
+    """Return metres, over all poses of all pieces."""
     distances = []
     for drive in drives:
-        place = np.stack([drive.reference.east_m, drive.reference.north_m], axis=1)
+        position = np.stack([drive.reference.east_m, drive.reference.north_m], axis=1)
         for piece in drive.pieces:
             path = un_fused(drive.revolutions, drive.reference, c, track_m, piece)
-            distances.append(np.hypot(*(path - place[piece.start : piece.stop + 1]).T))
+            distances.append(np.hypot(*(path - position[piece.start : piece.stop + 1]).T))
     return float(np.concatenate(distances).mean())
 
 
 def _normal_equations(
     drive: _Drive, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
+    """Return (b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
     reference = drive.reference
     r = np.stack([reference.east_m, reference.north_m, reference.heading_rad], axis=1)
     filtered = _filtered(drive, r, c, track_m, P, M)
@@ -194,8 +194,8 @@ def _normal_equations(
 def _filtered(
     drive: _Drive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> FloatArray:
-    """(n + 1, 3) poses by the EKF of eqs (4)-(7)."""
-    way, turn = _inputs(drive.revolutions, c, track_m)
+    """Return (n + 1, 3) poses by the EKF of eqs (4)-(7)."""
+    distance, turn = _inputs(drive.revolutions, c, track_m)
     slip = drive.reference.side_slip_rad
     out = np.empty_like(r)
     x, S = r[0].copy(), np.diag(M)
@@ -203,7 +203,7 @@ def _filtered(
     F, Q, R = np.eye(3), np.diag(P), np.diag(M)
     for k in range(1, len(r)):
         course = x[2] + turn[k - 1] / 2 + slip[k]
-        east, north = way[k - 1] * math.cos(course), way[k - 1] * math.sin(course)
+        east, north = distance[k - 1] * math.cos(course), distance[k - 1] * math.sin(course)
         x = x + np.array([east, north, turn[k - 1]])
         F[0, 2], F[1, 2] = -north, east
         S = F @ S @ F.T + Q
@@ -215,8 +215,8 @@ def _filtered(
 
 
 def _jackknife(A: FloatArray, b: FloatArray) -> FloatArray:
-    """(2, 2) covariance of the least-squares circumferences by leaving out one block of the drives at a
-    time."""
+    """Return (2, 2) covariance of the least-squares circumferences by leaving out one block of the drives at
+    a time."""
     count = len(A)
     if count < 3:
         return np.full((2, 2), math.nan)

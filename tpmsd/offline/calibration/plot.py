@@ -30,7 +30,7 @@ LONG = 1.6
 def draw_calibration(
     found: Calibration, recordings: list[Recording], config: VehicleConfig, car: Vehicle
 ) -> Figure:
-    """The figure: tracks, radii by iteration, radii against the configured ones."""
+    """Return the figure: tracks, radii by iteration, radii against the configured ones."""
     from matplotlib.figure import Figure
 
     paths = {
@@ -45,13 +45,15 @@ def draw_calibration(
         grid = figure.add_gridspec(
             2, 2, height_ratios=[max(0.45, 1.2 * extent[1] / extent[0]), 1.0], width_ratios=[1.6, 1.0]
         )
-        place, course, radii = (figure.add_subplot(grid[at]) for at in ((0, slice(None)), (1, 0), (1, 1)))
+        track_axes, course, radii = (
+            figure.add_subplot(grid[at]) for at in ((0, slice(None)), (1, 0), (1, 1))
+        )
     else:
-        place, course, radii = figure.subplots(1, 3, width_ratios=[1.5, 1.2, 0.8])
-    _draw_tracks(place, found, positions, paths)
+        track_axes, course, radii = figure.subplots(1, 3, width_ratios=[1.5, 1.2, 0.8])
+    _draw_tracks(track_axes, found, positions, paths)
     _draw_course(course, found)
     _draw_radii(radii, found, config)
-    for axes in (place, course, radii):
+    for axes in (track_axes, course, radii):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
 

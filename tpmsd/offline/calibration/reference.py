@@ -72,8 +72,8 @@ def reference_pose(recording: Recording, car: Vehicle, side_slip: bool = True) -
         ],
         axis=1,
     )
-    place = _smoothed_position(recording.fix_time_s, axle, accel, dt, len(edges))
-    return ReferencePose(place[:, 0], place[:, 1], heading, slip)
+    position = _smoothed_position(recording.fix_time_s, axle, accel, dt, len(edges))
+    return ReferencePose(position[:, 0], position[:, 1], heading, slip)
 
 
 def _wrapped(angle: FloatArray) -> FloatArray:
@@ -83,7 +83,8 @@ def _wrapped(angle: FloatArray) -> FloatArray:
 def _heading(
     recording: Recording, yaw: FloatArray, slip: FloatArray, start: FloatArray, speed: FloatArray
 ) -> FloatArray:
-    """(n + 1,) by a Kalman smoother over (heading, bias); `start` tells which turn an angle belongs to."""
+    """Return (n + 1,) by a Kalman smoother over (heading, bias); `start` tells which turn an angle belongs
+    to."""
     dt, count = recording.dt_s, len(yaw) + 1
     total, number = np.zeros(count), np.zeros(count)  # information and its product with the reading
     compass = recording.inertial.get("compass_rad")
@@ -95,9 +96,9 @@ def _heading(
         )
     else:
         time_s, course = courses(recording)
-        place = np.clip(np.rint(time_s / dt).astype(int), 0, count - 1)
-        moving = speed[np.clip(place, 0, count - 2)] > MOVING_MPS
-        for at, angle in zip(place[moving], course[moving], strict=True):
+        index = np.clip(np.rint(time_s / dt).astype(int), 0, count - 1)
+        moving = speed[np.clip(index, 0, count - 2)] > MOVING_MPS
+        for at, angle in zip(index[moving], course[moving], strict=True):
             number[at] += 1.0 / COURSE_STD_RAD**2
             total[at] += (start[at] + float(_wrapped(angle - slip[at] - start[at]))) / COURSE_STD_RAD**2
     reading = np.divide(total, number, out=np.full(count, math.nan), where=number > 0)
@@ -112,7 +113,7 @@ def _heading(
 def _slip_per_accel(
     recording: Recording, heading: FloatArray, lateral: FloatArray, speed: FloatArray
 ) -> float:
-    """c of beta = -c * a_y, with the compass's own offset beside it."""
+    """Return c of beta = -c * a_y, with the compass's own offset beside it."""
     time_s, course = courses(recording)
     at = np.clip((time_s / recording.dt_s).astype(int), 0, len(lateral) - 1)
     moving = speed[at] > MOVING_MPS
@@ -127,19 +128,19 @@ def _slip_per_accel(
 def _smoothed_position(
     time_s: FloatArray, axle: FloatArray, accel: FloatArray, dt: float, count: int
 ) -> FloatArray:
-    """(n + 1, 2): each axis by a Kalman smoother over (position, velocity)."""
+    """Return (n + 1, 2): each axis by a Kalman smoother over (position, velocity)."""
     known = np.isfinite(axle).all(axis=1)
-    place = np.clip(np.rint(time_s / dt).astype(int), 0, count - 1)[known]
-    number = np.bincount(place, minlength=count) / POSITION_STD_M**2
+    index = np.clip(np.rint(time_s / dt).astype(int), 0, count - 1)[known]
+    number = np.bincount(index, minlength=count) / POSITION_STD_M**2
     # A fix lies up to half a tick from the edge that it is put to: it is moved there at the local velocity.
     velocity = np.gradient(axle[known], time_s[known], axis=0) if known.sum() > 2 else np.zeros((0, 2))
-    moved = axle[known] + np.clip(velocity, -80.0, 80.0) * (place * dt - time_s[known])[:, None]
+    moved = axle[known] + np.clip(velocity, -80.0, 80.0) * (index * dt - time_s[known])[:, None]
     F = np.array([[1.0, dt], [0.0, 1.0]])
     noise = ACCEL_STD_MPS2**2 * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
     out = np.zeros((count, 2))
     for axis in (0, 1):
-        sums = np.bincount(place, weights=moved[:, axis], minlength=count)
-        counts = np.bincount(place, minlength=count)
+        sums = np.bincount(index, weights=moved[:, axis], minlength=count)
+        counts = np.bincount(index, minlength=count)
         reading = np.divide(sums, counts, out=np.full(count, math.nan), where=counts > 0)
         inputs = np.stack([0.5 * dt**2 * accel[:, axis], dt * accel[:, axis]], axis=1)
         begin = np.array([moved[0, axis] if len(moved) else 0.0, 0.0])
@@ -156,7 +157,7 @@ def _smooth(
     reading: FloatArray,
     information: FloatArray,
 ) -> FloatArray:
-    """(n + 1, 2): Kalman filter and Rauch-Tung-Striebel smoother of two states, the first of which is
+    """Return (n + 1, 2): Kalman filter and Rauch-Tung-Striebel smoother of two states, the first of which is
     read."""
     count = len(reading)
     means, covariances = np.zeros((count, 2)), np.zeros((count, 2, 2))

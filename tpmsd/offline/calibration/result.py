@@ -1,4 +1,4 @@
-"""What a calibration found, as records.
+"""Result of a calibration, as records.
 
 In: nothing (plain records). Out: `Calibration`, `WheelResult`, `Effect`.
 """
@@ -20,7 +20,7 @@ class WheelResult:
 
     @property
     def circumference_m(self) -> float:
-        """What it rolls in one turn."""
+        """Circumference, m: the distance of one turn."""
         return 2 * math.pi * self.radius_m
 
     @property
@@ -46,7 +46,7 @@ class Calibration:
     method: str
     drives: tuple[str, ...]
     wheels: dict[str, WheelResult]
-    """By the names of `tpmsd.foundation.wheels`; those that were read."""
+    """Wheels by the names of `tpmsd.foundation.wheels`; those that were read."""
     difference_std_m: float
     """Standard deviation of rear right minus rear left, which is far better known than either."""
     track_rear_m: float
@@ -61,6 +61,6 @@ class Calibration:
     pose_error_before_m: float
     pose_error_after_m: float
     effects: dict[str, Effect]
-    """By the names of the catalogue of effects; what confounds radii and was estimated too."""
+    """Effects by the names of the catalogue; those that confound radii and were estimated too."""
     history_m: list[dict[str, float]]
     """Radii after every iteration."""

@@ -1,4 +1,4 @@
-"""What one drive tells of its car, as a quadratic log-likelihood: the sufficient statistics of a calibration.
+"""Sufficient statistics of a calibration: the quadratic log-likelihood of the car's parameters on one drive.
 
 In: one `Recording` and the configured `Vehicle`. Out: `DriveStatistics`: information matrix and vector of the
 car's parameters, without what was believed beforehand, so that those of many drives may simply be added.
@@ -21,7 +21,7 @@ from tpmsd.offline.inference.recording import Recording
 REFERENCE_SPEED_MPS = 20.0
 """The radii of all drives are stated at this speed, about the mean of mixed driving; each drive's own speed
 would mix growth into them."""
-TELLING = 1e-3
+INFORMATIVE = 1e-3
 """A direction of which the data tell less than this share of the prior's information tells nothing: the
 difference of two inverse matrices does not hold more digits."""
 
@@ -42,7 +42,8 @@ class DriveStatistics:
 def drive_statistics(
     recording: Recording, start: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> DriveStatistics:
-    """The statistics of one drive; `RefusedError` where it cannot be calibrated from, with the reason."""
+    """Return the statistics of one drive; `RefusedError` where it cannot be calibrated from, with the
+    reason."""
     check_recordings([recording], start)
     found = fit([recording], start, progress)
     check_fit([recording], found)
@@ -51,17 +52,17 @@ def drive_statistics(
 
 def statistics_of(found: JointFit, start: Vehicle) -> DriveStatistics:
     """Take the prior out of a fit of one drive, and state the radii at the reference speed."""
-    place = [k for k, name in enumerate(found.names) if name.split("@")[0] in PARAMETERS]
-    names = tuple(found.names[k].split("@")[0] for k in place)
+    indices = [k for k, name in enumerate(found.names) if name.split("@")[0] in PARAMETERS]
+    names = tuple(found.names[k].split("@")[0] for k in indices)
     prior = np.array([PRIOR[name] for name in names])
-    posterior = np.linalg.inv(found.covariance[np.ix_(place, place)])
+    posterior = np.linalg.inv(found.covariance[np.ix_(indices, indices)])
     # In units of the prior's standard deviations every entry is of the same kind.
     scale = prior[:, 1]
     white = scale[:, None] * posterior * scale - np.eye(len(names))
-    vector = scale * (posterior @ found.values[place]) - prior[:, 0] / scale
+    vector = scale * (posterior @ found.values[indices]) - prior[:, 0] / scale
     values, vectors = np.linalg.eigh(0.5 * (white + white.T))
-    kept = vectors[:, values > TELLING]
-    white = (kept * values[values > TELLING]) @ kept.T
+    kept = vectors[:, values > INFORMATIVE]
+    white = (kept * values[values > INFORMATIVE]) @ kept.T
     vector = kept @ (kept.T @ vector)
     turn = np.eye(len(names))
     growth = names.index("growth")

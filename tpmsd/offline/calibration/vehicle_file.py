@@ -18,8 +18,8 @@ _TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
 def calibrated_toml(
     text: str, found: Calibration, radii_m: dict[str, float], dbc: str | None, made: str
 ) -> str:
-    """`radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file (None: as the
-    text has it), `made` the date."""
+    """Return `radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file (None:
+    as the text has it), `made` the date."""
     values = {"wheel_radius_m": _inline(radii_m)}
     if math.isfinite(found.track_rear_std_m):
         values["track_rear_m"] = f"{found.track_rear_m:.4f}"

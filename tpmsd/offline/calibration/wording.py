@@ -16,7 +16,7 @@ _NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rea
 
 
 def summary(found: Calibration) -> str:
-    """The text that the command prints."""
+    """Return the text that the command prints."""
     kmh = found.reference_speed_mps * 3.6
     lines = [f"Calibration by the {found.method} method from {', '.join(found.drives)}", ""]
     lines.append("wheel            circumference            radius")
@@ -55,7 +55,8 @@ def summary(found: Calibration) -> str:
 
 
 def _of_effect(name: str, drives: Sequence[str]) -> str:
-    """Effect and parameter, as `tpmsd effects` has them, of a column such as `latency@0`; and which drive."""
+    """Return the effect and parameter, as `tpmsd effects` has them, of a column such as `latency@0`; and
+    which drive."""
     base, _, drive = name.partition("@")
     known = {
         row[0]: f"{effect.name}, {row[1]}" for effect in EFFECTS.values() for row in effect.in_calibration
@@ -65,7 +66,7 @@ def _of_effect(name: str, drives: Sequence[str]) -> str:
 
 
 def document(found: Calibration) -> dict[str, Any]:
-    """What `--json` writes."""
+    """Return the document that `--json` writes."""
     return {
         "method": found.method,
         "drives": list(found.drives),

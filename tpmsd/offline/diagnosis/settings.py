@@ -176,6 +176,12 @@ class AssessmentSettings:
     other."""
     tells_nats: float = 10.0
     """At the usual size, from which a drive tells an effect: its penalty, and odds of a thousand."""
+    power_stds: float = 1.645
+    """Standard deviations of a value that make it seen in 19 of 20 drives: the normal's 95 % quantile."""
+    size_rounds: int = 5
+    """Of size and what is held against it: after three it changes by less than a percent."""
+    unthinkable_stds: float = 100.0
+    """Beyond, a size is not looked for: what instruments usually have ends far below."""
     lags: int = 10
     """Windows over which what is left is looked at for correlation."""
     shrinkage_decades: tuple[float, float] = (-4.0, 2.0)

@@ -1,4 +1,4 @@
-"""Who of the members of a cluster is which wheel: likelihoods of places, delays and names.
+"""Assignment of the members of a cluster to wheels: likelihoods of positions, delays and names.
 
 In: `Follower`s with their places. Out: `Assignment`.
 """
@@ -23,7 +23,7 @@ from tpmsd.offline.discovery.wheels import Follower
 @brief
 @dataclass(frozen=True, slots=True)
 class Role:
-    """Who plays a wheel."""
+    """Series that is taken for a wheel."""
 
     wheel: str
     follower: Follower
@@ -41,7 +41,7 @@ class Assignment:
     """'counts' or 'speeds'."""
     roles: tuple[Role, ...]
     pair_only: bool
-    """Only two wheels were found: the rear pair, as it is the only pair that can be monitored."""
+    """True if only two wheels were found: the rear pair, as it is the only pair that can be monitored."""
     left_right: float
     """Probability of the sides, given the four."""
     front_rear: float
@@ -54,9 +54,9 @@ def assign(
     settings: Settings = SETTINGS,
     match: Match | None = None,
 ) -> Assignment | None:
-    """Roles within one cluster; None if it holds no pair of wheels.
+    """Return roles within one cluster; None if it holds no pair of wheels.
 
-    `anchor`: the receiver's own place against the common speed, as `_place_fit` has it. `match`: the
+    `anchor`: the receiver's own place against the common speed, as `_position_fit` has it. `match`: the
     platform whose bus this one looks like, as prior.
     """
     members = _likely(group, settings)
@@ -80,13 +80,13 @@ def _log_normal(x: float, mean: float, std: float) -> float:
 def _scores(
     members: Sequence[Follower], anchor: Fit | None, settings: Settings, match: Match | None
 ) -> FloatArray:
-    """(m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
+    """Return (m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
     zero, zero_std = (-float(anchor.value[0]), anchor.std(0)) if anchor else (0.0, 0.0)
     if not np.isfinite(zero) or abs(zero) > 1.5:
         zero, zero_std = 0.0, 0.5
     # The antenna's own place across the car is some decimetres from the middle.
-    places = np.array([m.lateral_m for m in members])
-    middle = 0.5 * (places.max() + places.min())
+    lateral = np.array([m.lateral_m for m in members])
+    middle = 0.5 * (lateral.max() + lateral.min())
     middle_std = 0.1
     shift_std = np.hypot(zero_std, 0.4)
     weight = 1 / middle_std**2, 1 / shift_std**2
@@ -115,48 +115,54 @@ def _scores(
 
 
 def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """Marginals over all ways to give the four roles to four members."""
+    """Return marginals over all assignments of the four roles to four members."""
     top = [list(np.argsort(-scores[:, k])[:6]) for k in range(4)]
-    ways, weights = [], []
-    for way in itertools.product(*top):
-        if len(set(way)) == 4:
-            ways.append(way)
+    orders, weights = [], []
+    for order in itertools.product(*top):
+        if len(set(order)) == 4:
+            orders.append(order)
             weights.append(
-                sum(scores[i, k] for k, i in enumerate(way))
-                + _coherence(members, way)
-                + _named(members, way)
-                + _axles(members, way, settings)
+                sum(scores[i, k] for k, i in enumerate(order))
+                + _coherence(members, order)
+                + _named(members, order)
+                + _axles(members, order, settings)
             )
-    if not ways:
+    if not orders:
         return None
     weight = np.exp(np.array(weights) - max(weights))
     weight /= weight.sum()
-    best = ways[int(np.argmax(weight))]
+    best = orders[int(np.argmax(weight))]
     span = [members[i].lateral_m for i in best]
     if min(span[0] - span[1], span[2] - span[3]) < 0.5 and max(weights) < 0.0:
         return None
-    sides = sum(w for w, way in zip(weight, ways, strict=True) if {way[0], way[2]} == {best[0], best[2]})
-    axles = sum(w for w, way in zip(weight, ways, strict=True) if {way[0], way[1]} == {best[0], best[1]})
+    sides = sum(
+        w for w, order in zip(weight, orders, strict=True) if {order[0], order[2]} == {best[0], best[2]}
+    )
+    axles = sum(
+        w for w, order in zip(weight, orders, strict=True) if {order[0], order[1]} == {best[0], best[1]}
+    )
     roles = []
     for k, wheel in enumerate(WHEELS):
         share: dict[int, float] = {}
-        for w, way in zip(weight, ways, strict=True):
-            share[way[k]] = share.get(way[k], 0.0) + float(w)
+        for w, order in zip(weight, orders, strict=True):
+            share[order[k]] = share.get(order[k], 0.0) + float(w)
         roles.append(_role(wheel, members, best[k], share, settings))
     return Assignment(_kind(members[best[0]]), tuple(roles), False, float(sides), float(axles))
 
 
-def _named(members: Sequence[Follower], way: Sequence[int], wheels: Sequence[str] = WHEELS) -> float:
-    """Names count once for all wheels: a DBC that has the sides wrong has them wrong throughout."""
-    named = [named_wheel(members[i].series.field.signal) for i in way]
-    told = [(name, wheel) for name, wheel in zip(named, wheels, strict=True) if name is not None]
-    return CLEAR if told and all(name == wheel for name, wheel in told) else 0.0
+def _named(members: Sequence[Follower], order: Sequence[int], wheels: Sequence[str] = WHEELS) -> float:
+    """Return the evidence of names, once for all wheels: a DBC that has the sides wrong has them wrong
+    throughout."""
+    named = [named_wheel(members[i].series.field.signal) for i in order]
+    named_wheels = [(name, wheel) for name, wheel in zip(named, wheels, strict=True) if name is not None]
+    return CLEAR if named_wheels and all(name == wheel for name, wheel in named_wheels) else 0.0
 
 
-def _axles(members: Sequence[Follower], way: Sequence[int], settings: Settings) -> float:
-    """Front wheels have the longer way in a bend, by half the square of the wheelbase."""
-    q = [members[i].curve_m2 for i in way]
-    stds = [float(np.hypot(members[i].curve_std_m2, settings.curvature_floor_m2)) for i in way]
+def _axles(members: Sequence[Follower], order: Sequence[int], settings: Settings) -> float:
+    """Return the evidence of the axles: front wheels roll farther in a bend, by half the square of the
+    wheelbase."""
+    q = [members[i].curve_m2 for i in order]
+    stds = [float(np.hypot(members[i].curve_std_m2, settings.curvature_floor_m2)) for i in order]
     front, spread = 0.5 * settings.wheelbase_m**2, settings.wheelbase_m * settings.wheelbase_std_m
     score = 0.0
     for left, right in ((0, 2), (1, 3)):
@@ -166,19 +172,20 @@ def _axles(members: Sequence[Follower], way: Sequence[int], settings: Settings) 
     return score
 
 
-def _coherence(members: Sequence[Follower], way: Sequence[int]) -> float:
-    """Wheels of an axle come in one message, of one width, and equally late."""
+def _coherence(members: Sequence[Follower], order: Sequence[int]) -> float:
+    """Return the evidence of the pairs: wheels of an axle come in one message, of one width, and equally
+    late."""
     score = 0.0
     for left, right in ((0, 1), (2, 3)):
-        one, other = members[way[left]].series.field, members[way[right]].series.field
-        score += 1.0 * (one.key == other.key) + 1.0 * (one.place.length == other.place.length)
+        one, other = members[order[left]].series.field, members[order[right]].series.field
+        score += 1.0 * (one.key == other.key) + 1.0 * (one.layout.length == other.layout.length)
         # A driven axle's wheels slip alike.
-        pair = members[way[left]], members[way[right]]
+        pair = members[order[left]], members[order[right]]
         std = float(np.hypot(np.hypot(pair[0].slip_std, pair[1].slip_std), SETTINGS.slip_alike_s2pm))
         if np.isfinite(std):
             score -= 0.5 * min(((pair[0].slip - pair[1].slip) / std) ** 2, 30.0)
-    lags = [members[i].lag_s for i in way]
-    stds = [np.hypot(members[i].lag_std_s, 0.006) for i in way]
+    lags = [members[i].lag_s for i in order]
+    stds = [np.hypot(members[i].lag_std_s, 0.006) for i in order]
     mean = float(np.mean(lags))
     return score - 0.5 * float(
         sum(min(((lag - mean) / std) ** 2, 50.0) for lag, std in zip(lags, stds, strict=True))
@@ -186,15 +193,15 @@ def _coherence(members: Sequence[Follower], way: Sequence[int]) -> float:
 
 
 def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """The rear pair alone: the only pair that can be monitored."""
-    ways, weights = [], []
+    """Return the rear pair alone: the only pair that can be monitored."""
+    orders, weights = [], []
     side = np.logaddexp(scores[:, (0, 1)], scores[:, (2, 3)]) - np.log(2.0)
-    for way in itertools.permutations(range(len(members)), 2):
-        ways.append(way)
-        weights.append(side[way[0], 0] + side[way[1], 1] + _named(members, way, ("rl", "rr")))
+    for order in itertools.permutations(range(len(members)), 2):
+        orders.append(order)
+        weights.append(side[order[0], 0] + side[order[1], 1] + _named(members, order, ("rl", "rr")))
     weight = np.exp(np.array(weights) - max(weights))
     weight /= weight.sum()
-    best = ways[int(np.argmax(weight))]
+    best = orders[int(np.argmax(weight))]
     left, right = members[best[0]], members[best[1]]
     apart = abs(left.lateral_m - right.lateral_m)
     if apart < 0.5 and max(weights) < 0.0:
@@ -202,10 +209,10 @@ def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settin
     roles = []
     for k, wheel in enumerate(("rl", "rr")):
         share: dict[int, float] = {}
-        for w, way in zip(weight, ways, strict=True):
-            share[way[k]] = share.get(way[k], 0.0) + float(w)
+        for w, order in zip(weight, orders, strict=True):
+            share[order[k]] = share.get(order[k], 0.0) + float(w)
         roles.append(_role(wheel, members, best[k], share, settings))
-    sides = float(sum(w for w, way in zip(weight, ways, strict=True) if way == best))
+    sides = float(sum(w for w, order in zip(weight, orders, strict=True) if order == best))
     return Assignment(_kind(left), tuple(roles), True, sides, 1.0)
 
 

@@ -16,7 +16,7 @@ _MEASURE = "tpmsd discover on ten minutes of mixed driving"
 
 
 def found_of(car: Car) -> Discovery:
-    """The entry as if it had been found; measures that no library knows are listed as undecided."""
+    """Return the entry as if it had been found; measures that no library knows are listed as undecided."""
     roles = {role: _role(role, entry) for role, entry in car.signals.items()}
     counts = any(role.startswith("wheel_count_") for role in roles)
     keys = ["wheel_radius_m", "track_rear_m", "wheelbase_m", "driven_axle"]

@@ -1,4 +1,4 @@
-"""How far two clocks are apart, by the speed in both recordings.
+"""Offset of two clocks, by the speed in both recordings.
 
 In: a wheel's speed with its stamps, the receiver's. Out: the offset and the correlation there.
 """
@@ -14,7 +14,8 @@ from tpmsd.offline.discovery.settings import SETTINGS
 def best_offset(
     wheel_s: FloatArray, wheel: FloatArray, fix_s: FloatArray, speed: FloatArray
 ) -> tuple[float, float, float] | None:
-    """Offset in s to add to the fixes' stamps, correlation there, and correlation as stamped (NaN if apart).
+    """Return the offset in s to add to the fixes' stamps, correlation there, and correlation as stamped (NaN
+    if apart).
 
     The offset lies where the parabola through the correlations, a second apart, has its top. None where the
     recordings are too short or one of them stands still.

@@ -30,7 +30,8 @@ from tpmsd.onboard.sources.signal_plan import (
 
 
 def configured_fields(config: Config, database: Database, log: BusLog) -> dict[str, Field]:
-    """Role -> field as the configuration reads it; its key is the log's, or of no message that is in it."""
+    """Return a mapping role -> field as the configuration reads it; its key is the log's, or of no message
+    that is in it."""
     buses = _Buses(config, log)
     fields = {}
     for role, name in config.can.signals.items():
@@ -40,16 +41,16 @@ def configured_fields(config: Config, database: Database, log: BusLog) -> dict[s
         unit = option.unit or signal.unit or ""
         if role.startswith("wheel_count_"):
             unit = f"modulus {option.modulus or counter_modulus(signal)}"
-        place = bit_field(signal)
+        layout = bit_field(signal)
         fields[role] = Field(
             message.name,
             signal.name,
             buses.key(bus, identifier),
-            place,
+            layout,
             float(signal.scale if option.scale is None else option.scale),
             float(signal.offset if option.offset is None else option.offset),
             unit,
-            invalid_bits(signal, place) | {number & place.mask for number in option.invalid},
+            invalid_bits(signal, layout) | {number & layout.mask for number in option.invalid},
             selectors=selector_chain(message, signal),
         )
     return fields
@@ -58,7 +59,8 @@ def configured_fields(config: Config, database: Database, log: BusLog) -> dict[s
 def configured_frames(
     config: Config, database: Database, log: BusLog, fields: Mapping[str, Field]
 ) -> dict[str, MessageLog]:
-    """Role -> the frames in which its signal counts; roles whose message never came are left out."""
+    """Return a mapping role -> the frames in which its signal counts; roles whose message never came are left
+    out."""
     buses, logs = _Buses(config, log), log.messages(copies=True)
     conditions = {
         condition.number: (buses.key(key >> BUS_SHIFT, key & (1 << BUS_SHIFT) - 1), condition)
@@ -99,18 +101,18 @@ class _Buses:
         self._known = log.keys()
 
     def key(self, bus: int, identifier: int) -> int:
-        """The key of a message in the log; where it never came, that of the bus itself."""
+        """Return the key of a message in the log; where it never came, that of the bus itself."""
         keys = [number << BUS_SHIFT | identifier for number in self._of[bus]]
         return next((key for key in keys if key in self._known), (keys or [bus << BUS_SHIFT | identifier])[0])
 
 
 def _holds(condition: ConditionPlan, judged: MessageLog | None, message: MessageLog) -> NDArray[np.bool_]:
-    """(n,) whether the condition held when each frame came, by the last frame that tells it."""
+    """Return (n,) whether the condition held when each frame came, by the last frame that states it."""
     if judged is None:
         return np.zeros(len(message.time_s), dtype=np.bool_)
     judged = judged.held(condition.selectors)
     bits = judged.bits(condition.field)
-    told, which = np.unique(bits, return_inverse=True)
-    holds = np.array([condition.holds(int(number)) for number in told], dtype=np.bool_)[which]
+    raw_values, which = np.unique(bits, return_inverse=True)
+    holds = np.array([condition.holds(int(number)) for number in raw_values], dtype=np.bool_)[which]
     last = np.searchsorted(judged.time_s, message.time_s, side="right") - 1
     return np.where(last >= 0, holds[np.maximum(last, 0)], False) if len(holds) else last >= 0

@@ -30,7 +30,7 @@ from tpmsd.offline.discovery.result import Estimate
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 _YAW_COLUMNS = (2, 3, 4)
-"""Of the design: those of the wheels' yaw rate itself, not of its integral."""
+"""Columns of the design that are the wheels' yaw rate itself, not its integral."""
 
 
 def course_fit(
@@ -40,7 +40,7 @@ def course_fit(
     latency: Estimate | None,
     settings: Settings = SETTINGS,
 ) -> Fit | None:
-    """Coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
+    """Return coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
 
     `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if it cannot be told.
     """
@@ -58,7 +58,7 @@ def _with_track(
     latency: Estimate | None,
     settings: Settings,
 ) -> Fit | None:
-    """The fit with yaw rates by this track."""
+    """Return the fit with yaw rates by this track."""
     yaw = difference / track_m
     with np.errstate(divide="ignore", invalid="ignore"):
         per_speed = yaw / speed
@@ -87,46 +87,47 @@ def _with_track(
         within[cells] = (table[cells] - share @ table[cells]) * weight[:, None]
     target = within[:, -1]
     rows = _instrumented(within[:, :count], within[:, count:-1], block)
-    told = None if rows is None else fit(rows, target, block)
-    if rows is None or told is None or not np.isfinite(told.cov).all():
+    estimate = None if rows is None else fit(rows, target, block)
+    if rows is None or estimate is None or not np.isfinite(estimate.cov).all():
         return None
-    cov = told.cov.copy()
-    cov[0, 0] += (told.value[0] * _unexplained(rows, target, told)) ** 2 / 3.0
-    told = replace(told, cov=cov)
-    mean, std = np.zeros(len(told.value)), np.full(len(told.value), np.inf)
+    cov = estimate.cov.copy()
+    cov[0, 0] += (estimate.value[0] * _unexplained(rows, target, estimate)) ** 2 / 3.0
+    estimate = replace(estimate, cov=cov)
+    mean, std = np.zeros(len(estimate.value)), np.full(len(estimate.value), np.inf)
     mean[0], std[0] = 1.0 / settings.track_m, settings.track_std_m / settings.track_m**2
     mean[4], std[4] = -settings.side_slip, settings.side_slip_std
     per_load = 2.0 / (settings.radius_m * settings.track_m)
     mean[5], std[5] = -per_load * LATERAL_LOAD_S2.mean, per_load * LATERAL_LOAD_S2.std
     if latency is not None:
         mean[2], std[2] = -latency.value, latency.std
-    return with_prior(told, mean, std)
+    return with_prior(estimate, mean, std)
 
 
 def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
-    """The design with the columns of the yaw rate by what the receiver's yaw rate tells of them.
+    """Return the design with the columns of the yaw rate regressed on the receiver's yaw rate (instrumental
+    variables).
 
     On a motorway a count of one wheel is as large as a cell's yaw rate, which would draw the coefficients of
     latency, antenna and side slip to zero, each by its own share. The receiver's errors are others:
     instrumental variables in two stages (Theil 1953).
     """
     instruments = np.column_stack([rows[:, :2], by_receiver, rows[:, 5:]])
-    told = rows.copy()
+    instrumented = rows.copy()
     for column in _YAW_COLUMNS:
         made = fit(instruments, rows[:, column], block)
         if made is None:
             return None
-        told[:, column] = instruments @ made.value
-    return told
+        instrumented[:, column] = instruments @ made.value
+    return instrumented
 
 
-def _unexplained(rows: FloatArray, target: FloatArray, told: Fit) -> float:
-    """Share of the course that the heading leaves, the other columns taken out of both.
+def _unexplained(rows: FloatArray, target: FloatArray, estimate: Fit) -> float:
+    """Return the share of the course that the heading leaves, the other columns taken out of both.
 
     Noise of the heading makes the slope too small by at most this share: between the regression and the
     reverse one lies the truth (Frisch 1934).
     """
-    error = target - rows @ told.value
+    error = target - rows @ estimate.value
     kept = np.abs(error) <= 4.0 * 1.4826 * np.nanmedian(np.abs(error))
     others = rows[kept, 1:]
     both = np.column_stack([rows[kept, 0], target[kept]])
@@ -135,13 +136,13 @@ def _unexplained(rows: FloatArray, target: FloatArray, told: Fit) -> float:
 
 
 def _integral(value: FloatArray, settings: Settings) -> FloatArray:
-    """(n,) integral up to the middle of each cell."""
+    """Return (n,) integral up to the middle of each cell."""
     known = np.where(np.isfinite(value), value, 0.0)
     return settings.cell_s * (np.cumsum(known) - 0.5 * known)
 
 
 def _stretches(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.int64]]:
-    """Cells of each run without a gap within a block."""
+    """Return cells of each run without a gap within a block."""
     begins = np.concatenate([[True], ~usable[:-1] | (np.diff(block) != 0)])
     number = np.cumsum(begins)
     cells = np.flatnonzero(usable)

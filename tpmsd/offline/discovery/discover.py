@@ -1,4 +1,4 @@
-"""From the frames and fixes of a drive to what the bus carries.
+"""Discovery of a bus's content from the frames and fixes of a drive.
 
 In: `BusLog`, fixes, a DBC where there is one, the tyre's size, the car library. Out: `Discovery`.
 """
@@ -71,7 +71,7 @@ def decide(
     database: Database | None = None,
     settings: Settings = SETTINGS,
 ) -> Discovery:
-    """What the prepared drive tells."""
+    """Return the result of the prepared drive."""
     reference = material.reference
     nothing = Discovery(
         None,
@@ -138,7 +138,7 @@ def decide(
 def _teeth(
     assignment: Assignment, material: Material, tyre: str | None, car: Car | None, settings: Settings
 ) -> ToothCount:
-    """Counts per revolution; those of a known car are taken as they are."""
+    """Return counts per revolution; those of a known car are taken as they are."""
     followers_found = [role.follower for role in assignment.roles]
     counted, counted_std = per_metre(followers_found)
     if car is not None and car.teeth_per_rev is not None:
@@ -149,14 +149,14 @@ def _teeth(
     for one in followers_found:
         field = one.series.field
         log = material.logs[field.key].held(field.selectors)
-        counter = unwrap(field, log, log.bits(field.place))
+        counter = unwrap(field, log, log.bits(field.layout))
         if counter is not None:
             wheels.append((counter, abs(field.scale)))
     return tooth_count(counted, counted_std, tyre, wheels, settings)
 
 
 def _against_size(teeth: ToothCount, tyre: str | None, car: Car | None) -> tuple[str, ...]:
-    """The sentence on a tyre's size that the counts contradict, where they do."""
+    """Return the sentence on a tyre's size that the counts contradict, where they do."""
     if teeth.by_size is None or teeth.probability < SETTINGS.decided:
         return ()
     needed, std = teeth.by_size
@@ -191,7 +191,8 @@ def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
 
 
 def _best_assignment(material: Material, match: Match | None, settings: Settings) -> Assignment | None:
-    """Of all clusters the one with four wheels, counts before speeds, the surest first."""
+    """Return the assignment of the best cluster: one with four wheels, counts before speeds, then the most
+    probable."""
     reference = material.reference
     found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
     if not material.has_dbc:
@@ -216,13 +217,14 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
 
 
 def _as_matched(assignment: Assignment, match: Match) -> bool:
-    """Whether the drive puts the wheels where the platform has them."""
+    """Return whether the drive puts the wheels where the platform has them."""
     found = {role.wheel: role.follower.series.field.signal for role in assignment.roles}
     return all(found.get(wheel) == signal for wheel, signal in match.wheels.items())
 
 
 def _plausible(one: Follower, settings: Settings) -> bool:
-    """A wheel counts between four and two hundred thousand times a turn; a speed has steps below 1 m/s."""
+    """Return whether a wheel counts between four and two hundred thousand times a turn, or its speed has
+    steps below 1 m/s."""
     if one.series.kind == "count":
         per_turn = one.per_mps * 2 * np.pi * settings.radius_m
         return 4.0 < per_turn < 2e5
@@ -230,7 +232,8 @@ def _plausible(one: Follower, settings: Settings) -> bool:
 
 
 def _disjoint(found: Sequence[Follower]) -> list[Follower]:
-    """Of readings that share bits the one that follows best, the smoothest and widest of equals."""
+    """Return readings that share no bits: of those that do, the one that follows best, then the smoothest and
+    widest."""
     kept: list[Follower] = []
     used: dict[int, list[set[int]]] = {}
     for first in sorted(found, key=lambda f: -f.r2):
@@ -249,7 +252,7 @@ def _disjoint(found: Sequence[Follower]) -> list[Follower]:
         one, bits = best, _bits_of(best.series.field)
         for wider in equals:
             wide = _bits_of(wider.series.field)
-            order = wider.series.field.place.big_endian == best.series.field.place.big_endian
+            order = wider.series.field.layout.big_endian == best.series.field.layout.big_endian
             as_smooth = _step_mps(wider) <= (1.0 + 1e-9) * _step_mps(best)
             if len(wide) > len(bits) and wide > bits and as_smooth and (order or len(bits) <= 8):
                 one, bits = wider, wide
@@ -259,7 +262,7 @@ def _disjoint(found: Sequence[Follower]) -> list[Follower]:
 
 
 def _smoothest(first: Follower, equals: Sequence[Follower]) -> Follower:
-    """Of readings that share bits with the first one, the one with the least steps in m/s.
+    """Return the reading with the least steps in m/s among those that share bits with the first one.
 
     The high byte of one wheel's speed and the low byte of its neighbour's make a number that follows the
     car's speed as well as either wheel: it jumps wherever one of them carries and the other does not yet.
@@ -270,18 +273,18 @@ def _smoothest(first: Follower, equals: Sequence[Follower]) -> Follower:
 
 
 def _step_mps(one: Follower) -> float:
-    """Root mean square of the steps from frame to frame, m/s; 0 for counters."""
+    """Return the root mean square of the steps from frame to frame, m/s; 0 for counters."""
     return one.series.step_rms / one.per_mps
 
 
 def _bits_of(one: Field) -> set[int]:
-    place = one.place
-    if not place.big_endian:
-        return set(range(place.shift, place.shift + place.length))
-    size = 8 * place.word_bytes
+    layout = one.layout
+    if not layout.big_endian:
+        return set(range(layout.shift, layout.shift + layout.length))
+    size = 8 * layout.word_bytes
     return {
-        8 * (place.word_bytes - 1 - at // 8) + at % 8
-        for at in range(place.shift, place.shift + place.length)
+        8 * (layout.word_bytes - 1 - at // 8) + at % 8
+        for at in range(layout.shift, layout.shift + layout.length)
         if at < size
     }
 
@@ -316,7 +319,7 @@ def _count_role(
     key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     series = one.series
-    usual = series.field.stated_modulus or 1 << series.field.place.length
+    usual = series.field.stated_modulus or 1 << series.field.layout.length
     modulus = series.modulus if series.modulus_seen and series.modulus != usual else 0
     return FoundRole(key, series.field, probability, rivals, modulus=modulus)
 
@@ -324,7 +327,7 @@ def _count_role(
 def _speed_role(
     key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
 ) -> FoundRole:
-    """A speed, its unit and scale held against the receiver."""
+    """Return the role of a speed, with unit and scale checked against the receiver."""
     found = _in_unit(key, one, probability, rivals)
     return replace(found, invalid=tuple(sorted(one.series.no_value)))
 

@@ -41,17 +41,17 @@ class MessageLog:
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 2 else float("inf")
 
     def held(self, selectors: Sequence[tuple[BitField, frozenset[int]]]) -> MessageLog:
-        """The frames of one branch of the multiplexers; all where there are none."""
+        """Return the frames of one branch of the multiplexers; all where there are none."""
         if not selectors:
             return self
         kept = np.ones(len(self.time_s), dtype=np.bool_)
-        for place, numbers in selectors:
-            kept &= np.isin(self.bits(place), np.array(sorted(numbers), dtype=np.uint64))
+        for layout, numbers in selectors:
+            kept &= np.isin(self.bits(layout), np.array(sorted(numbers), dtype=np.uint64))
         return MessageLog(self.key, self.time_s[kept], self.data[kept])
 
-    def bits(self, place: BitField) -> RawArray:
-        """(n,) raw bits of a field; ValueError if the payload does not hold it."""
-        return raw_bits(place, self.data)
+    def bits(self, layout: BitField) -> RawArray:
+        """Return (n,) raw bits of a field; ValueError if the payload does not hold it."""
+        return raw_bits(layout, self.data)
 
 
 @dataclass(slots=True)
@@ -73,14 +73,14 @@ class BusLog:
 
     def add(self, block: FrameBlock) -> None:
         """Take the frames of a block."""
-        told = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
-        self.frames += len(told)
+        data_frames = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
+        self.frames += len(data_frames)
         numbers = np.array([self._number(name) for name in block.channels], dtype=np.int64)
-        bus = numbers[block.channel[told]]
-        kinds = (bus << BUS_SHIFT | block.identifier[told]) << 8 | block.size[told]
+        bus = numbers[block.channel[data_frames]]
+        kinds = (bus << BUS_SHIFT | block.identifier[data_frames]) << 8 | block.size[data_frames]
         order = np.argsort(kinds, kind="stable")
         found, first = np.unique(kinds[order], return_index=True)
-        for kind, these in zip(found.tolist(), np.split(told[order], first[1:]), strict=True):
+        for kind, these in zip(found.tolist(), np.split(data_frames[order], first[1:]), strict=True):
             key, size = kind >> 8, kind & 0xFF
             message = self._messages.get(key)
             if message is None:
@@ -98,11 +98,11 @@ class BusLog:
         return self.channels.index(channel)
 
     def keys(self) -> frozenset[int]:
-        """Of all messages."""
+        """Return the keys of all messages."""
         return frozenset(self._messages)
 
     def messages(self, copies: bool = False) -> dict[int, MessageLog]:
-        """What was gathered, by key, in order of buses and identifiers; stamps sorted.
+        """Return the messages by key, in order of buses and identifiers; stamps sorted.
 
         `copies`: also what a gateway copies from one bus to another, or two interfaces record of one bus;
         else it is given once.
@@ -121,7 +121,7 @@ class BusLog:
 
 
 def _copies(one: MessageLog, other: MessageLog) -> bool:
-    """Whether a message of another bus says the same."""
+    """Return whether a message of another bus says the same."""
     if one.data.shape[1] != other.data.shape[1]:
         return False
     sample = one.data[:: 1 + len(one.data) // SETTINGS.compared_payloads]

@@ -1,4 +1,4 @@
-"""The car's measures and the antenna's place, once the wheels are known.
+"""Geometry of the car and position of the antenna, once the wheels are known.
 
 In: the wheels' speeds, the receiver's reference. Out: tracks, wheelbase, counts per revolution, driven
 axle, latency and lever arm, each with a standard deviation.
@@ -30,7 +30,7 @@ from tpmsd.offline.discovery.wheels import Follower, drag_slip_std
 
 
 def driven_axle(assignment: Assignment) -> tuple[str, float] | None:
-    """The axle that turns faster under drive force, and how sure that is; None for a pair alone."""
+    """Return the axle that turns faster under drive force, and its probability; None for a pair alone."""
     if assignment.pair_only:
         return None
     slip = [role.follower.slip for role in assignment.roles]
@@ -73,11 +73,14 @@ class CarGeometry:
                 self.gnss["antenna_forward_m"] = forward
         if "antenna_left_m" in self.gnss and "track_rear_m" in self.geometry:
             # The speed's regression had yaw rates by the usual track.
-            place, share = self.gnss["antenna_left_m"], self.geometry["track_rear_m"].value / settings.track_m
-            self.gnss["antenna_left_m"] = Estimate(place.value * share, place.std * share)
+            antenna, share = (
+                self.gnss["antenna_left_m"],
+                self.geometry["track_rear_m"].value / settings.track_m,
+            )
+            self.gnss["antenna_left_m"] = Estimate(antenna.value * share, antenna.std * share)
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
-        """Speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
+        """Return the speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
         track = self.geometry.get("track_rear_m")
         difference = self._difference
         if self._course is not None and track is not None:
@@ -96,7 +99,7 @@ class CarGeometry:
             self._front(geometry["track_rear_m"])
 
     def _front(self, rear: Estimate) -> None:
-        """Front track and wheelbase, exact for rolling wheels.
+        """Fit front track and wheelbase, exact for rolling wheels.
 
         With u^2 = (v -+ r T / 2)^2 + (r x)^2 the difference of an axle's squares is 2 v r T, and the sum
         of the front's less the rear's is 2 r^2 L^2 (tracks alike).
@@ -139,7 +142,7 @@ class CarGeometry:
             self.geometry["wheelbase_m"] = Estimate(length, std)
 
     def _speed_fit(self) -> None:
-        """Latency and the antenna's place across, by the receiver's speed."""
+        """Fit latency and the antenna's lateral position, by the receiver's speed."""
         reference, settings, gnss = self._reference, self._settings, self.gnss
         speed = self._speed
         yaw = self._difference / settings.track_m
@@ -159,7 +162,8 @@ class CarGeometry:
 
 
 def per_metre(followers: Sequence[Follower]) -> tuple[float, float]:
-    """Mean counts (as the DBC scales them) per metre over wheels, and the standard deviation of the mean."""
+    """Return the mean counts (as the DBC scales them) per metre over wheels, and the standard deviation of
+    the mean."""
     values = np.array([one.per_mps * abs(one.series.field.scale) for one in followers])
     spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
     return float(values.mean()), max(spread / math.sqrt(len(values)), 1e-3 * float(values.mean()))

@@ -13,7 +13,7 @@ from tpmsd.car.config.model import ROLES
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.series import Field
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_place
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_position
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,11 @@ class Car:
     teeth_per_rev: float | None = None
 
     def signal_names(self) -> dict[str, str]:
-        """Role -> 'Message.Signal', wheels only."""
+        """Return a mapping role -> 'Message.Signal', wheels only."""
         return {role: str(entry["signal"]) for role, entry in self._wheels().items()}
 
-    def places(self) -> dict[str, Field]:
-        """Wheel (`fl fr rl rr`) -> where its signal lies."""
+    def fields_by_wheel(self) -> dict[str, Field]:
+        """Return a mapping wheel (`fl fr rl rr`) -> field of its signal."""
         return {role[-2:]: field_of(entry) for role, entry in self._wheels().items()}
 
     def _wheels(self) -> dict[str, Mapping[str, Any]]:
@@ -42,7 +42,7 @@ class Car:
 
 
 def car_from(name: str, data: Mapping[str, Any]) -> Car:
-    """One entry by its file's name and tables; ConfigError on what makes no sense."""
+    """Return one entry by its file's name and tables; ConfigError on what makes no sense."""
     known = {"title", "dbc", "teeth_per_rev", "signals"}
     if unknown := sorted(set(data) - known):
         raise ConfigError(f"car {name}: unknown key {unknown[0]}")
@@ -59,13 +59,13 @@ def car_from(name: str, data: Mapping[str, Any]) -> Car:
 
 
 def field_of(entry: Mapping[str, Any]) -> Field:
-    """The field that an entry's facts describe."""
+    """Return the field that an entry's facts describe."""
     message, _, name = str(entry["signal"]).partition(".")
     big = bool(entry.get("big_endian", False))
-    place = bit_place(int(entry["start"]), int(entry["bits"]), big, bool(entry.get("signed", False)))
+    layout = bit_position(int(entry["start"]), int(entry["bits"]), big, bool(entry.get("signed", False)))
     key = int(entry["id"]) | (EXTENDED if entry.get("extended") else 0)
     scale, offset = float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0))
-    return Field(message, name, key, place, scale, offset, str(entry.get("unit", "")))
+    return Field(message, name, key, layout, scale, offset, str(entry.get("unit", "")))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,11 +76,11 @@ class Match:
     wheels: Mapping[str, str]
     """Wheel -> 'Message.Signal' of this bus."""
     by_name: bool
-    """Whether the signals bear the platform's names, too; else they lie where its signals lie."""
+    """True if the signals bear the platform's names, too; else they lie where its signals lie."""
 
 
 def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
-    """The platform whose wheel signals are all on this bus, by name and place or by place alone.
+    """Return the platform whose wheel signals are all on this bus, by name and layout or by layout alone.
 
     `fields`: those of the DBC whose messages are in the log. A name alone is no match: makers call different
     messages alike.
@@ -92,7 +92,7 @@ def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
 def _match(car: Car, fields: Sequence[Field]) -> Match | None:
     names = {role[-2:]: name for role, name in car.signal_names().items()}
     wheels = {}
-    for wheel, expected in car.places().items():
+    for wheel, expected in car.fields_by_wheel().items():
         here = [one.signal for one in fields if _alike(one, expected)]
         if not here:
             return None
@@ -101,10 +101,10 @@ def _match(car: Car, fields: Sequence[Field]) -> Match | None:
 
 
 def _alike(one: Field, other: Field) -> bool:
-    """Whether two fields lie in the same bits of the same message."""
+    """Return whether two fields lie in the same bits of the same message."""
     same = (one.key ^ other.key) & (1 << BUS_SHIFT) - 1 == 0
     return same and _bits(one) == _bits(other)
 
 
 def _bits(one: Field) -> tuple[bool, int, int]:
-    return one.place.big_endian, one.place.length, dbc_start(one)
+    return one.layout.big_endian, one.layout.length, dbc_start(one)

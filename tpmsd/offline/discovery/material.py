@@ -52,7 +52,7 @@ def prepare(
     for one in fields:
         try:
             message = logs[one.key].held(one.selectors)
-            raw = message.bits(one.place)
+            raw = message.bits(one.layout)
         except ValueError:
             continue
         if len(raw) < 10 or raw.min() == raw.max() or len(edges) < 3:
@@ -60,7 +60,7 @@ def prepare(
         if database is None and not _may_follow(message, raw, reference):
             continue
         series.append(as_value(one, message, raw, edges))
-        if not one.place.is_float and message.period_s * settings.min_rate_hz <= 1.0:
+        if not one.layout.is_float and message.period_s * settings.min_rate_hz <= 1.0:
             counted = as_count(one, message, raw, edges)
             if counted is not None:
                 series.append(counted)
@@ -69,7 +69,7 @@ def prepare(
 
 
 def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
-    """A cheap look at a field of raw frames: does its number follow the speed, or does it count?"""
+    """Return whether the number of a field of raw frames follows the speed, or counts, by a quick check."""
     at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
     at = at[(at > 0) & (at < len(raw))]
     speed = np.interp(log.time_s[at], reference.edge_s[:-1], np.nan_to_num(reference.speed_mps))
@@ -85,7 +85,7 @@ def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
 
 
 def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
-    """Every signal of the DBC whose message is in the log, on each bus that carries it."""
+    """Return every signal of the DBC whose message is in the log, on each bus that carries it."""
     found = []
     here: dict[int, list[int]] = {}
     for key in logs:
@@ -94,7 +94,7 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field
         keys = here.get(message.frame_id | (EXTENDED if message.is_extended_frame else 0), [])
         for key, signal in itertools.product(keys, message.signals):
             try:
-                place, selectors = bit_field(signal), selector_chain(message, signal)
+                layout, selectors = bit_field(signal), selector_chain(message, signal)
             except ConfigError:
                 continue
             scale, offset = float(signal.scale), float(signal.offset)
@@ -104,12 +104,12 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field
                         message.name,
                         signal.name,
                         key,
-                        place,
+                        layout,
                         scale,
                         offset,
                         signal.unit or "",
-                        invalid_bits(signal, place),
-                        0 if place.is_float else counter_modulus(signal),
+                        invalid_bits(signal, layout),
+                        0 if layout.is_float else counter_modulus(signal),
                         selectors,
                     )
                 )

@@ -1,4 +1,4 @@
-"""What a signal's name says of its role: one piece of evidence, never the only one.
+"""Evidence for a signal's role by its name: one piece of evidence, never the only one.
 
 In: 'Message.Signal', a role. Out: log-likelihood ratio, in nats. Languages and makers' customs are the
 table below.
@@ -33,7 +33,7 @@ ROLE_WORDS: dict[str, str] = {
 
 
 def named_wheel(signal: str) -> str | None:
-    """The wheel that a name speaks of; None if it speaks of none, or of two."""
+    """Return the wheel that a name speaks of; None if it speaks of none, or of two."""
     name = signal.partition(".")[2] or signal
     found = {wheel for wheel, pattern in _PATTERNS.items() if pattern.search(name)}
     if not found:
@@ -42,5 +42,5 @@ def named_wheel(signal: str) -> str | None:
 
 
 def role_evidence(signal: str, role: str) -> float:
-    """Nats for another role by its signal's name."""
+    """Return nats for another role by its signal's name."""
     return CLEAR if re.search(ROLE_WORDS[role], signal.partition(".")[2], re.IGNORECASE) else 0.0

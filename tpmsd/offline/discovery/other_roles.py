@@ -31,20 +31,21 @@ _LEAST_R = {
 
 
 def smooth(value: FloatArray, cells: int = SETTINGS.smooth_cells) -> FloatArray:
-    """Running mean; NaN where a cell is unknown."""
+    """Return the running mean; NaN where a cell is unknown."""
     kernel = np.ones(cells) / cells
     return np.asarray(np.convolve(value, kernel, mode="same"))
 
 
 def physical(one: Series) -> FloatArray:
-    """What the DBC makes of a value."""
+    """Return the physical value by the DBC."""
     return one.rate * one.field.scale + one.field.offset
 
 
 def find_gyro(
     series: Sequence[Series], reference: Reference, settings: Settings = SETTINGS
 ) -> FloatArray | None:
-    """A yaw rate in rad/s by a signal that agrees with the receiver's course; None if there is none."""
+    """Return a yaw rate in rad/s by a signal that agrees with the receiver's course; None if there is
+    none."""
     best: tuple[float, FloatArray] | None = None
     course = smooth(reference.yaw_radps)
     for one in series:
@@ -75,7 +76,7 @@ def other_roles(
     taken: set[str],
     settings: Settings = SETTINGS,
 ) -> dict[str, FoundRole]:
-    """Roles with a probability of at least a half; `speed` and `yaw` by the wheels."""
+    """Return roles with a probability of at least a half; `speed` and `yaw` by the wheels."""
     accel = np.full(len(speed), np.nan)
     accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * settings.cell_s)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -101,7 +102,7 @@ def other_roles(
 
 
 def _unit_kind(unit: str, role: str) -> bool | None:
-    """Whether a unit is of the role's kind; None where it says nothing."""
+    """Return whether a unit is of the role's kind; None where it says nothing."""
     known = canonical_unit(unit)
     if known is None:
         return None
@@ -159,7 +160,8 @@ def _ranked(
 
 
 def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows: np.ndarray) -> float:
-    """A road-wheel angle, or a torque, is no steering-wheel angle: its ratio to the curvature is wrong."""
+    """Return the evidence (nats) for a steering-wheel angle by its ratio to the curvature; that of a
+    road-wheel angle or a torque is wrong."""
     factor, _ = to_si("steering_wheel_angle", one.field.unit)
     ratio = (
         float(np.std(value[rows])) * factor / max(float(np.std(curvature[rows])), 1e-9) / SETTINGS.wheelbase_m
@@ -168,7 +170,8 @@ def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows:
 
 
 def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
-    """A temperature that hardly changes, is one of weather, and is called so."""
+    """Return the signal of an ambient temperature, which hardly changes, is one of weather, and is called so;
+    None if there is none."""
     ranked = []
     for one in series:
         if one.kind != "value" or one.field.signal in taken:

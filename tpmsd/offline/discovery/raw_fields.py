@@ -22,13 +22,13 @@ MIN_BITS, MAX_BITS = 6, 33
 
 
 def message_name(key: int) -> str:
-    """`ID_0B0`: the identifier in hexadecimal."""
+    """Return `ID_0B0`: the identifier in hexadecimal."""
     number = key & (1 << BUS_SHIFT) - 1
     return f"ID_{number & ~EXTENDED:08X}" if key & EXTENDED else f"ID_{number:03X}"
 
 
 def flip_rates(log: MessageLog) -> FloatArray:
-    """(bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
+    """Return (bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
     data = log.data[: SETTINGS.flip_sample, :MOST_BYTES]
     flips = np.unpackbits(data[1:] ^ data[:-1], axis=1, bitorder="little").reshape(
         len(data) - 1, data.shape[1], 8
@@ -37,7 +37,7 @@ def flip_rates(log: MessageLog) -> FloatArray:
 
 
 def raw_fields(log: MessageLog) -> list[Field]:
-    """Candidates for numbers in one message."""
+    """Return candidates for numbers in one message."""
     if len(log.data) < 50:
         return []
     rates = flip_rates(log)
@@ -46,8 +46,8 @@ def raw_fields(log: MessageLog) -> list[Field]:
     for big in (False, True):
         # Bits from the lowest up, as the byte order has them.
         order = range(count - 1, -1, -1) if big else range(count)
-        places = [(byte, bit) for byte in order for bit in range(8)]
-        line = np.array([rates[byte, bit] for byte, bit in places])
+        positions = [(byte, bit) for byte in order for bit in range(8)]
+        line = np.array([rates[byte, bit] for byte, bit in positions])
         for start, length in _runs(line):
             parts = _parts(start, length, _alive_bits(line[start : start + length]))
             # Top bits that did not change on this drive: a number ends with a byte more often than not.
@@ -55,14 +55,14 @@ def raw_fields(log: MessageLog) -> list[Field]:
             if room and not line[start + length : start + length + room].any():
                 parts.append((start, length + room))
             for first, bits in parts:
-                field = _field(log, places[first], bits, big)
+                field = _field(log, positions[first], bits, big)
                 if field is not None:
-                    fields.setdefault((big and _spans(places[first], bits), *_place(field)), field)
+                    fields.setdefault((big and _spans(positions[first], bits), *_layout_key(field)), field)
     return list(fields.values())
 
 
 def _runs(line: FloatArray) -> list[tuple[int, int]]:
-    """Start and length of stretches in which flip rates fall, never-flipping bits on top left out."""
+    """Return start and length of stretches in which flip rates fall, never-flipping bits on top left out."""
     runs = []
     start = 0
     while start < len(line):
@@ -87,26 +87,27 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
 
 
 def _alive_bits(rates: FloatArray) -> int:
-    """Bits of an alive counter at the low end of a run: they flip in every frame, every second one, ..."""
+    """Return bits of an alive counter at the low end of a run: they flip in every frame, every second one,
+    ..."""
     halving = np.abs(rates * 2.0 ** np.arange(len(rates)) - 1.0) < SETTINGS.flip_halving
     return len(rates) if halving.all() else int(np.argmin(halving))
 
 
 def _parts(start: int, length: int, alive: int) -> list[tuple[int, int]]:
-    """Fields to try: the whole run, what stands above an alive counter of so many bits, and parts that begin
-    or end at bytes, where fast top bits hide the end."""
+    """Return fields to try: the whole run, what stands above an alive counter of so many bits, and parts that
+    begin or end at bytes, where fast top bits hide the end."""
     end = start + length
     starts = {start, start + alive, *range(-(-start // 8) * 8, end, 8)}
     ends = {end, *range(-(-start // 8) * 8, end, 8)}
     return sorted((a, b - a) for a in starts for b in ends if MIN_BITS <= b - a <= MAX_BITS)
 
 
-def _spans(place: tuple[int, int], bits: int) -> bool:
-    return place[1] + bits > 8
+def _spans(position: tuple[int, int], bits: int) -> bool:
+    return position[1] + bits > 8
 
 
-def _place(field: Field) -> tuple[int, int]:
-    return field.place.shift + 1000 * field.place.word_bytes, field.place.length
+def _layout_key(field: Field) -> tuple[int, int]:
+    return field.layout.shift + 1000 * field.layout.word_bytes, field.layout.length
 
 
 def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Field | None:
@@ -117,29 +118,29 @@ def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Fi
         if 8 * size - bit - bits < 0:
             return None
         start = _motorola_start(byte, bit, bits)
-        place = BitField(True, size, bits, bit, size, False, False, mask)
+        layout = BitField(True, size, bits, bit, size, False, False, mask)
     else:
         start = 8 * byte + bit
         size = (start + bits + 7) // 8
         if size > log.data.shape[1]:
             return None
-        place = BitField(False, size, bits, start, size, False, False, mask)
+        layout = BitField(False, size, bits, start, size, False, False, mask)
     name = f"{'M' if big else 'I'}{start}_{bits}"
-    return Field(message_name(log.key), name, log.key, place)
+    return Field(message_name(log.key), name, log.key, layout)
 
 
 def _motorola_start(byte: int, bit: int, bits: int) -> int:
-    """DBC number of the highest bit of a big-endian field by its lowest."""
-    place = 8 * byte + bit
+    """Return DBC number of the highest bit of a big-endian field by its lowest."""
+    layout = 8 * byte + bit
     for _ in range(bits - 1):
-        place = place + 1 if place % 8 < 7 else place - 15
-    return place
+        layout = layout + 1 if layout % 8 < 7 else layout - 15
+    return layout
 
 
 def dbc_start(field: Field) -> int:
-    """Start bit as a DBC has it."""
-    place = field.place
-    if not place.big_endian:
-        return place.shift
-    byte = place.word_bytes - 1 - place.shift // 8
-    return _motorola_start(byte, place.shift % 8, place.length)
+    """Return the start bit as a DBC has it."""
+    layout = field.layout
+    if not layout.big_endian:
+        return layout.shift
+    byte = layout.word_bytes - 1 - layout.shift // 8
+    return _motorola_start(byte, layout.shift % 8, layout.length)

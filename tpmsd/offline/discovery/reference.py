@@ -23,7 +23,7 @@ _EARTH_M = 6_371_008.8
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """What the receiver saw, cell by cell."""
+    """Motion by the receiver, cell by cell."""
 
     edge_s: FloatArray
     """(n + 1,) host time of the cells' edges."""
@@ -39,7 +39,7 @@ class Reference:
     fix_course_rad: FloatArray
     """(m,) unwrapped, mathematical sense (positive to the left); NaN at standstill."""
     by_position: bool
-    """Whether speeds come from positions."""
+    """True if speeds come from positions."""
 
     @property
     def moving(self) -> NDArray[np.bool_]:
@@ -53,7 +53,7 @@ class Reference:
 
 
 def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> Reference:
-    """The reference of a drive; empty arrays where there is no usable fix."""
+    """Return the reference of a drive; empty arrays where there is no usable fix."""
     time_s = _stamps(fixes)
     good = np.isfinite(time_s)
     order = np.flatnonzero(good)[np.argsort(time_s[good], kind="stable")]
@@ -74,24 +74,24 @@ def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> R
 
 
 def cell_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> FloatArray:
-    """Mean over each cell of a signal taken as linear between its samples; NaN over gaps."""
+    """Return the mean over each cell of a signal taken as linear between its samples; NaN over gaps."""
     known = np.isfinite(value)
     t, x = time_s[known], value[known]
     if len(t) < 2:
         return np.full(len(edges) - 1, np.nan)
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))])
+    travel = np.concatenate([[0.0], np.cumsum(0.5 * (x[1:] + x[:-1]) * np.diff(t))])
     # Quadratic within a step: a receiver of 1 Hz has two cells between two fixes.
     before = np.clip(np.searchsorted(t, edges, side="right") - 1, 0, len(t) - 2)
     since = edges - t[before]
     slope = np.diff(x)[before] / np.diff(t)[before]
-    means = np.diff(way[before] + since * (x[before] + 0.5 * slope * since)) / np.diff(edges)
+    means = np.diff(travel[before] + since * (x[before] + 0.5 * slope * since)) / np.diff(edges)
     return np.where(_covered(t, edges), means, np.nan)
 
 
 def _covered(
     time_s: FloatArray, edges: FloatArray, longest_s: float = SETTINGS.longest_gap_s
 ) -> NDArray[np.bool_]:
-    """Cells that no gap between two samples reaches into."""
+    """Return cells that no gap between two samples reaches into."""
     after = np.clip(np.searchsorted(time_s, edges, side="right"), 1, len(time_s) - 1)
     fine = time_s[after] - time_s[after - 1] <= longest_s
     inside = (edges >= time_s[0]) & (edges <= time_s[-1])
@@ -123,13 +123,13 @@ def _stamps(fixes: Sequence[GnssFix]) -> FloatArray:
 
 
 def _motion(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Speed and unwrapped course (positive to the left) at the fixes."""
+    """Return the speed and unwrapped course (positive to the left) at the fixes."""
     speed = np.array([fix.speed_mps for fix in fixes], dtype=np.float64)
     course = np.array([-fix.course_rad for fix in fixes], dtype=np.float64)
     if np.isfinite(speed).sum() < 0.5 * len(fixes) or np.isfinite(course).sum() < 0.2 * len(fixes):
-        by_place, heading = _by_position(fixes, time_s)
+        speed_by_position, heading = _by_position(fixes, time_s)
         if np.isfinite(speed).sum() < 0.5 * len(fixes):
-            speed = by_place
+            speed = speed_by_position
         if np.isfinite(course).sum() < 0.2 * len(fixes):
             course = heading
     known = np.isfinite(course) & (speed > 1.0)
@@ -164,7 +164,7 @@ def _by_position(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArr
 
 
 def _yaw(time_s: FloatArray, course: FloatArray, edges: FloatArray) -> FloatArray:
-    """Mean yaw rate over each cell: the course's change from edge to edge."""
+    """Return the mean yaw rate over each cell: the course's change from edge to edge."""
     known = np.isfinite(course)
     if known.sum() < 2:
         return np.full(len(edges) - 1, np.nan)

@@ -28,21 +28,21 @@ class Fit:
     rows: int
 
     def std(self, k: int) -> float:
-        """Standard error of one coefficient."""
+        """Return the standard error of one coefficient."""
         return float(np.sqrt(max(self.cov[k, k], 0.0)))
 
 
 def with_prior(made: Fit, mean: FloatArray, std: FloatArray) -> Fit:
-    """The coefficients given what is known of them beforehand; `mean`, `std` (k,), infinite for nothing.
+    """Return the coefficients with a prior; `mean`, `std` (k,), infinite for none.
 
     The product of two normal densities, the fit's with its own covariance: noise between rows that goes
     together is in that already, and a prior among the rows would be drowned by their number.
     """
     scale = np.sqrt(np.maximum(np.diag(made.cov), 1e-300))
-    told = np.linalg.inv(made.cov / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
+    precision = np.linalg.inv(made.cov / np.outer(scale, scale) + 1e-12 * np.eye(len(scale)))
     known = np.diag((scale / std) ** 2)
-    cov = np.linalg.inv(told + known)
-    value = cov @ (told @ (made.value / scale) + known @ (mean / scale))
+    cov = np.linalg.inv(precision + known)
+    value = cov @ (precision @ (made.value / scale) + known @ (mean / scale))
     return replace(made, value=value * scale, cov=cov * np.outer(scale, scale))
 
 
@@ -83,7 +83,7 @@ def fit(design: FloatArray, target: FloatArray, block: FloatArray) -> Fit | None
 
 
 def _jackknife(X: FloatArray, residual: FloatArray, block: FloatArray, ridge: FloatArray) -> FloatArray:
-    """(k, k) covariance of the coefficients by leaving out one block after the other.
+    """Return (k, k) covariance of the coefficients by leaving out one block after the other.
 
     Bell, McCaffrey 2002: blocks that weigh much (the few tight bends of a drive) pull the line to themselves,
     and a plain sandwich then takes its residuals for small.

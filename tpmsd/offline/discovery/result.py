@@ -1,4 +1,4 @@
-"""What was found, as records and as the JSON document.
+"""Result of the discovery, as records and as the JSON document.
 
 In: nothing. Out: `Discovery`.
 """
@@ -22,7 +22,7 @@ class Estimate:
     std: float
 
     def document(self) -> dict[str, float]:
-        """As JSON has it."""
+        """Return the record as JSON has it."""
         return {"value": self.value, "std": self.std}
 
 
@@ -53,7 +53,7 @@ class FoundRole:
 
     @property
     def plain(self) -> bool:
-        """Whether the name says all."""
+        """True if the name says all."""
         return (
             not self.modulus
             and self.unit is None
@@ -65,15 +65,15 @@ class FoundRole:
 
 @dataclass(frozen=True, slots=True)
 class Undecided:
-    """What this drive does not tell."""
+    """Question that this drive leaves open."""
 
     key: str
     why: str
     drive: str
-    """The drive that would."""
+    """Drive that would answer it."""
 
     def document(self) -> dict[str, str]:
-        """As JSON has it."""
+        """Return the record as JSON has it."""
         return {"key": self.key, "why": self.why, "drive": self.drive}
 
 
@@ -111,18 +111,18 @@ class Discovery:
         return max(sorted(set(buses)), key=buses.count, default=0)
 
     def channel(self, bus: int) -> str:
-        """Name of a bus, as the log has it."""
+        """Return the name of a bus, as the log has it."""
         return self.channels[bus] if bus < len(self.channels) else f"can{bus}"
 
     @property
     def wheels_decided(self) -> bool:
-        """Whether every wheel has its signal."""
+        """True if every wheel has its signal."""
         return self.kind is not None and not any(
             entry.key.startswith("can.signals.wheel") for entry in self.undecided
         )
 
     def document(self) -> dict[str, Any]:
-        """The JSON document, without `schema`, `program` and `input`, which the command adds."""
+        """Return the JSON document, without `schema`, `program` and `input`, which the command adds."""
         axle = self.driven_axle
         return {
             "roles": {

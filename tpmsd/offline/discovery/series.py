@@ -25,12 +25,12 @@ Kind = Literal["count", "value"]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """Where in which message, and what a DBC says of it."""
+    """Position of a value in a message, and its conversion by a DBC."""
 
     message: str
     name: str
     key: int
-    place: BitField
+    layout: BitField
     scale: float = 1.0
     offset: float = 0.0
     unit: str = ""
@@ -58,7 +58,7 @@ class Series:
     modulus: int = 0
     """Number of values of a counter; 0 for values."""
     modulus_seen: bool = False
-    """Whether roll-overs told the modulus; else it is the field's width."""
+    """True if roll-overs showed the modulus; else it is the field's width."""
     period_s: float = 0.0
     no_value: frozenset[int] = frozenset()
     """Raw numbers that stand for no value, beside those that the DBC names."""
@@ -67,18 +67,19 @@ class Series:
 
 
 def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
-    """The field as a number (signed and float as the field says); what stands for no value is left out."""
-    place = field.place
-    plain = not place.is_float and not place.signed and not field.invalid
+    """Return the field as a number (signed and float as the field says); what stands for no value is left
+    out."""
+    layout = field.layout
+    plain = not layout.is_float and not layout.signed and not field.invalid
     no_value = _no_value(raw) if plain else frozenset()
-    if place.is_float:
-        width = {16: np.float16, 32: np.float32, 64: np.float64}[place.length]
-        unsigned = {16: np.uint16, 32: np.uint32, 64: np.uint64}[place.length]
+    if layout.is_float:
+        width = {16: np.float16, 32: np.float32, 64: np.float64}[layout.length]
+        unsigned = {16: np.uint16, 32: np.uint32, 64: np.uint64}[layout.length]
         value = raw.astype(unsigned).view(width).astype(np.float64)
     else:
         value = raw.astype(np.float64)
-        if place.signed:
-            value[raw >> np.uint64(place.length - 1) > 0] -= 2.0**place.length
+        if layout.signed:
+            value[raw >> np.uint64(layout.length - 1) > 0] -= 2.0**layout.length
     if invalid := field.invalid | no_value:
         value[np.isin(raw, np.array(sorted(invalid), dtype=np.uint64))] = np.nan
     means = cell_means(log.time_s, value, edges)
@@ -89,7 +90,8 @@ def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
 
 
 def _no_value(raw: RawArray) -> frozenset[int]:
-    """A greatest number that is all ones, far above all others: by custom it says that there is no value."""
+    """Return the greatest number if it is all ones and far above all others: by custom it means that there is
+    no value."""
     greatest = int(raw.max()) if len(raw) else 0
     if greatest < SETTINGS.least_reserved or greatest & (greatest + 1):
         return frozenset()
@@ -109,11 +111,11 @@ class Counter:
     modulus: int
     """Number of values."""
     modulus_seen: bool
-    """Whether roll-overs told the modulus; else it is the field's width."""
+    """True if roll-overs showed the modulus; else it is the field's width."""
 
 
 def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series | None:
-    """The field as a counter that rolls over; None if its steps are not those of one."""
+    """Return the field as a counter that rolls over; None if its steps are not those of one."""
     counter = unwrap(field, log, raw)
     if counter is None:
         return None
@@ -127,8 +129,8 @@ def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
 
 
 def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
-    """The counts of a field that rolls over; None if its steps are not those of a counter."""
-    if field.place.length < 4 or len(raw) < 20:
+    """Return the counts of a field that rolls over; None if its steps are not those of a counter."""
+    if field.layout.length < 4 or len(raw) < 20:
         return None
     time_s, number = log.time_s, raw
     if field.invalid:
@@ -136,7 +138,7 @@ def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
         time_s, number = time_s[kept], raw[kept]
         if len(number) < 20:
             return None
-    whole = 2.0 ** min(field.place.length, 62)
+    whole = 2.0 ** min(field.layout.length, 62)
     value = (number % np.uint64(1 << 62)).astype(np.float64)
     step = np.diff(value)
     span = float(value.max()) + 1.0
@@ -161,17 +163,18 @@ def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
 
 
 def counts_up(step: FloatArray) -> bool:
-    """Whether steps without roll-overs are a counter's: some forward, hardly one back."""
+    """Return whether steps without roll-overs are a counter's: some forward, hardly one back."""
     return (step > 0).sum() >= 20 and bool((step < -_jitter(step)).mean() <= SETTINGS.backward_steps)
 
 
 def _jitter(step: FloatArray) -> float:
-    """Largest step back of an encoder at rest, in counts; 0 to 1 for toothed rings, which cannot go back."""
+    """Return the largest step back of an encoder at rest, in counts; 0 to 1 for toothed rings, which cannot
+    go back."""
     return SETTINGS.encoder_jitter * float(np.median(step[step > 0]))
 
 
 def _corrupt(step: FloatArray, modulus: float) -> NDArray[np.bool_]:
-    """(n,) single frames far off the counts of both their neighbours, which follow each other well."""
+    """Return (n,) single frames far off the counts of both their neighbours, which follow each other well."""
     around = (step + 0.5 * modulus) % modulus - 0.5 * modulus
     wrong = np.zeros(len(step) + 1, dtype=np.bool_)
     limit = SETTINGS.corrupt_steps * float(np.percentile(np.abs(around), 99.0))
@@ -183,15 +186,19 @@ def _corrupt(step: FloatArray, modulus: float) -> NDArray[np.bool_]:
 
 
 def _modulus(
-    step: FloatArray, wrapped: NDArray[np.bool_], either_way: NDArray[np.bool_], span: float, whole: float
+    step: FloatArray,
+    wrapped: NDArray[np.bool_],
+    both_directions: NDArray[np.bool_],
+    span: float,
+    whole: float,
 ) -> tuple[float, bool]:
-    """Number of values: a roll-over's step falls short of its neighbours' by just that.
+    """Return the number of values: a roll-over's step falls short of its neighbours' by just that.
 
-    `either_way` (n,): roll-overs, and those back through zero.
+    `both_directions` (n,): roll-overs, and those back through zero.
     """
     at = np.flatnonzero(wrapped)
     at = at[(at > 0) & (at < len(step) - 1)]
-    at = at[~either_way[at - 1] & ~either_way[at + 1]] if len(at) else at
+    at = at[~both_directions[at - 1] & ~both_directions[at + 1]] if len(at) else at
     if len(at) < SETTINGS.few_wraps:
         return whole, False
     missing = 0.5 * (step[at - 1] + step[at + 1]) - step[at]

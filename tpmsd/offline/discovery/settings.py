@@ -73,32 +73,36 @@ class Settings:
     """Step, in 99th percentiles of the drive's steps, from which a count is not its neighbours': a car's
     greatest speed is twice to three times its usual one."""
     contrast_floor_m: float = 0.06
-    """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
+    """Least standard deviation of a wheel's lateral position, for what the model of a rolling car leaves
+    out."""
     curvature_floor_m2: float = 0.35
-    """The same for the front axle's longer way in a bend, in m2 (half the square of the wheelbase is 3.6)."""
+    """Floor for the front axle's longer distance in a bend, in m2 (half the square of the wheelbase is
+    3.6)."""
     blocks_per_column: int = 3
-    """With fewer blocks the coefficients' covariance is not known well enough to weigh a prior against it."""
+    """Blocks per column, at least: with fewer the coefficients' covariance is not known well enough to weigh
+    a prior against it."""
     block_s: float = 10.0
     """Length of the blocks whose sums give standard errors: driving within one is one event."""
     named_platform: float = 6.0
-    """Log of the odds, per wheel, that a signal with name and place of a known platform is that wheel."""
+    """Log of the odds, per wheel, that a signal with name and layout of a known platform is that wheel."""
     platform_layout: float = 1.0
-    """The same where the place agrees and not the name: a DBC may have been written by hand, and four wheels
-    in other roles are then 1 in 50."""
+    """Evidence of a layout whose position agrees and not the name, nats: a DBC may have been written by hand,
+    and four wheels in other roles are then 1 in 50."""
     decided: float = 0.95
     """A role below this probability is listed as undecided."""
     right_radius_std: float = 0.006
     """Relative: how far a configured radius may be off in a file that is right."""
     right_speed_std: float = 0.012
-    """The same for a maker's scale of wheel speeds."""
+    """Standard deviation of a maker's scale of wheel speeds."""
     wrong_scale_std: float = 0.06
-    """Spread of the same where the number of teeth, or a unit, is wrong."""
+    """Relative spread of a scale where the number of teeth, or a unit, is wrong."""
     antenna_left_floor_m: float = 0.1
-    """Standard deviation of a measured place beyond the regression's: the tape's, the phase centre's."""
+    """Standard deviation of a measured position beyond the regression's, m: the tape's, the phase
+    centre's."""
     antenna_forward_floor_m: float = 0.15
-    """The same along the car, where the middle of the rear axle is harder to find."""
+    """Floor along the car, where the middle of the rear axle is harder to find, m."""
     antenna_z: float = 3.7
-    """Standard deviations from which a stated place is wrong: 1 in 4,600 right ones."""
+    """Standard deviations from which a stated position is wrong: 1 in 4,600 right ones."""
     clocks_apart_s: float = 0.7
     """Clocks this far apart are no latency of a receiver, beyond the one that the file states."""
     clocks_apart_nats: float = 10.0
@@ -109,12 +113,13 @@ class Settings:
     """Factor by which a right gyro or accelerometer may be off: they err by some per cent, and accelerometers
     feel roll and slopes."""
     steering_apart: float = 2.5
-    """The same for the steering wheel: the ratio varies over the angle, and an understeering car needs up to
+    """Factor for the steering wheel: the ratio varies over the angle, and an understeering car needs up to
     twice the angle."""
     unit_near: float = 0.25
     """Logarithm of a factor; a role's units differ by at least a third, so one this near is meant."""
     copy_share: float = 0.95
-    """Of a message's payloads that another bus has, too, from which it is a copy: gateways lose frames."""
+    """Share of a message's payloads that another bus has, too, from which it is a copy: gateways lose
+    frames."""
     compared_payloads: int = 2_000
     """Payloads of a message that are looked up for that, spread over the drive."""
 
@@ -128,7 +133,7 @@ class Settings:
     slip_alike_s2pm: float = 0.0006
     """Slip per acceleration of two wheels of one axle: an open differential gives both the same torque."""
     decoy_std_m: float = 0.5
-    """Spread of lateral places of speeds that are no wheel's."""
+    """Spread of lateral positions of speeds that are no wheel's, m."""
 
     # -- `clock_offset`, `course`, `discover` --
 
@@ -194,7 +199,7 @@ class Settings:
     # -- `series` --
 
     long_gap_periods: float = 5.0
-    """How often a counter rolled over in a longer gap follows from its speed before and after."""
+    """Gap, in periods, beyond which the number of roll-overs is derived from the speed before and after."""
     least_reserved: int = 1023
     """Numbers of ten bits and more may be reserved, ..."""
     reserved_apart: float = 0.9
@@ -235,7 +240,7 @@ class Settings:
     # -- all of them --
 
     max_probability: float = 0.999
-    """No more is claimed, whatever the numbers: the model itself may be wrong."""
+    """Largest probability that is reported, whatever the numbers: the model itself may be wrong."""
 
 
 SETTINGS = Settings()

@@ -1,4 +1,4 @@
-"""What a drive says against a configuration.
+"""Evidence of a drive against a configuration.
 
 In: the configuration, its DBC, frames and fixes. Out: `Suspicion`s with key, probability and what to write
 instead.
@@ -55,7 +55,7 @@ def suspicions(
     fixes: Sequence[GnssFix],
     settings: Settings = SETTINGS,
 ) -> list[Suspicion]:
-    """All of them, the surest first; of several of the same key and kind the surest."""
+    """Return all of them, the surest first; of several of the same key and kind the surest."""
     found: list[Suspicion] = []
     fields = configured_fields(config, database, log)
     frames = configured_frames(config, database, log, fields)
@@ -79,7 +79,7 @@ def suspicions(
 def _aligned(
     config: Config, fields: dict[str, Field], frames: dict[str, MessageLog], fixes: Sequence[GnssFix]
 ) -> tuple[Sequence[GnssFix], Suspicion | None]:
-    """The fixes on the frames' clock, and the suspicion where they were not."""
+    """Return the fixes on the frames' clock, and the suspicion where they were not."""
     role = next((r for r in frames if r.startswith("wheel_")), None)
     reference = make_reference(fixes)
     if role is None or len(reference.fix_s) < 10 or not len(frames[role].time_s):
@@ -88,7 +88,7 @@ def _aligned(
     edges = np.arange(np.ceil(message.time_s[0]), message.time_s[-1], 1.0)
     if len(edges) < 3:
         return fixes, None
-    raw = message.bits(fields[role].place)
+    raw = message.bits(fields[role].layout)
     one = (
         as_count(fields[role], message, raw, edges)
         if role.startswith("wheel_count_")
@@ -123,10 +123,11 @@ def _aligned(
 def _read(
     fields: Mapping[str, Field], frames: Mapping[str, MessageLog], edges: FloatArray
 ) -> dict[str, Series]:
-    """Role -> its readings over the cells; roles that stay the same or cannot be read are left out."""
+    """Return a mapping role -> its readings over the cells; roles that stay the same or cannot be read are
+    left out."""
     read = {}
     for role, log in frames.items():
-        raw = log.bits(fields[role].place)
+        raw = log.bits(fields[role].layout)
         if len(raw) < 20 or raw.min() == raw.max():
             continue
         made = (as_count if role.startswith("wheel_count_") else as_value)(fields[role], log, raw, edges)
@@ -156,59 +157,59 @@ def _wheels(
             found.append(wrong)
     by_wheel = {role[-2:]: role for role in following}
     members = placed(list(following.values()), material.reference, material.gyro, settings)
-    places = {role[-2:]: one for role, one in zip(following, members, strict=True)}
-    found += _sides(by_wheel, places)
-    if {"rl", "rr"} <= places.keys():
-        found += _car(config, by_wheel, places, read, material, settings)
+    by_position = {role[-2:]: one for role, one in zip(following, members, strict=True)}
+    found += _sides(by_wheel, by_position)
+    if {"rl", "rr"} <= by_position.keys():
+        found += _car(config, by_wheel, by_position, read, material, settings)
     return found
 
 
 def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
-    """Counts per metre against teeth and radius; a speed against its unit."""
+    """Return counts per metre against teeth and radius; a speed against its unit."""
     wheel = WHEELS.index(role[-2:])
     radius = config.vehicle.wheel_radius_m[wheel]
     if one.series.kind == "count":
         per_metre = one.per_mps * abs(one.series.field.scale)
         teeth = config.vehicle.teeth(wheel)
         error = math.log(teeth / (2 * math.pi * radius * per_metre))
-        sure = _against(error, SETTINGS.right_radius_std)
+        probability = _against(error, SETTINGS.right_radius_std)
         fitting = round(2 * math.pi * radius * per_metre)
-        if sure < SETTINGS.decided or fitting == teeth:
+        if probability < SETTINGS.decided or fitting == teeth:
             return None
         suggest = f"{fitting} counts per revolution go with a radius of {radius:g} m; {teeth:g} would need "
         suggest += f"{teeth / (2 * math.pi * per_metre):.3f} m"
-        return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", sure, suggest)
+        return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", probability, suggest)
     unit = canonical_unit(one.series.field.unit) or "km/h"
     kind, factor, _ = UNITS[unit]
     mps = factor * (radius if kind == "angular speed" else 1.0)
     error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
-    sure = _against(error, SETTINGS.right_speed_std)
-    if sure < SETTINGS.decided or abs(error) < 0.05:
+    probability = _against(error, SETTINGS.right_speed_std)
+    if probability < SETTINGS.decided or abs(error) < 0.05:
         return None
     key = f"can.signals.{role}"
     seen = 1.0 / (one.per_mps * abs(one.series.field.scale))
     for other in _UNITS:
         if other != unit and abs(math.log(seen / UNITS[other][1])) < 0.05:
             suggest = f'unit = "{other}": the receiver sees {seen / mps:.3f} times the speed'
-            return Suspicion(key, "wrong_unit", sure, suggest)
+            return Suspicion(key, "wrong_unit", probability, suggest)
     scale = one.series.field.scale * seen / mps
     suggest = f"scale = {scale:.6g}: the receiver sees {seen / mps:.3f} times the speed"
-    return Suspicion(key, "wrong_scale", sure, suggest)
+    return Suspicion(key, "wrong_scale", probability, suggest)
 
 
 def _against(error: float, std: float) -> float:
-    """Probability that an error is not one of a right file."""
+    """Return the probability that an error is not one of a right file."""
     right = norm.logpdf(error, 0.0, std)
     wrong = norm.logpdf(error, 0.0, SETTINGS.wrong_scale_std) if abs(error) < 0.3 else 0.0
     return min(0.999, float(1.0 / (1.0 + 9.0 * math.exp(min(right - wrong, 50.0)))))
 
 
-def _sides(by_wheel: dict[str, str], places: dict[str, Follower]) -> list[Suspicion]:
+def _sides(by_wheel: dict[str, str], by_position: dict[str, Follower]) -> list[Suspicion]:
     found = []
     for left, right in (("fl", "fr"), ("rl", "rr")):
-        if left not in places or right not in places:
+        if left not in by_position or right not in by_position:
             continue
-        one, other = places[left], places[right]
+        one, other = by_position[left], by_position[right]
         std = math.hypot(one.lateral_std_m, other.lateral_std_m, 0.15)
         span = one.lateral_m - other.lateral_m
         track, spread = SETTINGS.track_m, math.hypot(std, 0.15)
@@ -216,27 +217,27 @@ def _sides(by_wheel: dict[str, str], places: dict[str, Follower]) -> list[Suspic
             continue
         # Two hypotheses: the track, or minus the track; a prior of one file in fifty.
         ratio = norm.logpdf(span, -track, spread) - norm.logpdf(span, track, spread) + math.log(0.02)
-        sure = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
-        if sure >= SETTINGS.decided:
+        probability = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
+        if probability >= SETTINGS.decided:
             names = f"{one.series.field.signal} is on the right and {other.series.field.signal} on the left"
-            found.append(Suspicion(f"can.signals.{by_wheel[left]}", "swapped_left_right", sure, names))
+            found.append(Suspicion(f"can.signals.{by_wheel[left]}", "swapped_left_right", probability, names))
     return found
 
 
 def _car(
     config: Config,
     by_wheel: dict[str, str],
-    places: dict[str, Follower],
+    by_position: dict[str, Follower],
     read: Mapping[str, Series],
     material: Material,
     settings: Settings,
 ) -> list[Suspicion]:
-    four = len(places) == 4
+    four = len(by_position) == 4
     wheels = WHEELS if four else ("rl", "rr")
-    kind = "counts" if places["rl"].series.kind == "count" else "speeds"
-    swapped_sides = places["rl"].lateral_m < places["rr"].lateral_m
+    kind = "counts" if by_position["rl"].series.kind == "count" else "speeds"
+    swapped_sides = by_position["rl"].lateral_m < by_position["rr"].lateral_m
     order = {w: (w[0] + ("r" if w[1] == "l" else "l") if swapped_sides else w) for w in wheels}
-    roles = tuple(Role(w, places[order[w]], 1.0, ()) for w in wheels)
+    roles = tuple(Role(w, by_position[order[w]], 1.0, ()) for w in wheels)
     found: list[Suspicion] = []
     assignment = Assignment(kind, roles, not four, 1.0, 1.0)
     geometry = CarGeometry(assignment, material.reference, material.gyro, settings)
@@ -245,20 +246,20 @@ def _car(
         square, std = geometry.square_m2.value, math.hypot(geometry.square_m2.std, 0.5)
         aim, spread = config.vehicle.wheelbase_m**2, math.hypot(std, 0.3 * config.vehicle.wheelbase_m)
         ratio = norm.logpdf(square, -aim, spread) - norm.logpdf(square, aim, spread) + math.log(0.02)
-        sure = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
-        turned = sure >= SETTINGS.decided
+        probability = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
+        turned = probability >= SETTINGS.decided
         if turned:
             key = f"can.signals.{by_wheel['fl']}"
             suggest = "in bends the wheels called rear have the longer way: exchange front and rear"
-            found.append(Suspicion(key, "swapped_front_rear", sure, suggest))
+            found.append(Suspicion(key, "swapped_front_rear", probability, suggest))
     axle = driven_axle(assignment)
     if axle is not None and config.vehicle.driven_axle in ("front", "rear"):
-        name, sure = axle
+        name, probability = axle
         if turned:
             name = "rear" if name == "front" else "front"
-        if name != config.vehicle.driven_axle and sure >= 0.99:
+        if name != config.vehicle.driven_axle and probability >= 0.99:
             suggest = f'driven_axle = "{name}": its wheels turn faster under acceleration'
-            found.append(Suspicion("vehicle.driven_axle", "wrong_driven_axle", sure, suggest))
+            found.append(Suspicion("vehicle.driven_axle", "wrong_driven_axle", probability, suggest))
     if not turned:
         found += _antenna(config, geometry)
     return found + _other_signals(config, read, material.reference, geometry.motion()[0])
@@ -271,22 +272,22 @@ def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
         "antenna_forward_m": SETTINGS.antenna_forward_floor_m,
     }
     for key, floor in floors.items():
-        place = geometry.gnss.get(key)
-        if place is None:
+        antenna = geometry.gnss.get(key)
+        if antenna is None:
             continue
         stated = float(getattr(config.gnss, key))
-        z = abs(place.value - stated) / math.hypot(place.std, floor)
-        sure = min(0.999, float(1.0 - 2 * norm.sf(z)))
+        z = abs(antenna.value - stated) / math.hypot(antenna.std, floor)
+        probability = min(0.999, float(1.0 - 2 * norm.sf(z)))
         if z > SETTINGS.antenna_z:
-            suggest = f"{key} = {place.value:.2f} (+- {place.std:.2f})"
-            found.append(Suspicion(f"gnss.{key}", "wrong_antenna", sure, suggest))
+            suggest = f"{key} = {antenna.value:.2f} (+- {antenna.std:.2f})"
+            found.append(Suspicion(f"gnss.{key}", "wrong_antenna", probability, suggest))
     return found
 
 
 def _other_signals(
     config: Config, read: Mapping[str, Series], reference: Reference, speed: FloatArray
 ) -> list[Suspicion]:
-    """Sign and size of the other roles against the car's motion, by receiver and wheels."""
+    """Return the sign and size of the other roles against the car's motion, by receiver and wheels."""
     accel = np.full(len(speed), np.nan)
     accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * SETTINGS.cell_s)
     steering = config.vehicle.wheelbase_m * (config.vehicle.steering_ratio or math.nan)
@@ -312,12 +313,12 @@ def _other_signals(
         r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
         # Fisher's z with as many independent readings as smoothing leaves.
         z = math.atanh(max(min(r, 0.999), -0.999)) * math.sqrt(max(rows.sum() / 15.0 - 3.0, 1.0))
-        sure = min(0.999, float(norm.cdf(abs(z))))
+        probability = min(0.999, float(norm.cdf(abs(z))))
         key = f"can.signals.{role}"
         if r < -0.4 and z < -3.0:
             turned = -1 if option.sign > 0 else 1
             suggest = f"sign = {turned}: it runs against the car's motion (correlation {r:.2f})"
-            found.append(Suspicion(key, "wrong_sign", sure, suggest))
+            found.append(Suspicion(key, "wrong_sign", probability, suggest))
         if abs(z) < 3.0:
             continue
         gain, apart = float(np.std(value[rows]) / np.std(aim[rows])), SETTINGS.sensors_apart
@@ -325,16 +326,17 @@ def _other_signals(
             gain, apart = gain / steering, SETTINGS.steering_apart
         # Where either side errs, the true gain lies between the two regressions' (Frisch 1934).
         if gain * abs(r) > apart or gain / abs(r) < 1.0 / apart:
-            found.append(_wrong_size(role, key, unit, gain, sure))
+            found.append(_wrong_size(role, key, unit, gain, probability))
     return found
 
 
-def _wrong_size(role: str, key: str, unit: str, gain: float, sure: float) -> Suspicion:
-    """A signal that is `gain` times what it should be: by another unit of the role, or another scale."""
+def _wrong_size(role: str, key: str, unit: str, gain: float, probability: float) -> Suspicion:
+    """Return the suspicion of a signal that is `gain` times the right value: by another unit of the role, or
+    another scale."""
     factor, _ = to_si(role, unit)
     others = {other: to_si(role, other)[0] for other in allowed_units(role)}
     fitting = min(others, key=lambda other: abs(math.log(others[other] * gain / factor)))
     seen = f"it is {gain:.3g} times what the car's motion tells"
     if others[fitting] != factor and abs(math.log(others[fitting] * gain / factor)) < SETTINGS.unit_near:
-        return Suspicion(key, "wrong_unit", sure, f'unit = "{fitting}": {seen}')
-    return Suspicion(key, "wrong_scale", sure, seen)
+        return Suspicion(key, "wrong_unit", probability, f'unit = "{fitting}": {seen}')
+    return Suspicion(key, "wrong_scale", probability, seen)

@@ -1,4 +1,4 @@
-"""What was found as files: `vehicle.toml`, and a DBC for fields found in raw frames.
+"""Files of the result: `vehicle.toml`, and a DBC for fields found in raw frames.
 
 In: `Discovery`. Out: text.
 """
@@ -24,7 +24,7 @@ _USUAL = {
 
 
 def vehicle_text(found: Discovery, dbc: str) -> str:
-    """A configuration that `tpmsd check` accepts; what is undecided stands in comments."""
+    """Return a configuration that `tpmsd check` accepts; what is undecided stands in comments."""
     source = f"tpmsd init, {found.car}" if found.assignment is None else "tpmsd discover"
     lines = [f"# By {source}. Look over what is marked as undecided."]
     lines += [f"# undecided: {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
@@ -34,7 +34,7 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
 
 
 def _vehicle_table(found: Discovery) -> list[str]:
-    """The table [vehicle], with what was not measured marked."""
+    """Return the table [vehicle], with what was not measured marked."""
     lines = ["", "[vehicle]"]
     radius = found.geometry.get("wheel_radius_m")
     lines.append(f"wheel_radius_m = {radius.value if radius else SETTINGS.radius_m:.4f}")
@@ -47,15 +47,15 @@ def _vehicle_table(found: Discovery) -> list[str]:
     if found.driven_axle is not None:
         lines.append(f'driven_axle = "{found.driven_axle[0]}"   # probability {found.driven_axle[1]:.2f}')
     if found.counts_per_rev is not None:
-        sure, spread = found.counts_probability, found.counts_per_rev.std
+        probability, spread = found.counts_probability, found.counts_per_rev.std
         by_radius = f"+- {spread:.0f}, by the rolling radius alone" if spread > 0.0 else "a usual value"
-        note = f"probability {sure:.2f}" if sure > 0.0 else f"{by_radius}: not measured"
+        note = f"probability {probability:.2f}" if probability > 0.0 else f"{by_radius}: not measured"
         lines.append(f"teeth_per_rev = {found.counts_per_rev.value:g}   # {note}")
     return lines
 
 
 def _can_tables(found: Discovery, dbc: str) -> list[str]:
-    """The tables of the buses and of the signals."""
+    """Return the tables of the buses and of the signals."""
     main = found.main_bus
     lines = ["", "[can]", 'interface = "socketcan"']
     lines += [f"channel = {json.dumps(found.channel(main))}", f"dbc = {json.dumps(dbc)}"]
@@ -71,12 +71,12 @@ def _can_tables(found: Discovery, dbc: str) -> list[str]:
 
 
 def _gnss_table(found: Discovery) -> list[str]:
-    """The table [gnss]: antenna and latency where they are well known."""
+    """Return the table [gnss]: antenna and latency where they are well known."""
     lines = ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
     for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
-        place = found.gnss.get(key)
-        use = place is not None and place.std < 0.5 and low <= place.value <= high
-        lines.append(f"{key} = {place.value:.2f}" if use and place is not None else f"{key} = 0.0")
+        antenna = found.gnss.get(key)
+        use = antenna is not None and antenna.std < 0.5 and low <= antenna.value <= high
+        lines.append(f"{key} = {antenna.value:.2f}" if use and antenna is not None else f"{key} = 0.0")
     latency = found.gnss.get("latency_s")
     if latency is not None and latency.std < 0.05 and 0.0 <= latency.value <= 5.0:
         lines.append(f"latency_s = {latency.value:.3f}")
@@ -84,17 +84,17 @@ def _gnss_table(found: Discovery) -> list[str]:
 
 
 def further_buses(found: Discovery) -> list[int]:
-    """Numbers of the buses beside the main one that carry a signal."""
+    """Return numbers of the buses beside the main one that carry a signal."""
     return sorted({one.bus for one in found.roles.values()} - {found.main_bus})
 
 
 def dbc_of_bus(dbc: str, channel: str) -> str:
-    """Name of the DBC of a further bus, beside that of the main one: `bus.can1.dbc`."""
+    """Return the name of the DBC of a further bus, beside that of the main one: `bus.can1.dbc`."""
     return f"{dbc.removesuffix('.dbc')}.{channel}.dbc"
 
 
 def _signal(one: FoundRole, bus: str = "") -> str:
-    """The entry of a role; `bus`: name of the further bus that carries it."""
+    """Return the entry of a role; `bus`: name of the further bus that carries it."""
     name = json.dumps(one.field.signal)
     as_named = one.plain or _written_in_dbc(one)
     if as_named and not bus:
@@ -118,12 +118,12 @@ def _signal(one: FoundRole, bus: str = "") -> str:
 
 
 def _written_in_dbc(one: FoundRole) -> bool:
-    """Whether the DBC is our own and says it all."""
+    """Return whether the DBC is our own and says it all."""
     return one.field.message.startswith("ID_") and not one.modulus and not one.invalid
 
 
 def dbc_text(found: Discovery, bus: int | None = None) -> str:
-    """A DBC of the fields of a bus that have a role; messages are called by their identifiers.
+    """Return a DBC of the fields of a bus that have a role; messages are called by their identifiers.
 
     `bus`: by default the main one.
     """
@@ -141,15 +141,17 @@ def dbc_text(found: Discovery, bus: int | None = None) -> str:
 
 
 def _length(roles: Sequence[FoundRole]) -> int:
-    return next(size for size in _LENGTHS if size >= max(one.field.place.min_bytes for one in roles))
+    return next(size for size in _LENGTHS if size >= max(one.field.layout.min_bytes for one in roles))
 
 
 def _signal_line(one: FoundRole) -> str:
     field: Field = one.field
-    place = field.place
+    bits = field.layout
     scale = one.scale if one.scale is not None else field.scale
     offset = one.offset if one.offset is not None else field.offset
-    layout = f"{dbc_start(field)}|{place.length}@{0 if place.big_endian else 1}{'-' if place.signed else '+'}"
-    low, high = offset, scale * place.mask + offset
+    position = f"{dbc_start(field)}|{bits.length}@{0 if bits.big_endian else 1}{'-' if bits.signed else '+'}"
+    low, high = offset, scale * bits.mask + offset
     unit = one.unit or field.unit
-    return f' SG_ {field.name} : {layout} ({scale:.10g},{offset:.10g}) [{low:.10g}|{high:.10g}] "{unit}" CAR'
+    return (
+        f' SG_ {field.name} : {position} ({scale:.10g},{offset:.10g}) [{low:.10g}|{high:.10g}] "{unit}" CAR'
+    )

@@ -47,7 +47,8 @@ class Blocks:
 
 
 def cut(wheels: Sequence[tuple[Counter, float]], expected: float, settings: Settings = SETTINGS) -> Blocks:
-    """The blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per turn, roughly.
+    """Return the blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per turn,
+    roughly.
 
     Only where the wheel turns so fast that a revolution is shorter than the smoothing.
     """
@@ -68,7 +69,7 @@ def cut(wheels: Sequence[tuple[Counter, float]], expected: float, settings: Sett
 
 
 def _block_of(counter: Counter, settings: Settings) -> NDArray[np.int64]:
-    """(n,) number of the block of each sample; a counter that jumps begins another."""
+    """Return (n,) number of the block of each sample; a counter that jumps begins another."""
     step = np.diff(counter.counts, prepend=counter.counts[0])
     jump = (step < 0) | (step > settings.ripple_jump * max(float(np.median(step[step > 0])), 1.0))
     period = np.floor((counter.time_s - counter.time_s[0]) / settings.ripple_block_s)
@@ -77,7 +78,8 @@ def _block_of(counter: Counter, settings: Settings) -> NDArray[np.int64]:
 
 
 def _ahead(counter: Counter, settings: Settings) -> FloatArray:
-    """(n,) counts beyond a cubic over the samples around (Savitzky, Golay 1964); NaN at lost frames."""
+    """Return (n,) counts beyond a cubic over the samples around (Savitzky, Golay 1964); NaN at lost
+    frames."""
     from scipy.signal import savgol_filter
 
     if len(counter.time_s) < 4 * settings.ripple_least_window:
@@ -92,7 +94,7 @@ def _ahead(counter: Counter, settings: Settings) -> FloatArray:
 
 
 def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
-    """(blocks, k) power at one cycle per `per_turn` (k,) counts; of mean 1 for white noise.
+    """Return (blocks, k) power at one cycle per `per_turn` (k,) counts; of mean 1 for white noise.
 
     By a Fourier transform over the counts, gathered in bins of a small part of a cycle.
     """
@@ -108,7 +110,7 @@ def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
 
 
 def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
-    """(blocks, k) the same for a few numbers, without bins."""
+    """Return the power (blocks, k) at a few numbers, without bins."""
     out = np.empty((len(blocks.counts), len(per_turn)))
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
         wave = np.exp(np.outer(-2j * np.pi / per_turn, counts))
@@ -119,7 +121,7 @@ def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
 def log_evidence(
     blocks: Blocks, candidates: FloatArray, between: FloatArray, other_lines: float
 ) -> FloatArray:
-    """(k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone.
+    """Return (k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone.
 
     `other_lines`: share of the blocks that may hold another line; 0 to find where an encoder's line is.
     """
@@ -131,7 +133,8 @@ def log_evidence(
 
 
 def _mixture(power: FloatArray, other_lines: float) -> FloatArray:
-    """(k,) log of the mean likelihood ratio over sizes of the line; `power` (blocks, k) over the noise."""
+    """Return (k,) log of the mean likelihood ratio over sizes of the line; `power` (blocks, k) over the
+    noise."""
     size = np.array(_SIZES)[:, None, None]
     other = np.log(max(other_lines, 1e-300)) - 2.0 * np.log1p(power)
     noise, line = -power, -power / (1.0 + size) - np.log1p(size)

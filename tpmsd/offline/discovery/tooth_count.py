@@ -37,7 +37,7 @@ class ToothCount:
     value: float
     std: float
     probability: float
-    """Of `value`; of an encoder: of the line from which it comes, 0 without one."""
+    """Probability of `value`; of an encoder: of the line from which it comes, 0 without one."""
     radius_m: float
     """The rolling radius that goes with it."""
     rivals: tuple[tuple[float, float], ...] = ()
@@ -60,11 +60,12 @@ class CountPrior:
         return self.parts[0][1]
 
     def log_density(self, numbers: FloatArray) -> FloatArray:
-        """(k,) log density at `numbers` (k,)."""
+        """Return (k,) log density at `numbers` (k,)."""
         return np.asarray(np.logaddexp.reduce([_log_normal(numbers, *part) for part in self.parts], axis=0))
 
     def by_size(self, value: float, settings: Settings = SETTINGS) -> tuple[float, float] | None:
-        """Mean and standard deviation of the size's part where `value` is hardly one of its numbers."""
+        """Return the mean and standard deviation of the size's part where `value` is hardly one of its
+        numbers."""
         if not self.has_size:
             return None
         at = np.array([value])
@@ -79,7 +80,7 @@ def _log_normal(numbers: FloatArray, weight: float, mean: float, std: float) -> 
 def count_prior(
     per_metre: float, per_metre_std: float, tyre: str | None, settings: Settings = SETTINGS
 ) -> CountPrior:
-    """The density by the tyre's size, which may be wrong, and by all tyres."""
+    """Return the density by the tyre's size, which may be wrong, and by all tyres."""
     any_tyre = (settings.radius_m, settings.radius_std_m / settings.radius_m)
     by_size = tyre_radius_m(tyre, settings) if tyre else None
     weighted = [(1.0, *any_tyre)]
@@ -95,7 +96,7 @@ def count_prior(
 
 
 def tyre_radius_m(size: str, settings: Settings = SETTINGS) -> float | None:
-    """Rolling radius of a tyre by its size; None if it is no size."""
+    """Return the rolling radius of a tyre by its size; None if it is no size."""
     match = TYRE_SIZE.match(size.strip())
     if match is None:
         return None
@@ -110,7 +111,7 @@ def tooth_count(
     wheels: Sequence[tuple[Counter, float]] = (),
     settings: Settings = SETTINGS,
 ) -> ToothCount:
-    """The likeliest number of counts. `per_metre`: counts per metre of road, as the DBC scales them.
+    """Return the likeliest number of counts. `per_metre`: counts per metre of road, as the DBC scales them.
 
     `wheels`: counter and scale of each wheel, for the ripple.
     """
@@ -143,13 +144,13 @@ def _usual(number: int) -> float:
 
 
 def _between(expected: float) -> FloatArray:
-    """Trial numbers around the expected one that no ring has: away from whole ones."""
+    """Return trial numbers around the expected one that no ring has: away from whole ones."""
     near = np.arange(math.floor(0.8 * expected), math.ceil(1.2 * expected) + 1)
     return np.asarray((near[:, None] + np.linspace(0.25, 0.75, 21)).ravel())
 
 
 def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: Settings) -> ToothCount:
-    """A number of many counts: where the line is, or the tyre's radius alone."""
+    """Return a number of many counts: where the line is, or the tyre's radius alone."""
     _, expected, spread = prior.parts[0]
     unknown = ToothCount(float(round(expected)), spread, 0.0, expected / (2 * math.pi * per_metre))
     if blocks.longest <= 0.0:
@@ -180,7 +181,7 @@ def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: Sett
 
 
 def _trials(prior: CountPrior, longest: float, settings: Settings) -> tuple[FloatArray, float]:
-    """(k,) trial numbers, multiples of a step, around each part of the prior; and the step."""
+    """Return (k,) trial numbers, multiples of a step, around each part of the prior; and the step."""
     least, narrowest = min(mean for _, mean, _ in prior.parts), min(std for *_, std in prior.parts)
     step = min(least**2 / longest / settings.grid_per_line, 0.25 * narrowest)
     around = []
@@ -192,7 +193,7 @@ def _trials(prior: CountPrior, longest: float, settings: Settings) -> tuple[Floa
 
 
 def _jackknife_std(power: FloatArray, grid: FloatArray) -> float:
-    """Standard error of the strongest number, blocks left out one by one."""
+    """Return the standard error of the strongest number, blocks left out one by one."""
     count = len(power)
     if count < 2:
         return float(np.ptp(grid))

@@ -1,4 +1,4 @@
-"""Which speed-like series are the four wheels.
+"""Selection of the four wheels among speed-like series.
 
 In: series, the receiver's reference. Out: `Assignment`: posterior probability of each role for each series.
 
@@ -57,7 +57,7 @@ class Follower:
 
 
 def drag_slip_std() -> float:
-    """Standard deviation of a wheel's slip by air drag against the mean of four wheels, s2/m2.
+    """Return the standard deviation of a wheel's slip by air drag against the mean of four wheels, s2/m2.
 
     By what cars have, and some simulated ones have not. Left out, this slip passes for a longer way of the
     other axle in bends, for it is largest where nothing bends.
@@ -68,7 +68,7 @@ def drag_slip_std() -> float:
 def followers(
     series: Sequence[Series], reference: Reference, settings: Settings = SETTINGS
 ) -> list[Follower]:
-    """The series that follow the receiver's speed, best first."""
+    """Return the series that follow the receiver's speed, best first."""
     moving = reference.moving
     speed, accel = reference.speed_mps, reference.accel_mps2
     blocks = np.floor(reference.edge_s[:-1] / settings.block_s)
@@ -97,14 +97,14 @@ def followers(
 
 
 def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
-    """Spearman's, on at most 500 of the cells; single wild cells do not matter."""
+    """Return Spearman's, on at most 500 of the cells; single wild cells do not matter."""
     every = max(1, len(x) // 500)
     ranks = [np.argsort(np.argsort(values[::every])) for values in (x, y)]
     return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
 
 
 def clusters(found: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
-    """Followers of one kind whose scales agree, the largest first."""
+    """Return followers of one kind whose scales agree, the largest first."""
     groups: list[list[Follower]] = []
     for one in sorted(found, key=lambda f: (f.series.kind, physical_scale(f))):
         last = groups[-1] if groups else None
@@ -120,7 +120,7 @@ def clusters(found: Sequence[Follower], settings: Settings = SETTINGS) -> list[l
 
 
 def physical_scale(one: Follower) -> float:
-    """Counts per metre, or units of the signal per m/s, as the DBC scales them."""
+    """Return counts per metre, or units of the signal per m/s, as the DBC scales them."""
     return one.per_mps * abs(one.series.field.scale)
 
 
@@ -130,14 +130,16 @@ def placed(
     gyro: FloatArray | None = None,
     settings: Settings = SETTINGS,
 ) -> list[Follower]:
-    """The cluster with places and delays of its members; `gyro`: a better yaw rate than the receiver's."""
+    """Return the cluster with places and delays of its members; `gyro`: a better yaw rate than the
+    receiver's."""
     # Not the wheels' own difference: its rounding is in the contrasts, too, and would favour its own pair.
     yaw = reference.yaw_radps if gyro is None else gyro
-    return [_place(one, group, reference, yaw, settings) for one in group]
+    return [_positioned(one, group, reference, yaw, settings) for one in group]
 
 
 def by_lag(members: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
-    """Members that are equally late, the earliest first: a copy by another unit comes later as a whole."""
+    """Return members that are equally late, the earliest first: a copy by another unit comes later as a
+    whole."""
     groups: list[list[Follower]] = []
     for one in sorted(members, key=lambda m: m.lag_s):
         last = groups[-1][-1] if groups else None
@@ -155,7 +157,7 @@ def _common(group: Sequence[Follower]) -> FloatArray:
     return np.asarray(np.mean(np.vstack([one.speed for one in group]), axis=0))
 
 
-def _place(
+def _positioned(
     one: Follower,
     group: Sequence[Follower],
     reference: Reference,
@@ -163,7 +165,7 @@ def _place(
     settings: Settings,
 ) -> Follower:
     common = _common(group) if len(group) > 2 else reference.speed_mps
-    fitted = _place_fit(one.speed, common, yaw, reference, settings)
+    fitted = _position_fit(one.speed, common, yaw, reference, settings)
     if fitted is None:
         return one
     return Follower(
@@ -184,7 +186,7 @@ def _place(
     )
 
 
-def _place_fit(
+def _position_fit(
     speed: FloatArray, common: FloatArray, yaw: FloatArray, reference: Reference, settings: Settings
 ) -> Fit | None:
     cell = settings.cell_s
@@ -207,8 +209,8 @@ def _place_fit(
 
 
 def anchor_of(group: Sequence[Follower], reference: Reference, settings: Settings = SETTINGS) -> Fit | None:
-    """The receiver's place against the cluster's common speed; None where the cluster's speed is the
+    """Return the receiver's place against the cluster's common speed; None where the cluster's speed is the
     receiver's."""
     if len(group) <= 2:
         return None
-    return _place_fit(reference.speed_mps, _common(group), reference.yaw_radps, reference, settings)
+    return _position_fit(reference.speed_mps, _common(group), reference.yaw_radps, reference, settings)

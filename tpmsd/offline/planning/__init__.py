@@ -1,1 +1,2 @@
-"""Which drive would tell effects apart: manoeuvres chosen by what the diagnosis would learn from them."""
+"""Choice of the manoeuvres that tell effects apart, by the information that the diagnosis would gain from
+them."""

@@ -36,13 +36,13 @@ SHOWN = 4.0
 MOST_ALIKE = 0.95
 """Cosine of the angle to another effect's sensitivity from which a name is a matter of luck."""
 LOSS_M = 1.4e-3
-"""Radius (m) that 20 % of the pressure are worth, what a warning by UN R64 must come for."""
+"""Loss of radius (m) at 20 % less pressure, of which UN R64 requires a warning."""
 TRIES = 20
-"""Of each effect, until one draw is large enough."""
+"""Attempts for each effect, until one draw is large enough."""
 
 
 class Showing:
-    """What a recording can show."""
+    """Information that a recording can give."""
 
     def __init__(self, recording: Recording, progress: Callable[[float], None]) -> None:
         """InputError where the recording cannot be examined."""
@@ -58,7 +58,7 @@ class Showing:
 
     @property
     def duration_s(self) -> float:
-        """Of the drive."""
+        """Duration of the drive, s."""
         return float(self._recording.edges_s[-1])
 
     @property
@@ -67,7 +67,8 @@ class Showing:
         return self._recording.wheels
 
     def gain(self, effect: Effect) -> float:
-        """Log-likelihood gain (nats) to be expected of the effect beside what the recording holds."""
+        """Return the log-likelihood gain (nats) to be expected of the effect fitted jointly with those of the
+        recording."""
         others = [term.design for term in self._terms if term.effect != effect.name]
         beside = self._drive.acting(np.concatenate([self._nuisance, *others], axis=1))
         beside = beside.reshape(-1, beside.shape[2])
@@ -83,7 +84,7 @@ def draw(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Effect, ...]:
-    """`count` different effects that do not look alike.
+    """Return `count` different effects that are not confounded.
 
     ConfigError where the drive cannot show as many, InputError where it cannot be examined.
     """
@@ -95,8 +96,8 @@ def draw(
     names = [one.effect for one in showing.tellings if not _is_ambiguous(one)]
     candidates = sorted({*filter(_usual, names), FAULT.name})
     drawn: list[Effect] = []
-    for place in rng.permutation(len(candidates)):
-        name = candidates[int(place)]
+    for index in rng.permutation(len(candidates)):
+        name = candidates[int(index)]
         if any(name in alike.get(one.name, ()) or one.name in alike.get(name, ()) for one in drawn):
             continue
         effect = _large_enough(showing, name, rng)
@@ -111,14 +112,15 @@ def draw(
 
 
 def _is_ambiguous(one: Telling) -> bool:
-    """Whether another effect looks the same, other than one whose limit it is for small values."""
+    """Return whether another effect is confounded with it, other than one whose limit it is for small
+    values."""
     return any(
         cosine > MOST_ALIKE and EFFECTS[other].limit != one.effect for other, cosine in one.confounded_with
     )
 
 
 def _usual(name: str) -> bool:
-    """Whether an effect is one that acts of itself and that a recording does not hold already."""
+    """Return whether an effect is one that acts of itself and that a recording does not hold already."""
     effect = EFFECTS[name]
     if (
         effect.kind in (Kind.FREE, Kind.NUISANCE)
@@ -131,7 +133,7 @@ def _usual(name: str) -> bool:
 
 
 def _probes(name: str) -> list[Probe]:
-    """Its numbers that are fitted, of each place and at the middle of its grid."""
+    """Return its numbers that are fitted, of each wheel pattern and at the middle of its grid."""
     grid = EFFECTS[name].grid
     return [
         probe
@@ -141,7 +143,7 @@ def _probes(name: str) -> list[Probe]:
 
 
 def _large_enough(showing: Showing, name: str, rng: np.random.Generator) -> Effect | None:
-    """One draw of an effect that the drive shows; None where no draw is large enough."""
+    """Return one draw of an effect that the drive shows; None where no draw is large enough."""
     for _ in range(TRIES):
         effect = _fault(showing, rng) if name == FAULT.name else _drawn(showing, name, rng)
         if effect is None:
@@ -152,7 +154,7 @@ def _large_enough(showing: Showing, name: str, rng: np.random.Generator) -> Effe
 
 
 def _fault(showing: Showing, rng: np.random.Generator) -> Effect:
-    """A tyre that loses air at once or within minutes, in the middle half of the drive."""
+    """Return a tyre that loses air at once or within minutes, in the middle half of the drive."""
     share, long_s = float(rng.uniform(*SIZES)), float(rng.choice([0.0, 30.0, 120.0]))
     return make_effect(
         FAULT.name,
@@ -164,13 +166,13 @@ def _fault(showing: Showing, rng: np.random.Generator) -> Effect:
 
 
 def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | None:
-    """An effect with its first number at a usual size, on wheels that are read."""
+    """Return an effect with its first number at a usual size, on wheels that are read."""
     known = _probes(name)
     first = known[0].parameter if known else ""
-    places = [probe for probe in known if probe.parameter == first and _is_read(probe.place, showing.wheels)]
-    if not places:
+    usable = [probe for probe in known if probe.parameter == first and _is_read(probe.place, showing.wheels)]
+    if not usable:
         return None
-    probe = places[int(rng.integers(len(places)))]
+    probe = usable[int(rng.integers(len(usable)))]
     if not first:
         return probe.made()
     cls = EFFECTS[name]
@@ -182,13 +184,13 @@ def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | No
     return replace(probe, value=value).made()
 
 
-def _is_read(place: str, wheels: Sequence[int]) -> bool:
-    """Whether all wheels of a pattern are read; what has no pattern knows its wheels itself."""
-    return not place or set(wheels_of(place)) <= set(wheels)
+def _is_read(pattern: str, wheels: Sequence[int]) -> bool:
+    """Return whether all wheels of a pattern are read; what has no pattern knows its wheels itself."""
+    return not pattern or set(wheels_of(pattern)) <= set(wheels)
 
 
 def _short(value: float) -> float:
-    """Three digits: a truth that can be said."""
+    """Return three digits: the precision of a stated truth."""
     if value == 0.0:
         return 0.0
     digits = 2 - math.floor(math.log10(abs(value)))

@@ -1,4 +1,4 @@
-"""What a drive that is not driven yet would tell of chosen effects.
+"""Expected information of a drive that is not driven yet about chosen effects.
 
 In: a `Motion`, a car, a receiver. Out: the log-likelihood gain that each effect of usual size is to bring
 beside all the others, by the channels, the noise model and the whitening of the diagnosis itself.
@@ -27,28 +27,28 @@ from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import Reader
 
 DT_S = 0.1
-"""Of a tick."""
+"""Duration of a tick, s."""
 REGULAR = 1e-9
-"""Share of its own information that a column keeps although others say the same."""
+"""Share of its own information that a column keeps although others carry the same."""
 
 
 @dataclass(frozen=True)
 class Equipment:
-    """What car and receiver measure with."""
+    """Instruments of car and receiver."""
 
     car: Car
     receiver_hz: float = 5.0
     counts: bool = True
-    """Whether the bus has counts; else speeds."""
+    """True if the bus has counts; else speeds."""
     gyro: bool = True
     accelerometer: bool = True
     noise: Noise | None = None
-    """As a drive of this car showed it; None: that of usual instruments."""
+    """Noise as a drive of this car showed it; None: that of usual instruments."""
 
 
 def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str]) -> dict[str, float]:
-    """Nats by effect, at its usual size, with calibration and the other effects fitted along; zero for one
-    that the drive has no readings for. `motion` has a step of `DT_S`.
+    """Return nats by effect, at its usual size, with calibration and the other effects fitted along; zero for
+    one that the drive has no readings for. `motion` has a step of `DT_S`.
     """
     reader = _reader(motion, equipment)
     here = available(reader)
@@ -71,7 +71,8 @@ def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str])
 
 
 def _gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> float:
-    """Of the effect at its first place and the middle of its grid."""
+    """Return the log-likelihood gain (nats) of the effect with its first wheel pattern and the middle of its
+    grid."""
     own = _columns(names, effect)
     others = [k for k, name in enumerate(names) if name[0] != effect]
     size = np.array([usual_size(EFFECTS[effect], names[k][1]) for k in own])
@@ -93,7 +94,7 @@ def _columns(names: Sequence[tuple[str, ...]], effect: str) -> list[int]:
 
 
 def _reader(motion: Motion, equipment: Equipment) -> Reader:
-    """Of a recording without noise, and the motion as it is known before."""
+    """Return the reader of a recording without noise whose motion is known before."""
     car = equipment.car
     turned = np.diff(wheel_angles(motion, car, ExtendedModel()), axis=0)
     n = len(turned)
@@ -139,6 +140,6 @@ def _noise(equipment: Equipment, reader: Reader) -> Noise:
     return Noise(reading_m=(float(read[0]), float(read[1]), float(read[2]), float(read[3])))
 
 
-def told(gains: Mapping[str, float], target: float) -> bool:
-    """Whether all effects are to bring as much as is wanted."""
+def reaches_target(gains: Mapping[str, float], target: float) -> bool:
+    """Return whether all effects reach the required gain."""
     return all(gain >= target for gain in gains.values())

@@ -14,12 +14,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains, told
+from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains, reaches_target
 from tpmsd.offline.simulator.manoeuvres import Manoeuvre, motion_of, steps_of
 
 TARGET = 25.0
-"""Nats that each effect is to bring beside the others: the ten from which a drive tells it, and room for an
-effect of two thirds of its usual size."""
+"""Nats that each effect is to bring fitted jointly with the others: the ten from which a drive detects it,
+and room for an effect of two thirds of its usual size."""
 LEAST = 1e-3
 """Nats from which on a first trace of an effect counts."""
 MOST = 24
@@ -30,17 +30,17 @@ WARM_UP = 2
 
 @dataclass(frozen=True)
 class Plan:
-    """Manoeuvres in their order, and what they are to tell."""
+    """Manoeuvres in their order, and the effects that they identify."""
 
     manoeuvres: tuple[Manoeuvre, ...]
     gains: Mapping[str, float]
-    """Expected nats by effect, beside the others."""
+    """Expected nats by effect, fitted jointly with the others."""
     duration_s: float
 
     @property
     def told(self) -> bool:
-        """Whether it tells all of its effects."""
-        return told(self.gains, TARGET)
+        """True if it identifies all of its effects."""
+        return reaches_target(self.gains, TARGET)
 
 
 def planned(
@@ -50,7 +50,7 @@ def planned(
     longest_s: float,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Plan:
-    """The best plan that was found within `longest_s`; it may not tell all (`Plan.told`)."""
+    """Return the best plan that was found within `longest_s`; it may not identify all (`Plan.told`)."""
 
     def tried(manoeuvres: Sequence[Manoeuvre]) -> Plan:
         steps = steps_of(manoeuvres)
@@ -74,7 +74,7 @@ def planned(
 
 
 def _pruned(plan: Plan, tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
-    """The plan without manoeuvres that it does not need, the longest first."""
+    """Return the plan without manoeuvres that it does not need, the longest first."""
     if not plan.told:
         return plan
     for one in sorted(set(plan.manoeuvres), key=lambda each: -sum(step.duration_s for step in each.steps)):

@@ -12,6 +12,7 @@ from typing import Any
 from tpmsd.offline.diagnosis.assessment.reach import Reach
 from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, RadiusDrift, Where
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_document
+from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 
 
 def diagnosis_document(
@@ -21,6 +22,7 @@ def diagnosis_document(
     drift = diagnosis.drift
     unexplained = diagnosis.unexplained or (None if drift is None else drift.where)
     document: dict[str, Any] = {
+        "summary": " ".join(summary_sentences(diagnosis)),
         "verdict": diagnosis.verdict,
         "reason": diagnosis.reason or None,
         "baseline": {
@@ -38,6 +40,7 @@ def diagnosis_document(
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
+        "not_detectable": _not_detectable(diagnosis),
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
     }
@@ -67,6 +70,15 @@ def diagnosis_document(
     if alarms:
         document["alarms"] = [alarms_document(compared) for compared in alarms]
     return document
+
+
+def _not_detectable(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    out = []
+    for one in diagnosis.not_detectable:
+        sizes = one.smallest.items()
+        smallest = {name: {"value": value, "unit": unit} for name, (value, unit) in sizes}
+        out.append({"effect": one.effect, "smallest": smallest})
+    return out
 
 
 def _certificate(diagnosis: Diagnosis) -> dict[str, Any] | None:

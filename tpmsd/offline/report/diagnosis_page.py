@@ -29,6 +29,7 @@ from tpmsd.offline.report.diagnosis_figures import (
     spline_chart,
     trace_chart,
 )
+from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 from tpmsd.offline.report.diagnosis_summary import (
     CHANNELS,
     diagnosis_summary,
@@ -83,12 +84,13 @@ def diagnosis_page(
         standalone,
         drives=", ".join(names),
         verdict=_verdict(diagnosis),
+        answer=summary_sentences(diagnosis),
         head=_tiles(diagnosis),
-        notes=diagnosis.notes,
         known=known,
         baseline=baseline,
         overview=_overview(diagnosis),
         findings=_findings(diagnosis) if known else (),
+        unseen=_unseen(diagnosis),
         gains=None if gains is None else drawn(gains, "gains"),
         confounded=_confounded(diagnosis),
         alarms=[_alarms(one, number) for number, one in enumerate(alarms)],
@@ -245,6 +247,20 @@ def _confounded(diagnosis: Diagnosis) -> Table:
         for rival in finding.indistinguishable_from
     )
     return Table(("finding", "confounded with", "which drive would tell"), rows)
+
+
+def _unseen(diagnosis: Diagnosis) -> Table:
+    """The sizes below which effects may have stayed unseen."""
+    rows = tuple(
+        (
+            Cell(plain_name(one.effect)),
+            Cell(parameter_name(name)),
+            Cell("nothing of it shows" if value is None else f"{value:.2g} {unit}".removesuffix(" 1"), value),
+        )
+        for one in diagnosis.not_detectable
+        for name, (value, unit) in one.smallest.items()
+    )
+    return Table(("effect", "parameter", "seen for sure from"), rows)
 
 
 def _reached(diagnosis: Diagnosis) -> list[str]:

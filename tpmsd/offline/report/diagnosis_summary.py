@@ -21,6 +21,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
     Where,
 )
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_summary
+from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
 from tpmsd.offline.report.wording import covariate_name
 
@@ -53,7 +54,8 @@ def diagnosis_summary(
 def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Insufficient data: {diagnosis.reason}."
-    head = f"{diagnosis.driving_s:.0f} s of driving compared with {baseline_name(diagnosis)}. "
+    answer = " ".join(summary_sentences(diagnosis))
+    head = f"{answer}\n\n{diagnosis.driving_s:.0f} s of driving compared with {baseline_name(diagnosis)}. "
     if diagnosis.verdict == CONSISTENT:
         text = head + agreement(diagnosis)
         if diagnosis.findings:
@@ -78,12 +80,28 @@ def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
 
 
 def _rest(diagnosis: Diagnosis) -> str:
-    text = "".join(f"\n{sentence}" for sentence in left_over(diagnosis))
+    text = _unseen(diagnosis)
+    text += "".join(f"\n{sentence}" for sentence in left_over(diagnosis))
     if diagnosis.proposals:
         text += "\nClosed forms for what has no name, with their held-out gains in its place:"
     for one in diagnosis.proposals:
         text += f"\n  {one.coefficient:.3g} * {one.formula} on {one.on}: {one.heldout_gain:.1f} nats"
     return text
+
+
+def _unseen(diagnosis: Diagnosis) -> str:
+    """Sizes below which effects may have stayed unseen, a line each."""
+    if not diagnosis.not_detectable:
+        return ""
+    lines = ["\nBelow these sizes, or at all, effects may have stayed unseen on this drive:"]
+    for one in diagnosis.not_detectable:
+        sizes = [
+            f"{name} {value:.2g} {unit if unit != '1' else ''}".rstrip()
+            for name, (value, unit) in one.smallest.items()
+            if value is not None
+        ]
+        lines.append(f"  {one.effect:28}{', '.join(sizes) or 'nothing of it shows'}")
+    return "\n".join(lines)
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:

@@ -27,7 +27,7 @@ def check_signals_folder(folder: Path, force: bool) -> None:
 def signals_text(columns: Mapping[str, FloatArray]) -> str:
     """Return the table as CSV, missing values as empty cells, six significant figures, times to 0.1 ms."""
     names = list(columns)
-    formats = ["%.4f" if name == "time_s" else "%.7g" for name in names]
+    formats = [_format(name) for name in names]
     out = io.StringIO()
     np.savetxt(
         out,
@@ -40,6 +40,13 @@ def signals_text(columns: Mapping[str, FloatArray]) -> str:
     return out.getvalue().replace("nan", "")
 
 
+def _format(name: str) -> str:
+    """Return how a column is written: times to 0.1 ms, angles on the globe to 0.1 mm."""
+    if name == "time_s" or name.endswith("_utc_s"):
+        return "%.4f"
+    return "%.9f" if name.endswith("_deg") else "%.7g"
+
+
 def write_signals_folder(folder: Path, columns: Mapping[str, FloatArray], vehicle: Path) -> None:
     """Write the table, and the car's file beside it."""
     text = signals_text(columns)
@@ -48,5 +55,16 @@ def write_signals_folder(folder: Path, columns: Mapping[str, FloatArray], vehicl
         (folder / "signals.csv").write_text(text, encoding="utf-8")
         if vehicle.resolve() != (folder / "vehicle.toml").resolve():
             shutil.copyfile(vehicle, folder / "vehicle.toml")
+    except OSError as error:
+        raise TpmsdError(f"{folder}: cannot be written: {error.strerror}") from None
+
+
+def write_signals_text(folder: Path, columns: Mapping[str, FloatArray], vehicle_toml: str) -> None:
+    """Write the table with the text of the car's file beside it."""
+    text = signals_text(columns)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "signals.csv").write_text(text, encoding="utf-8")
+        (folder / "vehicle.toml").write_text(vehicle_toml, encoding="utf-8")
     except OSError as error:
         raise TpmsdError(f"{folder}: cannot be written: {error.strerror}") from None

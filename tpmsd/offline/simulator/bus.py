@@ -1,4 +1,4 @@
-"""The simulated bus: what the control units put on CAN.
+"""Simulated bus: the frames that the control units put on CAN.
 
 In: the world's truth, the bus's qualities, clocks, a Generator. Out: `FrameLog`, all frames in order of
 arrival. A count is the ring's edges up to the frame's sampling instant, floor(angle * teeth / 2 pi), on a
@@ -53,11 +53,11 @@ class BusSpec:
     repeated_fraction: float = 0.0
     """Share of frames that are sent twice."""
     resets_s: tuple[float, ...] = ()
-    """When the wheel counters start again from zero, since the drive's start."""
+    """Times since the drive's start at which the wheel counters start again from zero, s."""
     yaw_rate_std_radps: float = 0.002
     accel_std_mps2: float = 0.03
     steering_std_rad: float = 0.005
-    """At the steering wheel."""
+    """Standard deviation of the angle at the steering wheel, rad."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class FrameLog:
     """Frames in order of arrival."""
 
     time_s: FloatArray
-    """(n,) host clock."""
+    """(n,) arrival on the host clock, s."""
     frame_id: IntArray
     data: ByteArray
     """(n, 8)"""
@@ -75,7 +75,7 @@ class FrameLog:
 
 
 def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Generator) -> FrameLog:
-    """All frames of the drive."""
+    """Return all frames of the drive."""
     times, ids, datas = [], [], []
     start = {wheel: int(rng.integers(0, 1 << 32)) for wheel in WHEELS}
     layout = bus_layout(spec.kind, spec.wheels)
@@ -154,7 +154,7 @@ def _check_widths(world: World, layout: tuple[MessageLayout, ...]) -> None:
 def _measured(
     world: World, spec: BusSpec, role: str, sampled: FloatArray, period_s: float, rng: np.random.Generator
 ) -> FloatArray:
-    """A sensor's reading in SI units (degC for the temperature) at the sampling instants."""
+    """Return a sensor's reading in SI units (degC for the temperature) at the sampling instants."""
     motion = world.motion
 
     def at(values: FloatArray) -> FloatArray:

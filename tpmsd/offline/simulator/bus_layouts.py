@@ -17,7 +17,8 @@ ALIVE = "ALIVE"
 
 
 def bus_layout(kind: str, wheels: int = 4) -> tuple[MessageLayout, ...]:
-    """The messages of a bus with four wheels, or with the rear pair alone; ConfigError on anything else."""
+    """Return the messages of a bus with four wheels, or with the rear pair alone; ConfigError on anything
+    else."""
     if kind not in BUS_KINDS:
         raise ConfigError(f"unknown bus {kind!r} (buses: {' '.join(BUS_KINDS)})")
     if wheels not in (2, 4):

@@ -22,9 +22,9 @@ class Clocks:
     host_drift_ppm: float = 0.0
 
     def utc_s(self, time_s: FloatArray) -> FloatArray:
-        """UTC of times since the start."""
+        """Return the UTC of times since the start."""
         return self.start_utc_s + time_s
 
     def host_s(self, time_s: FloatArray) -> FloatArray:
-        """Host clock at times since the start."""
+        """Return the host clock at times since the start."""
         return self.start_utc_s + self.host_offset_s + time_s * (1.0 + 1e-6 * self.host_drift_ppm)

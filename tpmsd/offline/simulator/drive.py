@@ -30,7 +30,7 @@ from tpmsd.offline.simulator.vehicle_toml import vehicle_toml
 from tpmsd.offline.simulator.world import ROUGHNESS_STD_M, World, make_world
 
 _STEERING_RATIO = 15.3
-"""Of a car whose configuration does not say."""
+"""Steering ratio of a car whose configuration states none."""
 DEFAULT_VEHICLE = VehicleConfig(
     wheel_radius_m=(0.316, 0.316, 0.316, 0.316),
     track_front_m=1.53,
@@ -50,7 +50,7 @@ class DriveSpec:
     duration_s: float = 600.0
     seed: int = 1
     vehicle: VehicleConfig = DEFAULT_VEHICLE
-    """What the configuration says."""
+    """Vehicle data as in the configuration."""
     antenna_forward_m: float = 0.0
     antenna_left_m: float = 0.0
     radius_offset_std_m: float = 1e-3
@@ -69,7 +69,7 @@ class DriveSpec:
 
 @dataclass(frozen=True)
 class SimulatedDrive:
-    """What the drive's instruments recorded, and the truth."""
+    """Recordings of the drive's instruments, and the truth."""
 
     spec: DriveSpec
     world: World
@@ -78,14 +78,15 @@ class SimulatedDrive:
     nmea: list[NmeaLine]
     dbc: str
     vehicle_toml: str
-    """As for a recording; `configuration` names the ports of a live drive."""
+    """Configuration as for a recording; `configuration` names the ports of a live drive."""
 
     def configuration(self, interface: str, channel: str, device: str) -> str:
-        """The vehicle.toml with which a daemon listens to this drive while it is played live."""
+        """Return the vehicle.toml with which a daemon listens to this drive while it is played live."""
         return live_configuration(self.spec, interface, channel, device)
 
     def truth(self) -> dict[str, Any]:
-        """What an estimator should find, in JSON's types: radii once per second on the drive's host clock."""
+        """Return the values that an estimator should find, in JSON's types: radii once per second on the
+        drive's host clock."""
         motion = self.world.motion
         per_second = max(1, round(1.0 / float(motion.time_s[1] - motion.time_s[0])))
         radii = self.world.radii_m[::per_second]
@@ -109,7 +110,7 @@ class SimulatedDrive:
 
 
 def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_m: float = 0.0) -> Car:
-    """The car that a configuration describes."""
+    """Return the car that a configuration describes."""
     return Car(
         radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
         geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),

@@ -20,7 +20,7 @@ from tpmsd.offline.simulator.receiver import NmeaLine
 _CHUNK = 20_000
 TRUTH = "truth.json"
 MAKER = "tpmsd simulate"
-"""What truth.json names as its program; the mark by which a folder is known as ours."""
+"""Program named in truth.json; the mark by which a folder is known as ours."""
 FILES = ("vehicle.toml", "bus.dbc", "gnss.nmea", "can.log", TRUTH)
 
 
@@ -52,7 +52,7 @@ def check_drive_folder(folder: Path, force: bool) -> None:
 
 
 def _made_here(truth: Path) -> bool:
-    """Whether the truth file is one of `write_drive`: its first line says so."""
+    """Return whether the truth file is one of `write_drive`: its first line says so."""
     try:
         with truth.open(encoding="utf-8") as file:
             return file.readline(200).startswith(f'{{"program": "{MAKER}"')
@@ -109,7 +109,7 @@ def write_drive(
 
 
 def nmea_log_line(line: NmeaLine) -> str:
-    """A sentence with its arrival time in front: `(1719820800.112233) $GNRMC,...*hh`."""
+    """Return a sentence with its arrival time in front: `(1719820800.112233) $GNRMC,...*hh`."""
     return f"({line.time_s:.6f}) {line.text}\n"
 
 
@@ -119,7 +119,7 @@ def _one_line_per_key(document: dict[str, Any]) -> str:
 
 
 def candump_chunks(frames: FrameLog, channel: str = "can0") -> Iterator[tuple[str, float]]:
-    """The log as `candump -L` writes it, in pieces: (text, host time of the piece's last frame)."""
+    """Yield the log as `candump -L` writes it, in pieces: (text, host time of the piece's last frame)."""
     for begin in range(0, len(frames), _CHUNK):
         part = slice(begin, begin + _CHUNK)
         times = frames.time_s[part].tolist()

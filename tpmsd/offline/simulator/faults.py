@@ -14,7 +14,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 FAULT_DURATION_S = {"puncture": 30.0, "leak": 600.0, "diffusion": 1800.0, "step": 0.0}
-"""How long each kind takes where nothing else is said."""
+"""Duration of each kind of fault where nothing else is given, s."""
 SIZE_UNITS = ("percent", "mm", "pressure-percent")
 
 
@@ -24,15 +24,15 @@ class Fault:
 
     kind: str
     size: float
-    """How much is lost, positive for a loss."""
+    """Size of the loss, positive for a loss."""
     size_unit: str = "percent"
     """`percent` of the radius, `mm` of radius, or `pressure-percent` of the pressure."""
     wheel: str | None = None
-    """None for diffusion alone."""
+    """Wheel that loses pressure; None for diffusion alone."""
     onset_s: float = 0.0
-    """From the drive's start."""
+    """Onset since the drive's start, s."""
     duration_s: float | None = None
-    """None: as usual for the kind."""
+    """Duration, s; None: as usual for the kind."""
 
     def __post_init__(self) -> None:
         if self.kind not in FAULT_DURATION_S:
@@ -43,7 +43,7 @@ class Fault:
             raise ConfigError(f"{self.kind}: wheel {self.wheel!r} is not one of {' '.join(WHEELS)}")
 
     def effects(self, nominal_radius_m: FloatArray) -> tuple[Effect, ...]:
-        """The changes of radius, one per wheel concerned."""
+        """Return the changes of radius, one per wheel concerned."""
         wheels = WHEELS if self.wheel is None else (self.wheel,)
         duration = FAULT_DURATION_S[self.kind] if self.duration_s is None else self.duration_s
         effects = []

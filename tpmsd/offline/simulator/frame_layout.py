@@ -34,27 +34,27 @@ class SignalLayout:
     role: str = ""
 
     def raw_of(self, physical: FloatArray) -> IntArray:
-        """Nearest raw value, held at the signal's limits."""
+        """Return the nearest raw value, held at the signal's limits."""
         low, high = self.limits()
         raw = np.rint((physical - self.offset) / self.factor)
         return np.clip(raw, low, high).astype(np.int64)
 
     def limits(self) -> tuple[int, int]:
-        """Smallest and largest raw value."""
+        """Return the smallest and largest raw value."""
         if self.signed:
             return -(1 << (self.bits - 1)), (1 << (self.bits - 1)) - 1
         return 0, (1 << self.bits) - 1
 
-    def bit_places(self) -> list[int]:
-        """For each bit from the least significant: 8 * byte + bit within the byte."""
+    def bit_positions(self) -> list[int]:
+        """Return the position of each bit from the least significant: 8 * byte + bit within the byte."""
         if not self.big_endian:
             return [self.start + k for k in range(self.bits)]
-        places, place = [], self.start
+        positions, position = [], self.start
         # From the most significant bit: down within a byte, then on to the next byte's top.
         for _ in range(self.bits):
-            places.append(place)
-            place = place - 1 if place % 8 else place + 15
-        return places[::-1]
+            positions.append(position)
+            position = position - 1 if position % 8 else position + 15
+        return positions[::-1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,19 +68,20 @@ class MessageLayout:
     length: int = 8
 
     def pack(self, raw: Mapping[str, IntArray], count: int) -> ByteArray:
-        """(count, length) payloads from raw values by signal name; signals that are not given are zero."""
+        """Return (count, length) payloads from raw values by signal name; signals that are not given are
+        zero."""
         out = np.zeros((count, self.length), dtype=np.uint8)
         for signal in self.signals:
             if signal.name not in raw:
                 continue
             value = raw[signal.name]
-            for k, place in enumerate(signal.bit_places()):
-                out[:, place // 8] |= (((value >> k) & 1) << (place % 8)).astype(np.uint8)
+            for k, position in enumerate(signal.bit_positions()):
+                out[:, position // 8] |= (((value >> k) & 1) << (position % 8)).astype(np.uint8)
         return out
 
 
 def dbc_text(messages: Sequence[MessageLayout], with_periods: bool = True) -> str:
-    """The DBC file of these messages; many in the field leave the periods out."""
+    """Return the DBC file of these messages; many in the field leave the periods out."""
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     for message in messages:
         lines.append(f"BO_ {message.frame_id} {message.name}: {message.length} CAR")

@@ -1,4 +1,4 @@
-"""From motion over ground to latitude and longitude on the WGS-84 ellipsoid.
+"""Conversion of motion over ground to latitude and longitude on the WGS-84 ellipsoid.
 
 In: horizontal velocity in the plane in which the car's heading was integrated. Out: geodetic positions and
 the velocity towards true east and north.
@@ -28,7 +28,7 @@ class Track:
 
 
 def radii_of_curvature(latitude_rad: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-    """(M, N): meridian and prime-vertical radius of curvature in metres."""
+    """Return (M, N): meridian and prime-vertical radius of curvature in metres."""
     w2 = 1.0 - _E2 * np.sin(latitude_rad) ** 2
     return np.asarray(_A_M * (1 - _E2) / w2**1.5), np.asarray(_A_M / np.sqrt(w2))
 

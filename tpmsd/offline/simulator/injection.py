@@ -1,4 +1,4 @@
-"""Effects injected into a recording: what each reading becomes, by the time at which it was taken.
+"""Effects injected into a recording: the changed readings, by the time at which they were taken.
 
 In: a `Recording`, its configuration, an `ExtendedModel`. Out: `Injection`, which gives changed readings of
 wheels, gyro, accelerometers, steering wheel and receiver at times of the host's clock. Pure. The motion on
@@ -30,8 +30,8 @@ FINER_S = 0.08
 """Width (s) of the Gaussian by which the part of a reading that rounding took away is estimated: at 3 m/s2 it
 is off by 10 mm of a wheel's way, a quarter of a tooth of 48, and it holds some readings of every bus."""
 MARGIN = 1e-6
-"""Of a step of rounding: a finer reading keeps so far from its ends that sums in floating point stay within,
-and changes below it are none."""
+"""Distance of a finer reading from its ends, in steps of rounding: sums in floating point stay within, and
+changes below it are none."""
 
 
 class Injection:
@@ -67,12 +67,12 @@ class Injection:
         self._antenna = AntennaChange(self._motion, self._car, model)
 
     def since_start_s(self, host_s: FloatArray) -> FloatArray:
-        """Seconds since the drive's start of times on the host's clock; same shape."""
+        """Return seconds since the drive's start of times on the host's clock; same shape."""
         return np.asarray(host_s - self._start_s)
 
     def more_turn_rad(self, wheel: int, host_s: FloatArray, unsigned: bool = False) -> FloatArray:
-        """(m,) angle by which a wheel's counter is ahead of what it recorded; `unsigned` of a counter that
-        also rises while the wheel turns backward."""
+        """Return (m,) angle by which a wheel's counter is ahead of what it recorded; `unsigned` of a counter
+        that also rises while the wheel turns backward."""
         time_s = self.since_start_s(host_s)
         more = self._more_unsigned_rad if unsigned else self._more_rad
         true = np.interp(time_s, self._edges_s, self._angle_rad[:, wheel])
@@ -80,7 +80,7 @@ class Injection:
         return np.asarray(shown_angle(angle, wheel, self._car, self._model) - true)
 
     def speed_factor(self, wheel: int, host_s: FloatArray) -> FloatArray:
-        """(m,) factor on a wheel's speed."""
+        """Return (m,) factor on a wheel's speed."""
         time_s = self.since_start_s(host_s)
         both = self._angle_rad[:, wheel] + self._more_rad[:, wheel]
         angle = np.interp(time_s, self._edges_s, both)
@@ -88,8 +88,8 @@ class Injection:
         return np.asarray(np.interp(time_s, self._edges_s, self._factor[:, wheel]) * rate)
 
     def inertial(self, role: str, host_s: FloatArray, values: FloatArray) -> FloatArray:
-        """(m,) what a sensor of this role reads in place of `values` (m,), SI units; as they are where no
-        effect acts on it."""
+        """Return (m,) what a sensor of this role reads in place of `values` (m,), SI units; as they are where
+        no effect acts on it."""
         if role == "yaw_rate":
             read = self._gyro_scale * values + self._gyro_bias
             changed = values if (self._gyro_scale, self._gyro_bias) == (1.0, 0.0) else read
@@ -101,16 +101,16 @@ class Injection:
         return values
 
     def fixes(self, host_s: FloatArray) -> FixChange:
-        """What changes in fixes that arrived at these times (m,)."""
+        """Return the changes of fixes that arrived at these times (m,)."""
         return self._antenna.at(self.since_start_s(host_s) - self._known_latency_s)
 
     @property
     def fix_age_s(self) -> float:
-        """How much later fixes arrive."""
+        """Return the additional delay of fixes, s."""
         return self._model.fix_age_s()
 
     def clock_error_s(self, host_s: FloatArray) -> FloatArray:
-        """(m,) by how much the host's clock is ahead of what it recorded."""
+        """Return (m,) by how much the host's clock is ahead of what it recorded."""
         return self._model.clock_error_s(self.since_start_s(host_s))
 
     def _at(self, values: FloatArray, host_s: FloatArray) -> FloatArray:
@@ -118,7 +118,7 @@ class Injection:
 
 
 def recounted(counts: FloatArray, more: FloatArray, sigma: float, modulus: int) -> FloatArray:
-    """(m,) counts of a counter that is `more` (m,) counts ahead, on the same roll-over.
+    """Return (m,) counts of a counter that is `more` (m,) counts ahead, on the same roll-over.
 
     A count is the angle rounded down. The part that was lost is estimated by smoothing over `sigma` readings,
     within the count, so that the changed angle is rounded once and not twice. Where nothing is added the
@@ -133,7 +133,7 @@ def recounted(counts: FloatArray, more: FloatArray, sigma: float, modulus: int) 
 
 
 def requantised(readings: FloatArray, more: FloatArray) -> FloatArray:
-    """(m,) whole numbers of a rounded reading that is `more` (m,) steps larger.
+    """Return (m,) whole numbers of a rounded reading that is `more` (m,) steps larger.
 
     What rounding leaves over is put into the next reading (error diffusion): sums are right to half a step,
     so that a change below the last digit has its mean. Where nothing is added the readings stay.
@@ -143,7 +143,8 @@ def requantised(readings: FloatArray, more: FloatArray) -> FloatArray:
 
 
 def _smoothed(values: FloatArray, sigma: float) -> FloatArray:
-    """(m,) by a Gaussian, carried on at the ends by reflection in their points: what rises goes on rising."""
+    """Return (m,) by a Gaussian, carried on at the ends by reflection in their points: what rises goes on
+    rising."""
     width = min(int(4.0 * sigma + 1.0), len(values) - 1)
     before = 2.0 * values[0] - values[width:0:-1]
     after = 2.0 * values[-1] - values[-2 : -width - 2 : -1]
@@ -152,14 +153,14 @@ def _smoothed(values: FloatArray, sigma: float) -> FloatArray:
 
 
 def sigma_of(host_s: FloatArray) -> float:
-    """`FINER_S` in readings."""
+    """Return `FINER_S` in readings."""
     steps = np.diff(host_s)
     steps = steps[steps > 0.0]
     return FINER_S / max(float(np.median(steps)), 1e-4) if len(steps) else 1.0
 
 
 def _summed(per_tick: FloatArray) -> FloatArray:
-    """(n + 1, 4) sums at the ticks' edges."""
+    """Return (n + 1, 4) sums at the ticks' edges."""
     return np.concatenate([np.zeros((1, per_tick.shape[1])), np.cumsum(per_tick, axis=0)])
 
 

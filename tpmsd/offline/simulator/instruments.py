@@ -1,4 +1,4 @@
-"""What the bus's other instruments would tell of a motion: drive torque and ambient temperature.
+"""Other instruments of the bus: drive torque and ambient temperature for a motion.
 
 In: `Motion`, `Car`. Out: the same motion with them as measured covariates, so that effects
 may depend on them.
@@ -14,7 +14,7 @@ from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
 ENGINE_BRAKE_MPS2 = -0.5
-"""What the engine alone slows down by; more is the brakes' work."""
+"""Deceleration by the engine alone, m/s2; more is the brakes' work."""
 ZERO_DEGC_K = 273.15
 _AMBIENT_DEGC = 15.0
 _MASS_KG = 1500.0
@@ -24,13 +24,13 @@ _ROLLING_MPS2 = 0.1
 
 
 def with_instruments(motion: Motion, car: Car) -> Motion:
-    """The motion with torque (Nm) and temperature (K); what was measured already stays as it is."""
+    """Return the motion with torque (Nm) and temperature (K); what was measured already stays as it is."""
     torque = np.maximum(drive_mps2(motion), ENGINE_BRAKE_MPS2) * _MASS_KG * float(car.radius_m.mean())
     ambient = np.full(len(motion), _AMBIENT_DEGC + ZERO_DEGC_K)
     return dataclasses.replace(motion, measured={"torque": torque, "temperature": ambient, **motion.measured})
 
 
 def drive_mps2(motion: Motion) -> FloatArray:
-    """(n,) force at the driven wheels per mass: acceleration, slope, drag and rolling resistance."""
+    """Return (n,) force at the driven wheels per mass: acceleration, slope, drag and rolling resistance."""
     drag = _DRAG_PER_MASS * motion.speed_mps**2
     return np.asarray(motion.specific_force_long_mps2 + drag + _ROLLING_MPS2)

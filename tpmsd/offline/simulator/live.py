@@ -30,7 +30,7 @@ from tpmsd.offline.simulator.drive import SimulatedDrive
 
 _GLANCE_S = 0.25
 _HELD_UP_S = 0.02
-"""Later than this a frame is not sent any more if the next one of its message is due as well."""
+"""Lateness beyond which a frame is not sent any more if the next one of its message is due as well, s."""
 
 
 class PtyPort:
@@ -90,7 +90,7 @@ class PtyPort:
 
 @dataclass(slots=True)
 class PlayStats:
-    """What a player has done so far."""
+    """Progress of a player so far."""
 
     frames: int = 0
     sentences: int = 0
@@ -99,9 +99,9 @@ class PlayStats:
     overtaken: int = 0
     """Frames that were not sent, since the next of their message was due by then."""
     worst_lateness_s: float = 0.0
-    """Of wall-clock time, behind a deadline."""
+    """Largest lateness behind a deadline, in wall-clock time, s."""
     played_s: float = 0.0
-    """Of the drive."""
+    """Time of the drive that was played, s."""
 
 
 class LivePlayer:
@@ -142,7 +142,7 @@ class LivePlayer:
         self.stats = PlayStats()
 
     def now(self) -> float:
-        """The drive's host clock at this moment (its start, until playing begins)."""
+        """Return the drive's host clock at this moment (its start, until playing begins)."""
         began = self._began
         if began is None:
             return self.start_host_s
@@ -179,7 +179,7 @@ class LivePlayer:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the playing at once; harmless when it has ended."""
+        """End the playing at once; does nothing when it has ended."""
         self._stop.set()
 
     def join(self, timeout_s: float | None = None) -> bool:
@@ -226,7 +226,7 @@ class LivePlayer:
 
 
 def _next_of_its_kind(time_s: FloatArray, frame_id: NDArray[np.int64]) -> FloatArray:
-    """(n,) when the next frame of the same identifier is due; infinite for the last one."""
+    """Return (n,) when the next frame of the same identifier is due; infinite for the last one."""
     out = np.full(len(time_s), np.inf)
     for one in np.unique(frame_id):
         at = np.flatnonzero(frame_id == one)

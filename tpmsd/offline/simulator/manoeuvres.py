@@ -21,12 +21,12 @@ from tpmsd.foundation.wheels import FloatArray
 ROUNDED_S = 1.5
 """Width of the Hann window that rounds speeds, bends and slopes over time."""
 START_S = 4.0
-"""Standing before setting off."""
+"""Time of standing before setting off, s."""
 TRANSFER_MPS2 = 1.2
 """Change of speed from one manoeuvre to the next."""
 MAX_STEPS = 2000
 MAX_BYTES = 1 << 20
-"""Of a route file; `MAX_STEPS` steps take some 200 kB."""
+"""Size of a route file, at most; `MAX_STEPS` steps take some 200 kB."""
 LIMITS = {
     "duration_s": (0.5, 7200.0),
     "speed_mps": (0.0, 70.0),
@@ -41,7 +41,7 @@ class Step:
 
     duration_s: float
     speed_mps: float
-    """At its end."""
+    """Speed at its end, m/s."""
     curvature_per_m: float = 0.0
     """Positive to the left."""
     slope: float = 0.0
@@ -62,19 +62,19 @@ class Manoeuvre:
 
     @property
     def flat(self) -> bool:
-        """Whether it needs no slope."""
+        """True if it needs no slope."""
         return all(step.slope == 0.0 for step in self.steps)
 
 
 def _bends(speed_mps: float, lateral_mps2: float, seconds: float, times: int = 2) -> tuple[Step, ...]:
-    """The same bend to both sides."""
+    """Return the same bend to both sides."""
     bend = lateral_mps2 / speed_mps**2
     both = (Step(seconds, speed_mps, bend), Step(3.0, speed_mps), Step(seconds, speed_mps, -bend))
     return (Step(3.0, speed_mps), *(both * times), Step(3.0, speed_mps))
 
 
 def _swing(low: float, high: float, up: float, down: float, times: int = 2) -> tuple[Step, ...]:
-    """Speed up and brake again, m/s and m/s2."""
+    """Return the speed up and brake again, m/s and m/s2."""
     rise, fall = Step((high - low) / up, high), Step((high - low) / down, low)
     return (Step(2.0, low), *((rise, Step(2.0, high), fall, Step(2.0, low)) * times))
 
@@ -113,7 +113,7 @@ LIBRARY: tuple[Manoeuvre, ...] = (
 
 
 def steps_of(manoeuvres: Sequence[Manoeuvre]) -> tuple[Step, ...]:
-    """The steps of manoeuvres one after the other, with the changes of speed between them."""
+    """Return the steps of manoeuvres one after the other, with the changes of speed between them."""
     out = [Step(START_S, 0.0)]
     for one in manoeuvres:
         first = one.steps[0].speed_mps
@@ -125,7 +125,7 @@ def steps_of(manoeuvres: Sequence[Manoeuvre]) -> tuple[Step, ...]:
 
 
 def motion_of(steps: Sequence[Step], wheelbase_m: float, rate_hz: float = 100.0) -> Motion:
-    """The motion of a car that drives these steps from a standstill, at `rate_hz`."""
+    """Return the motion of a car that drives these steps from a standstill, at `rate_hz`."""
     ends = np.cumsum([step.duration_s for step in steps])
     count = int(ends[-1] * rate_hz) + 1
     half = max(round(ROUNDED_S * rate_hz / 2), 1)
@@ -148,7 +148,7 @@ def motion_of(steps: Sequence[Step], wheelbase_m: float, rate_hz: float = 100.0)
 
 
 def format_route(manoeuvres: Sequence[Manoeuvre]) -> str:
-    """A route file; `parse_route` reads it back."""
+    """Return a route file; `parse_route` reads it back."""
     lines = ["# a drive of manoeuvres, for: tpmsd simulate OUT --route-file FILE"]
     for one in manoeuvres:
         lines += ["", "[[manoeuvre]]", f'name = "{one.name}"', "steps = ["]
@@ -160,7 +160,7 @@ def format_route(manoeuvres: Sequence[Manoeuvre]) -> str:
 
 
 def load_route(path: Path) -> tuple[Step, ...]:
-    """The steps of a route file; ConfigError with file and reason where it is none."""
+    """Return the steps of a route file; ConfigError with file and reason where it is none."""
     text = read_text(path, MAX_BYTES, "a route")
     try:
         return steps_of(parse_route(text))
@@ -169,7 +169,7 @@ def load_route(path: Path) -> tuple[Step, ...]:
 
 
 def parse_route(text: str) -> tuple[Manoeuvre, ...]:
-    """The manoeuvres of a route file; ConfigError with the reason where it is none."""
+    """Return the manoeuvres of a route file; ConfigError with the reason where it is none."""
     try:
         table = parse_toml(text)
     except ValueError as error:

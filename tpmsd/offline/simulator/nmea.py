@@ -16,7 +16,7 @@ _KNOT_MPS = 1852.0 / 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Epoch:
-    """What a receiver knows at one instant."""
+    """Solution of a receiver at one instant."""
 
     utc_s: float
     """Unix seconds."""
@@ -30,12 +30,12 @@ class Epoch:
     hdop: float
     satellites: int
     position_std_m: float
-    """Per axis, as the receiver believes."""
+    """Standard deviation per axis, as the receiver states it, m."""
     geoid_separation_m: float = 47.0
 
 
 def with_checksum(body: str) -> str:
-    """`$body*hh` with the exclusive or of the body's bytes."""
+    """Return `$body*hh` with the exclusive or of the body's bytes."""
     check = 0
     for byte in body.encode("ascii"):
         check ^= byte
@@ -43,7 +43,7 @@ def with_checksum(body: str) -> str:
 
 
 def sentence(kind: str, epoch: Epoch, talker: str = "GN") -> str:
-    """One sentence of an epoch; `kind` is one of SENTENCES."""
+    """Return one sentence of an epoch; `kind` is one of SENTENCES."""
     return with_checksum(talker + _BODIES[kind](epoch))
 
 
@@ -61,7 +61,7 @@ def _angle(degrees: float, width: int, positive: str, negative: str) -> str:
     return f"{whole:0{width}d}{minutes // 1_000_000:02d}.{minutes % 1_000_000:06d},{hemisphere}"
 
 
-def _place(epoch: Epoch) -> str:
+def _position(epoch: Epoch) -> str:
     if not epoch.valid:
         return ",,,"
     return f"{_angle(epoch.latitude_deg, 2, 'N', 'S')},{_angle(epoch.longitude_deg, 3, 'E', 'W')}"
@@ -81,7 +81,7 @@ def _rmc(epoch: Epoch) -> str:
     status, mode = ("A", "A") if epoch.valid else ("V", "N")
     speed = _number(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
     day = f"{date.tm_mday:02d}{date.tm_mon:02d}{date.tm_year % 100:02d}"
-    return f"RMC,{clock},{status},{_place(epoch)},{speed},{_course(epoch)},{day},,,{mode}"
+    return f"RMC,{clock},{status},{_position(epoch)},{speed},{_course(epoch)},{day},,,{mode}"
 
 
 def _gga(epoch: Epoch) -> str:
@@ -90,7 +90,7 @@ def _gga(epoch: Epoch) -> str:
         return f"GGA,{clock},,,,,0,{epoch.satellites:02d},,,M,,M,,"
     height = epoch.altitude_m - epoch.geoid_separation_m
     return (
-        f"GGA,{clock},{_place(epoch)},1,{epoch.satellites:02d},{epoch.hdop:.2f},"
+        f"GGA,{clock},{_position(epoch)},1,{epoch.satellites:02d},{epoch.hdop:.2f},"
         f"{height:.2f},M,{epoch.geoid_separation_m:.2f},M,,"
     )
 

@@ -31,7 +31,7 @@ from tpmsd.onboard.sources.signal_plan import compile_plans
 from tpmsd.onboard.timeline.tick import Tick
 
 CLOCK_STEP_S = 1e-3
-"""Change of the host's clock against the drive's own time (s) that is a step: stamps are told to that."""
+"""Change of the host's clock against the drive's own time that is a step, s: stamps are resolved to that."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class Onto:
 
     @classmethod
     def of(cls, drive: Drive, config: Config, ticks: Sequence[Tick]) -> Onto:
-        """The drive and what was read of it; InputError where its clock steps or nothing usable is in it."""
+        """Return the drive and what was read of it; InputError where its clock steps or nothing usable is in
+        it."""
         steps = [tick.host_time_s - tick.time_s for tick in ticks]
         if steps and max(steps) - min(steps) > CLOCK_STEP_S:
             raise InputError(drive.folder, "the host's clock steps within the drive: cut it there")
@@ -131,12 +132,12 @@ def write_truth(out: Path, onto: Onto, model: ExtendedModel) -> None:
 
 
 def effects_of(model: ExtendedModel) -> list[dict[str, Any]]:
-    """Names and parameters as `truth.json` has them."""
+    """Return names and parameters as `truth.json` has them."""
     return [{"name": effect.name, "parameters": effect.values()} for effect in model]
 
 
 def _injected_here(out: Path) -> bool:
-    """Whether the folder bears the mark of an injection."""
+    """Return whether the folder bears the mark of an injection."""
     if (out / SEALED).is_file():
         return True
     try:

@@ -35,7 +35,7 @@ from tpmsd.onboard.sources.signal_plan import (
 
 SUFFIXES = (".log", ".log.gz")
 DEFAULT_CHANNEL = "can0"
-"""Of frames whose log names none."""
+"""Channel of frames whose log names none."""
 AGAIN = 0.25
 """Share of a message's period within which the same bytes are the same frame, sent or recorded twice."""
 PROBED_S = 60.0
@@ -51,10 +51,10 @@ class Series:
     host_s: list[float] = field(default_factory=list)
     bits: list[int] = field(default_factory=list)
     again: list[bool] = field(default_factory=list)
-    """Whether the frame holds what the one before it held, to the last bit."""
+    """True if the frame holds the same bits as the one before it."""
     new: list[int] = field(default_factory=list)
     at: int = 0
-    """The next one to be written."""
+    """Index of the next reading to be written."""
 
 
 class CanRewriter:
@@ -122,7 +122,7 @@ class CanRewriter:
                 series.bits.append(bits)
 
     def _groups(self, line: bytes) -> Iterator[tuple[int, CanFrame, SignalGroup]]:
-        """The groups of needed signals that a line's frame holds."""
+        """Yield the groups of needed signals that a line's frame holds."""
         frame = parse_candump_line(line.decode("latin-1").rstrip("\r\n"))
         if frame is None or frame.is_error or frame.is_remote:
             return
@@ -135,13 +135,13 @@ class CanRewriter:
             return
         for group in plan.groups:
             if all(
-                place.min_bytes <= len(frame.data) and place.number(place.bits(frame.data)) in numbers
-                for place, numbers in group.selectors
+                layout.min_bytes <= len(frame.data) and layout.number(layout.bits(frame.data)) in numbers
+                for layout, numbers in group.selectors
             ):
                 yield key, frame, group
 
     def _change(self, series: Series) -> bool:
-        """Compute the new bits of a signal; whether any differ."""
+        """Compute the new bits of a signal; return whether any differ."""
         series.new = series.bits
         if len(series.bits) < 2:
             return False
@@ -171,8 +171,8 @@ class CanRewriter:
 
     def _readings(self, series: Series, host_s: FloatArray) -> list[int] | None:
         signal = series.signal
-        place = signal.field
-        numbers = np.array([place.number(bits) for bits in series.bits], dtype=np.float64)
+        layout = signal.field
+        numbers = np.array([layout.number(bits) for bits in series.bits], dtype=np.float64)
         values = signal.gain * numbers + signal.bias
         if signal.wheel is not None:
             factor = self._injection.speed_factor(signal.wheel, host_s)
@@ -182,10 +182,10 @@ class CanRewriter:
         more = (wanted - values) / signal.gain
         if not more.any():
             return None
-        if place.is_float:
-            return [float_bits(number, place) for number in (numbers + more).tolist()]
+        if layout.is_float:
+            return [float_bits(number, layout) for number in (numbers + more).tolist()]
         made = requantised(numbers, more)
-        low, high = (-(1 << place.length - 1), place.mask >> 1) if place.signed else (0, place.mask)
+        low, high = (-(1 << layout.length - 1), layout.mask >> 1) if layout.signed else (0, layout.mask)
         return [
             _valid(int(number), bits, signal)
             for number, bits in zip(np.clip(made, low, high).tolist(), series.bits, strict=True)
@@ -216,23 +216,24 @@ class CanRewriter:
         return line
 
 
-def put_bits(data: bytearray, place: BitField, bits: int) -> None:
+def put_bits(data: bytearray, layout: BitField, bits: int) -> None:
     """Put the bits of a field into a frame's data; all other bits stay."""
-    order = "big" if place.big_endian else "little"
-    shift = place.shift - 8 * (place.word_bytes - place.min_bytes) if place.big_endian else place.shift
-    word = int.from_bytes(data[: place.min_bytes], order)  # type: ignore[arg-type]
-    word = word & ~(place.mask << shift) | bits << shift
-    data[: place.min_bytes] = word.to_bytes(place.min_bytes, order)  # type: ignore[arg-type]
+    order = "big" if layout.big_endian else "little"
+    shift = layout.shift - 8 * (layout.word_bytes - layout.min_bytes) if layout.big_endian else layout.shift
+    word = int.from_bytes(data[: layout.min_bytes], order)  # type: ignore[arg-type]
+    word = word & ~(layout.mask << shift) | bits << shift
+    data[: layout.min_bytes] = word.to_bytes(layout.min_bytes, order)  # type: ignore[arg-type]
 
 
-def float_bits(number: float, place: BitField) -> int:
-    """The bits of an IEEE 754 number of the field's length."""
-    kind = {16: ">f2", 32: ">f4", 64: ">f8"}[place.length]
+def float_bits(number: float, layout: BitField) -> int:
+    """Return the bits of an IEEE 754 number of the field's length."""
+    kind = {16: ">f2", 32: ">f4", 64: ">f8"}[layout.length]
     return int.from_bytes(np.array(number, dtype=kind).tobytes(), "big")
 
 
 def lines_of(path: Path) -> Iterator[bytes]:
-    """The lines of a file, also of a compressed one, with their ends; one that is cut short ends there."""
+    """Yield the lines of a file, also of a compressed one, with their ends; one that is cut short ends
+    there."""
     try:
         with opened(path) as file:
             try:
@@ -245,7 +246,7 @@ def lines_of(path: Path) -> Iterator[bytes]:
 
 
 def frame_lines(path: Path) -> Iterator[bytes]:
-    """The frames of a log of any format as lines of candump."""
+    """Yield the frames of a log of any format as lines of candump."""
     for frame in read_can_log(path):
         identifier = f"{frame.arbitration_id:08X}" if frame.is_extended else f"{frame.arbitration_id:03X}"
         if frame.is_error:
@@ -257,14 +258,15 @@ def frame_lines(path: Path) -> Iterator[bytes]:
 
 
 def opened(path: Path) -> IO[bytes]:
-    """A file to read bytes from, unpacked where its name says so."""
+    """Return a file to read bytes from, unpacked where its name says so."""
     if path.name.lower().endswith(".gz"):
         return gzip.GzipFile(path, "rb")  # type: ignore[return-value]
     return path.open("rb")
 
 
 def opened_for_writing(path: Path) -> IO[bytes]:
-    """A file to write bytes to, compressed where its name says so, without the time of writing in it."""
+    """Return a file to write bytes to, compressed where its name says so, without the time of writing in
+    it."""
     try:
         if path.name.lower().endswith(".gz"):
             return gzip.GzipFile(path, "wb", mtime=0)  # type: ignore[return-value]
@@ -284,13 +286,13 @@ def copy_of(source: Path, target: Path) -> None:
 
 
 def _valid(number: int, bits: int, signal: SignalPlan) -> int:
-    """Bits of a number; those of the reading itself where they would mean that there is no value."""
+    """Return bits of a number; those of the reading itself where they would mean that there is no value."""
     made = number & signal.field.mask
     return bits if made in signal.invalid else made
 
 
 def _with_data(line: bytes, data: bytes) -> bytes:
-    """The line with other data, written in the digits (upper or lower case) that were there."""
+    """Return the line with other data, written in the digits (upper or lower case) that were there."""
     text = line.decode("latin-1")
     match = LINE.match(text.rstrip("\r\n"))
     assert match is not None

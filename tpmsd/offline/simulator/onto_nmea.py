@@ -59,10 +59,10 @@ class NmeaRewriter:
 
     injection: Injection
     offset_s: float = 0.0
-    """Added to the time of every line of a log without stamps, to be on the host's clock."""
+    """Offset added to the time of every line of a log without stamps, to be on the host's clock, s."""
     _left: dict[tuple[bytes, int], float] = field(default_factory=dict)
-    """By sentence and field, what rounding has left over: it is put into the next one, so that changes below
-    the last digit have their mean."""
+    """Remainder of rounding by sentence and field: it is added to the next one, so that changes below the
+    last digit have their mean."""
 
     def rewrite(self, source: Path, target: Path) -> bool:
         """Write the log with the effects; whether anything is different. Where nothing is, it is a copy.
@@ -80,12 +80,12 @@ class NmeaRewriter:
         host_s = np.array([times[number] for number in numbers])
         change = self.injection.fixes(host_s)
         clock_s = self.injection.clock_error_s(host_s)
-        place = {number: k for k, number in enumerate(numbers)}
+        index_of = {number: k for k, number in enumerate(numbers)}
         out: list[bytes] = []
         changed = False
         for number, line in enumerate(lines_of(source), 1):
             made = line
-            if (k := place.get(number)) is not None:
+            if (k := index_of.get(number)) is not None:
                 made = self._sentence(line, _of(change, k))
                 if stamped and (shift := later_s + float(clock_s[k])) != 0.0:
                     made = _stamped(made, shift)
@@ -150,19 +150,19 @@ class NmeaRewriter:
         return (made + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
     def _speed(self, kind: bytes, fields: list[bytes], layout: Layout, change: FixChange) -> None:
-        """Change speed and course as vectors; the speed alone where no course is told."""
+        """Change speed and course as vectors; the speed alone where no course is stated."""
         plain, acting = complex(change.plain_mps[0]), complex(change.acting_mps[0])
         if plain == acting:
             return
         units = ((layout.knots, KNOT_MPS), (layout.kmh, KMH_MPS))
-        told = [
+        speeds = [
             (float(fields[number]) * unit, number, unit)
             for number, unit in units
             if number and _NUMBER.fullmatch(_field(fields, number))
         ]
-        if not told:
+        if not speeds:
             return
-        speed, course = told[0][0], _field(fields, layout.course)
+        speed, course = speeds[0][0], _field(fields, layout.course)
         if _NUMBER.fullmatch(course) and speed > STANDS_MPS:
             before = speed * np.exp(1j * math.radians(90.0 - float(course)))
             after = before + acting - plain
@@ -173,11 +173,11 @@ class NmeaRewriter:
                     fields[number] = self._more(kind, number, fields[number], turned, 360.0)
         else:
             faster = abs(acting) - abs(plain)
-        for _, number, unit in told:
+        for _, number, unit in speeds:
             fields[number] = self._more(kind, number, fields[number], faster / unit)
 
     def _more(self, kind: bytes, number: int, text: bytes, more: float, around: float = math.inf) -> bytes:
-        """A number's text with something added, in as many digits; it stays within 0 and `around`."""
+        """Return a number's text with something added, in as many digits; it stays within 0 and `around`."""
         if more == 0.0:
             return text
         whole, _, digits = text.partition(b".")
@@ -192,7 +192,7 @@ class NmeaRewriter:
         return (f"{first:0{padded}d}" + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
     def _rounded(self, kind: bytes, number: int, steps: float) -> int:
-        """Whole steps, with what was left over before."""
+        """Return whole steps, with what was left over before."""
         wanted = steps + self._left.get((kind, number), 0.0)
         made = round(wanted)
         self._left[kind, number] = wanted - made
@@ -205,7 +205,7 @@ def _of(change: FixChange, k: int) -> FixChange:
 
 
 def _stamped(line: bytes, later_s: float) -> bytes:
-    """The line with a later stamp of as many digits."""
+    """Return the line with a later stamp of as many digits."""
     match = _STAMP.match(line)
     if match is None:
         return line
@@ -219,7 +219,7 @@ def _stamped(line: bytes, later_s: float) -> bytes:
 
 
 def _minutes(text: bytes) -> float:
-    """Minutes of arc of `ddmm.mmm`."""
+    """Return minutes of arc of `ddmm.mmm`."""
     whole, _, digits = text.partition(b".")
     return 60.0 * int(whole[:-2] or b"0") + float(whole[-2:] + b"." + (digits or b"0"))
 

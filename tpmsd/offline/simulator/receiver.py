@@ -33,9 +33,9 @@ class ReceiverSpec:
     velocity_std_mps: float = 0.05
     velocity_tau_s: float = 1.0
     course_from_mps: float = 1.0
-    """Below this speed the course is left empty."""
+    """Speed below which the course is left empty, m/s."""
     latency_s: float = 0.06
-    """From validity to the first byte; the drive's vehicle.toml states it as known."""
+    """Latency from validity to the first byte, s; the drive's vehicle.toml states it as known."""
     jitter_s: float = 0.004
     """Mean of the (exponential, so one-sided) transport jitter."""
     outages: tuple[tuple[float, float], ...] = ()
@@ -51,7 +51,7 @@ class ReceiverSpec:
     sentences: tuple[str, ...] = ("RMC", "GGA")
     baud: int = 115200
     latitude_deg: float = 50.11
-    """Where the drive starts."""
+    """Latitude at which the drive starts, deg."""
     longitude_deg: float = 8.68
     altitude_m: float = 160.0
 
@@ -73,7 +73,7 @@ class NmeaLine:
 
 @dataclass(frozen=True)
 class Epochs:
-    """What the receiver measured; arrays (m,) over its epochs."""
+    """Measurements of the receiver; arrays (m,) over its epochs."""
 
     time_s: FloatArray
     """Validity, since the drive's start."""
@@ -91,7 +91,7 @@ class Epochs:
 
 
 def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Generator) -> Epochs:
-    """All epochs of the drive. Epochs fall on whole multiples of the receiver's period in UTC."""
+    """Return all epochs of the drive. Epochs fall on whole multiples of the receiver's period in UTC."""
     motion, antenna = world.motion, world.antenna
     period = 1.0 / spec.rate_hz
     end = float(motion.time_s[-1])
@@ -113,10 +113,10 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
     )
     lag = world.model.velocity_age_s()
     count = len(time_s)
-    wander = gauss_markov(rng, count, period, spec.position_std_m, spec.position_tau_s, 3)
+    drift = gauss_markov(rng, count, period, spec.position_std_m, spec.position_tau_s, 3)
     white = spec.white_std_m * rng.standard_normal((count, 3))
     velocity = gauss_markov(rng, count, period, spec.velocity_std_mps, spec.velocity_tau_s, 2)
-    error = (wander + white) * np.array([1.0, 1.0, 1.8])  # heights are worse: no satellites from below
+    error = (drift + white) * np.array([1.0, 1.0, 1.8])  # heights are worse: no satellites from below
     error[:, :2] += _jumps(time_s, spec, rng)
     valid = _valid(time_s, spec, rng)
     hdop = np.maximum(spec.hdop + gauss_markov(rng, count, period, 0.08, 120.0, 1)[:, 0], 0.5)
@@ -138,8 +138,8 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
 def nmea_lines(
     world: World, epochs: Epochs, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Generator
 ) -> list[NmeaLine]:
-    """The sentences in order of arrival. The epoch's first comes `latency` (and jitter) after validity, the
-    others as fast as the serial line carries them; an epoch never overtakes the one before.
+    """Return the sentences in order of arrival. The epoch's first comes `latency` (and jitter) after
+    validity, the others as fast as the serial line carries them; an epoch never overtakes the one before.
     """
     latitude = np.radians(epochs.track.latitude_deg)
     meridian, prime = radii_of_curvature(latitude)
@@ -155,7 +155,7 @@ def nmea_lines(
     arrivals = world.host_s(clocks, epochs.time_s + age + jitter)
     utc = clocks.utc_s(epochs.time_s)
     altitude = epochs.height_m + epochs.up_error_m
-    believed = float(np.hypot(spec.position_std_m, spec.white_std_m))
+    stated_std_m = float(np.hypot(spec.position_std_m, spec.white_std_m))
     lines: list[NmeaLine] = []
     free = -np.inf
     for k in range(len(utc)):
@@ -170,7 +170,7 @@ def nmea_lines(
             course_deg=float(course[k]),
             hdop=float(epochs.hdop[k]),
             satellites=round(14 / float(epochs.hdop[k]) ** 0.5) if valid else 2,
-            position_std_m=believed * float(epochs.hdop[k]) / spec.hdop,
+            position_std_m=stated_std_m * float(epochs.hdop[k]) / spec.hdop,
         )
         when = max(float(arrivals[k]), free)
         for kind in spec.sentences:

@@ -19,13 +19,13 @@ KMH = 1 / 3.6
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """What the driver and the land are like on a kind of road."""
+    """Habits of the driver and shape of the land on a kind of road."""
 
     transition_m: float
     """Length over which curvature builds up (clothoid)."""
-    wander_spacing_m: float
+    drift_spacing_m: float
     """Distance between the driver's small corrections within the lane."""
-    wander_m: float
+    drift_m: float
     """Standard deviation of the place within the lane."""
     lane_change: float
     """Chance of a change of lane per correction."""
@@ -51,7 +51,7 @@ class Segment:
     limit_mps: float
     style: Style
     stop_s: float = 0.0
-    """How long the car stands at the segment's end; 0 where it does not stop."""
+    """Time for which the car stands at the segment's end, s; 0 where it does not stop."""
 
 
 def _bend(angle_rad: float, radius_m: float, limit_mps: float, style: Style, stop_s: float = 0.0) -> Segment:
@@ -168,7 +168,7 @@ ROUTE_KINDS = ("city", "rural", "motorway", "mixed", "oval", "test-track", "hill
 
 
 def make_road(kind: str, duration_s: float, rng: np.random.Generator) -> list[Segment]:
-    """Segments that take at least `duration_s` to drive at up to 1.15 times their limits."""
+    """Return segments that take at least `duration_s` to drive at up to 1.15 times their limits."""
     segments = _mixed(rng, duration_s) if kind == "mixed" else _KINDS[kind](rng)
     first = next(segments)
     away = _straight(60.0, 50 * KMH, first.style)  # setting off, before the first bend

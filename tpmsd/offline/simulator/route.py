@@ -25,23 +25,23 @@ _LANE_M = 3.5
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """How the car is driven."""
+    """Style of driving."""
 
     accel_mps2: float = 1.8
-    """From standstill; falls with speed as an engine's power demands."""
+    """Acceleration from standstill; falls with speed as an engine's power demands."""
     accel_half_speed_mps: float = 20.0
     """Speed at which the acceleration is half of that."""
     brake_mps2: float = 1.6
     lateral_mps2: float = 2.2
     """Taken in bends."""
-    speed_wander: float = 0.03
+    speed_drift: float = 0.03
     """Standard deviation of speed over limit."""
     start_wait_s: float = 4.0
-    """Standing before setting off."""
+    """Time of standing before setting off, s."""
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Driver:
-        """Somebody between gentle and brisk."""
+        """Return somebody between gentle and brisk."""
         return cls(
             accel_mps2=float(rng.uniform(1.3, 2.3)),
             brake_mps2=float(rng.uniform(1.2, 2.2)),
@@ -59,7 +59,7 @@ def make_route(
     driver: Driver | None = None,
     flat: bool = False,
 ) -> Motion:
-    """A drive of `duration_s` on a road of this kind; `flat` takes the slopes away.
+    """Return a drive of `duration_s` on a road of this kind; `flat` takes the slopes away.
 
     ConfigError on an unknown kind or a duration that is not between 10 s and a day.
     """
@@ -84,7 +84,7 @@ def drive_along(
     """Drive along these segments from a standstill; they must last for the duration."""
     ends = np.cumsum([segment.length_m for segment in segments])
     path_m = np.arange(0.0, ends[-1], _GRID_M)
-    curvature = _curvature(segments, ends, path_m) + _wander(segments, ends, path_m, rng)
+    curvature = _curvature(segments, ends, path_m) + _lane_drift(segments, ends, path_m, rng)
     tan_grade = _tan_grade(segments, ends, path_m, rng)
     cap = _speed_cap(segments, ends, path_m, curvature, driver, rng)
     stops = [
@@ -120,10 +120,11 @@ def _curvature(segments: list[Segment], ends: FloatArray, path_m: FloatArray) ->
     return np.asarray(np.interp(path_m, knots, values))
 
 
-def _wander(
+def _lane_drift(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Curvature of the driver's path beyond the road's: second derivative of the place across the lane."""
+    """Return the curvature of the driver's path beyond the road's: second derivative of the place across the
+    lane."""
     knots, offsets = [0.0], [0.0]
     lane = 0.0
     index = 0
@@ -133,15 +134,15 @@ def _wander(
         style = segments[index].style
         if rng.random() < style.lane_change:
             lane = 0.0 if lane else _LANE_M
-        knots.append(knots[-1] + style.wander_spacing_m)
-        offsets.append(lane + style.wander_m * float(rng.standard_normal()))
+        knots.append(knots[-1] + style.drift_spacing_m)
+        offsets.append(lane + style.drift_m * float(rng.standard_normal()))
     return np.asarray(CubicSpline(knots, offsets, bc_type="natural")(path_m, 2))
 
 
 def _tan_grade(
     segments: list[Segment], ends: FloatArray, path_m: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Slope along the path: level at the start, smooth, within 12 %."""
+    """Return the slope along the path: level at the start, smooth, within 12 %."""
     knots, grades = [0.0], [0.0]
     index = 0
     while knots[-1] < path_m[-1]:
@@ -165,14 +166,14 @@ def _speed_cap(
     which = np.minimum(np.searchsorted(ends, path_m, side="right"), len(segments) - 1)
     limit = np.array([segment.limit_mps for segment in segments])[which]
     knots = np.arange(0.0, path_m[-1] + 300.0, 150.0)
-    wander = CubicSpline(knots, driver.speed_wander * rng.standard_normal(len(knots)))(path_m)
-    limit = limit * (1.0 + np.clip(wander, -0.1, 0.1))
+    drift = CubicSpline(knots, driver.speed_drift * rng.standard_normal(len(knots)))(path_m)
+    limit = limit * (1.0 + np.clip(drift, -0.1, 0.1))
     in_bend = np.sqrt(driver.lateral_mps2 / np.maximum(np.abs(curvature), 1e-6))
     return np.asarray(np.minimum(limit, in_bend))
 
 
 def _feasible(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatArray:
-    """The highest speed below the cap that the driver's acceleration and braking allow.
+    """Return the highest speed below the cap that the driver's acceleration and braking allow.
 
     With E(v) = integral of v/a(v) dv, a car at full acceleration gains E at the rate of one per metre, so
     that both passes are running minima.
@@ -189,7 +190,8 @@ def _feasible(path_m: FloatArray, cap_mps: FloatArray, driver: Driver) -> FloatA
 def _over_time(
     path_m: FloatArray, speed_mps: FloatArray, stops: list[tuple[int, float]], duration_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Speed at 100 Hz, jerk limited by a Hann window; `stops` are (index into the path, seconds)."""
+    """Return the speed at 100 Hz, jerk limited by a Hann window; `stops` are (index into the path,
+    seconds)."""
     steps = 2 * np.diff(path_m) / np.maximum(speed_mps[1:] + speed_mps[:-1], 1e-3)
     waits = np.zeros(len(path_m))
     for index, wait in stops:

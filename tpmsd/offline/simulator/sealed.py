@@ -23,7 +23,7 @@ from tpmsd.foundation.errors import InputError, TpmsdError
 SEALED = "truth.sealed"
 HEAD = "tpmsd sealed truth 1"
 MAX_BYTES = 1 << 20
-"""Of the file, and of what it unpacks to: a truth has some thousand."""
+"""Size of the file, and of its unpacked content, at most: a truth has some thousand."""
 
 
 def seal(path: Path, document: dict[str, Any], salt: bytes) -> str:
@@ -38,7 +38,8 @@ def seal(path: Path, document: dict[str, Any], salt: bytes) -> str:
 
 
 def unseal(path: Path) -> tuple[dict[str, Any], str]:
-    """The document in a sealed file, and the file's SHA-256; InputError with one line if it is none."""
+    """Return the document in a sealed file, and the file's SHA-256; InputError with one line if it is
+    none."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_BYTES + 1)

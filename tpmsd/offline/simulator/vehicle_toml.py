@@ -24,7 +24,8 @@ def vehicle_toml(
     channel: str = "can0",
     device: str = "/dev/ttyACM0",
 ) -> str:
-    """What the operator of the simulated car knows, as TOML; the keywords say where a live drive plays."""
+    """Return the data that the operator of the simulated car knows, as TOML; the keywords name the ports of a
+    live drive."""
     lines = ["[vehicle]", f"wheel_radius_m = {_radius(vehicle)}"]
     for key in ("track_front_m", "track_rear_m", "wheelbase_m"):
         lines.append(f"{key} = {getattr(vehicle, key)!r}")
@@ -48,7 +49,7 @@ def vehicle_toml(
         if signal.role
     }
     # Wheels first, in their order.
-    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _place(role), role))
+    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _wheel_order(role), role))
     lines += [f'{role} = "{roles[role]}"' for role in ordered]
     lines += [
         "",
@@ -62,7 +63,7 @@ def vehicle_toml(
     return "\n".join(lines) + "\n"
 
 
-def _place(role: str) -> int:
+def _wheel_order(role: str) -> int:
     return WHEELS.index(role[-2:]) if role.startswith("wheel_") else len(WHEELS)
 
 

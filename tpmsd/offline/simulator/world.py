@@ -1,4 +1,4 @@
-"""The simulated world: what car and receiver truly do, before any sensor looks.
+"""Simulated world: true motion and readings of car and receiver, before any sensor.
 
 In: motion, car, effects, per-wheel radii, roughness, a Generator. Out: `World` with wheel angles and antenna
 truth.
@@ -45,15 +45,16 @@ class World:
     antenna: AntennaTruth
 
     def angle_at(self, time_s: FloatArray, wheel: int) -> FloatArray:
-        """Angle turned by a wheel at any times within the motion; same shape."""
+        """Return the angle turned by a wheel at any times within the motion; same shape."""
         return np.interp(time_s, self.motion.time_s, self.angles_rad[:, wheel])
 
     def host_s(self, clocks: Clocks, time_s: FloatArray) -> FloatArray:
-        """Host's clock, with the errors that effects give it, at times since the start; same shape."""
+        """Return host's clock, with the errors that effects give it, at times since the start; same shape."""
         return clocks.host_s(time_s) + self.model.clock_error_s(time_s)
 
     def counts_at(self, time_s: FloatArray, wheel: int) -> FloatArray:
-        """Counts since the start, not yet rounded down, that the wheel's ring has shown; same shape."""
+        """Return counts since the start, not yet rounded down, that the wheel's ring has shown; same
+        shape."""
         return counted_revolutions(self.angle_at(time_s, wheel), wheel, self.car, self.model)
 
 

@@ -16,7 +16,7 @@ class Column:
     """One column."""
 
     name: str
-    """With the unit as suffix."""
+    """Name with the unit as suffix."""
     unit: str
     """SI; `1` for pure numbers, empty for text."""
     meaning: str
@@ -87,7 +87,7 @@ VEHICLE_STATE = (
     Column("yaw_rate_estimate_radps", "rad/s", "yaw rate of the filter of the vehicle state"),
     Column("yaw_rate_estimate_std_radps", "rad/s", "its standard deviation"),
 )
-"""Only in the table of a drive whose vehicle state is estimated; the fields of `VehicleState`."""
+"""Columns of a table of a drive whose vehicle state is estimated; the fields of `VehicleState`."""
 COLUMNS = (*TIME, *WHEEL, *INERTIAL, *GNSS, *ESTIMATE)
 NUMBERS = tuple(column.name for column in COLUMNS if not column.text)
 TEXTS = tuple(column.name for column in COLUMNS if column.text)
@@ -95,12 +95,12 @@ BY_NAME = {column.name: column for column in (*COLUMNS, *VEHICLE_STATE)}
 
 
 def columns_of(numbers: Collection[str]) -> tuple[Column, ...]:
-    """The columns of a table that has these columns of numbers, in their documented order."""
+    """Return the columns of a table that has these columns of numbers, in their documented order."""
     return (*COLUMNS, *(column for column in VEHICLE_STATE if column.name in numbers))
 
 
 def markdown() -> str:
-    """The columns as a table for the docs, a row for all four wheels together."""
+    """Return the columns as a table for the docs, a row for all four wheels together."""
     rows = ["| column | unit | meaning |", "| --- | --- | --- |"]
     for column in (*COLUMNS, *VEHICLE_STATE):
         name, meaning = column.name, column.meaning

@@ -21,10 +21,10 @@ from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
 COUNTS_PER_TURN = 1_000_000
-"""For angles: six micrometres of road, and 32 bits last for 4,294 turns."""
+"""Counts of an angle's turn: six micrometres of road, and 32 bits last for 4,294 turns."""
 FIRST_WHEEL_ID, FIRST_INERTIAL_ID = 0x100, 0x200
 UTC_BASE_S = 1_700_000_000.0
-"""Added to times that start near zero, for NMEA has no dates before 1980."""
+"""Offset added to times that start near zero, s: NMEA has no dates before 1980."""
 FIRST_NMEA_S = 315_964_800.0
 """1980-01-06, the first day of GPS."""
 CHANNEL = "can0"
@@ -34,15 +34,15 @@ _MODES = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 8: "S"}
 
 @dataclass(frozen=True)
 class Encoded:
-    """A drive as a bus and a receiver would have told it."""
+    """Drive as the frames of a bus and the sentences of a receiver."""
 
     items: tuple[CanFrame | Sentence, ...]
-    """In the order of their stamps."""
+    """Frames and sentences in the order of their stamps."""
     dbc: str
     signals: dict[str, str]
     """Role -> 'Message.Signal'."""
     counts_per_turn: float | None
-    """None where the table had counts: then the configured teeth hold."""
+    """Counts per turn of the angles; None where the table had counts: then the configured teeth hold."""
 
 
 def encode(signals: Signals) -> Encoded:
@@ -97,7 +97,7 @@ def _frame(time_s: float, identifier: int, data: bytes) -> CanFrame:
 
 
 def _sentences(fixes: Fixes) -> Iterator[Sentence]:
-    """RMC, GGA and GST of each fix; none for a fix without a time."""
+    """Yield RMC, GGA and GST of each fix; none for a fix without a time."""
     base = utc_base_s(fixes)
     number = 0
     for k in range(len(fixes)):
@@ -113,7 +113,7 @@ def _sentences(fixes: Fixes) -> Iterator[Sentence]:
 
 
 def utc_base_s(fixes: Fixes) -> float:
-    """What makes the receiver's times dates that NMEA can tell; 0 where they are."""
+    """Return the offset that makes the receiver's times dates that NMEA can state, s; 0 where they are."""
     known = fixes.utc_s[np.isfinite(fixes.utc_s)]
     return UTC_BASE_S if known.size and float(known.min()) < FIRST_NMEA_S else 0.0
 
@@ -124,20 +124,20 @@ def _bodies(fixes: Fixes, k: int, utc_s: float) -> Iterator[str]:
     placed = math.isfinite(latitude + longitude)
     given = float(fixes.quality[k])
     quality = int(given) if math.isfinite(given) else int(placed or math.isfinite(float(fixes.speed_mps[k])))
-    place = f"{_angle(latitude, 2, 'NS')},{_angle(longitude, 3, 'EW')}" if placed else ",,,"
+    position = f"{_angle(latitude, 2, 'NS')},{_angle(longitude, 3, 'EW')}" if placed else ",,,"
     speed = _number(float(fixes.speed_mps[k]) / KNOT_MPS, 6)
     course = _number(math.degrees(float(fixes.course_rad[k])) % 360.0, 6)
     status, mode = ("A", _MODES.get(quality, "A")) if quality else ("V", "N")
-    yield f"GNRMC,{clock},{status},{place},{speed},{course},{date},,,{mode}"
+    yield f"GNRMC,{clock},{status},{position},{speed},{course},{date},,,{mode}"
     hdop, altitude = _number(float(fixes.hdop[k]), 3), _number(float(fixes.altitude_m[k]), 4)
-    yield f"GNGGA,{clock},{place},{quality if placed else 0},,{hdop},{altitude},M,0.0,M,,"
+    yield f"GNGGA,{clock},{position},{quality if placed else 0},,{hdop},{altitude},M,0.0,M,,"
     std = _number(float(fixes.position_std_m[k]), 4)
     if std:
         yield f"GNGST,{clock},{std},{std},{std},0.0,{std},{std},{std}"
 
 
 def _clock(utc_s: float) -> tuple[str, str]:
-    """hhmmss.ssssss and ddmmyy."""
+    """Return hhmmss.ssssss and ddmmyy."""
     micros = round(utc_s * 1e6)
     day, micros = divmod(micros, 86_400_000_000)
     seconds, micros = divmod(micros, 1_000_000)

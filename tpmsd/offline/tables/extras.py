@@ -20,11 +20,11 @@ def need(module: str, extra: str, what: str) -> Any:
 
 
 def not_installed(module: str, extra: str, what: str) -> str:
-    """The line that names the extra."""
+    """Return the line that names the extra."""
     package = module.partition(".")[0]
     return f"{what} need {package}, which is not installed: pip install 'tpmsd[{extra}]'"
 
 
 def need_pandas() -> Any:
-    """pandas."""
+    """Return pandas."""
     return need("pandas", "tables", "data frames")

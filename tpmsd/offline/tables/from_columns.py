@@ -25,12 +25,12 @@ class Columns(Protocol):
     """A dict of arrays, a data frame, a structured array."""
 
     def __getitem__(self, name: str, /) -> Any:
-        """A column."""
+        """Return a column."""
         ...
 
 
 def series_of(columns: Columns, what: str, radius_m: Iterable[float], prefix: str = "") -> dict[str, Series]:
-    """Role -> series of the columns that are roles.
+    """Return a mapping role -> series of the columns that are roles.
 
     `what` is the argument's name, for errors; `radius_m` (4,) divides speeds along the road; `prefix` may be
     left out in the names. Other columns of the tick table are passed over; a column that is neither is a

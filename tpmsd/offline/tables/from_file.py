@@ -29,7 +29,7 @@ _USUAL_RADIUS_M = 0.3
 
 @dataclasses.dataclass(frozen=True)
 class FileSignals:
-    """What a table file holds."""
+    """Content of a table file."""
 
     series: dict[str, Series]
     moduli: dict[str, int]
@@ -78,7 +78,7 @@ def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
 
 
 def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
-    """Columns whose names are a role with its unit, as in the tick table."""
+    """Return columns whose names are a role with its unit, as in the tick table."""
     found = {}
     for name in table.names:
         split = split_name(name)
@@ -138,7 +138,8 @@ def _time(table: Table, path: Path, mapped: TableMap, one: ColumnMap) -> FloatAr
 
 
 def _radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]:
-    """Nominal radii, by which road speeds are divided; what is wrong with them is told with the car."""
+    """Return nominal radii, by which road speeds are divided; what is wrong with them is told with the
+    car."""
     if mapped.config is not None:
         return dict(zip(WHEELS, mapped.config.vehicle.wheel_radius_m, strict=True))
     radius = car.get("vehicle", {}).get("wheel_radius_m", _USUAL_RADIUS_M)

@@ -1,4 +1,4 @@
-"""From series by role to a car's signals.
+"""Conversion of series by role to a car's signals.
 
 In: role -> `Series` in SI units, the nominal radii. Out: `Signals`. Pure.
 
@@ -19,10 +19,10 @@ from tpmsd.offline.tables.roles import ANGLE_ROLES, COUNT_ROLES, SPEED_ROLES, ST
 from tpmsd.offline.tables.signals import Fixes, Series, Signals
 
 ORIGIN_DEG = (50.0, 8.0)
-"""Latitude and longitude at which the plane of a simulator touches the earth; any place will do."""
+"""Latitude and longitude at which the plane of a simulator touches the earth; any point will do."""
 WGS84_A_M, WGS84_E2 = 6_378_137.0, 0.0066943799901413165
 FINEST_RAD = 2.0e-5
-"""Counts finer than this, 6 um of road, are taken for exact."""
+"""Resolution of an angle below which it is taken for exact (6 um of road), rad."""
 PLANE_STD_M = 1.0
 """Standard deviation of positions of which the table says nothing."""
 
@@ -32,7 +32,8 @@ class TableError(ConfigError):
 
 
 def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[str]]:
-    """The series without wheels and inertial signals that hold no reading at all, and the roles of those.
+    """Return the series without wheels and inertial signals that hold no reading at all, and the roles of
+    those.
 
     A tick table has every column, also those of signals that the car does not send. What a receiver left
     empty stays: an empty accuracy means that it told none.
@@ -43,7 +44,7 @@ def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[s
 
 
 def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None = None) -> Signals:
-    """Sort the series out; `modulus`: at which number a wheel's count begins anew, by role.
+    """Return the signals of the series; `modulus`: the number at which a wheel's count begins again, by role.
 
     ConfigError where wheels are missing, or told in two ways.
     """
@@ -81,7 +82,8 @@ def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None
 
 
 def _counts_per_turn(series: Mapping[str, Series]) -> float | None:
-    """By the rotations' standard deviations, each quantum / sqrt(6); None where there is none."""
+    """Return the counts per turn by the rotations' standard deviations, each quantum / sqrt(6); None where
+    there is none."""
     stds = [series[role].finite().value for role in STD_ROLES if role in series]
     std = float(np.median(np.concatenate(stds))) if stds and sum(map(len, stds)) else 0.0
     return None if std < FINEST_RAD else round(2.0 * np.pi / (std * np.sqrt(6.0)), 6)
@@ -116,19 +118,21 @@ def _unwrapped(series: Series, modulus: int | None) -> Series:
 
 
 def _fixes(series: Mapping[str, Series]) -> Fixes | None:
-    """The fixes: rows in which the receiver told a position or a speed."""
-    told = {role: one for role, one in series.items() if role.startswith("gnss_")}
-    anchor = next((told[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in told), None)
+    """Return the fixes: rows in which the receiver told a position or a speed."""
+    receiver = {role: one for role, one in series.items() if role.startswith("gnss_")}
+    anchor = next((receiver[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in receiver), None)
     if anchor is None:
-        if told:
-            raise ConfigError(f"{', '.join(sorted(told))}: without latitude and longitude, or east and north")
+        if receiver:
+            raise ConfigError(
+                f"{', '.join(sorted(receiver))}: without latitude and longitude, or east and north"
+            )
         return None
     for one, other in (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north")):
-        if (one in told) != (other in told):
+        if (one in receiver) != (other in receiver):
             raise ConfigError(f"{one} and {other} go together")
     known = np.isfinite(anchor.value) & np.isfinite(anchor.time_s)
     time_s = anchor.time_s[known]
-    columns = {role: _at(one, time_s) for role, one in told.items()}
+    columns = {role: _at(one, time_s) for role, one in receiver.items()}
     nothing = np.full(len(time_s), np.nan)
     latitude, longitude = columns.get("gnss_latitude", nothing), columns.get("gnss_longitude", nothing)
     course = columns.get("gnss_course", nothing)
@@ -153,7 +157,7 @@ def _fixes(series: Mapping[str, Series]) -> Fixes | None:
 
 
 def _at(series: Series, time_s: FloatArray) -> FloatArray:
-    """Values at the fixes' times: the reading of that very time, else the last before it."""
+    """Return values at the fixes' times: the reading of that very time, else the last before it."""
     if len(series.time_s) == len(time_s) and np.array_equal(series.time_s, time_s):
         return series.value
     at = np.searchsorted(series.time_s, time_s, side="right") - 1
@@ -163,7 +167,8 @@ def _at(series: Series, time_s: FloatArray) -> FloatArray:
 def on_earth(
     east_m: FloatArray, north_m: FloatArray, height_m: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(n,) latitude and longitude (deg) of a path in a plane, and what true east turned against it (rad).
+    """Return (n,) latitude and longitude (deg) of a path in a plane, and what true east turned against it
+    (rad).
 
     The plane rolls over the ellipsoid with the car: a straight line becomes a geodesic, along which true
     north turns by -d_east * tan(latitude) / N. Fixed-point iteration, five digits per round below 100 km.

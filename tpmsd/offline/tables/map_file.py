@@ -1,4 +1,4 @@
-"""The map of a table: which column is what, in which unit, and of which car. Checked like a configuration.
+"""Map of a table: meaning and unit of each column, and its car. Checked like a configuration.
 
 In: the path of a map.toml. Out: `TableMap`, or `ConfigProblems` with every problem and its line.
 
@@ -53,14 +53,14 @@ class ColumnMap:
 
 @dataclass(frozen=True)
 class TableMap:
-    """What a table means."""
+    """Meaning of a table's columns."""
 
     file: Path | None = None
     time: str | None = None
     time_unit: str = "s"
     time_line: int | None = None
     columns: dict[str, ColumnMap] | None = None
-    """By role; None: the columns' names tell."""
+    """Columns by role; None: by the columns' names."""
     car: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Tables of a vehicle.toml."""
     config: Config | None = None
@@ -99,7 +99,7 @@ class _Reader:
         for name in data:
             if name not in {"vehicle", "table", "columns", *cars}:
                 known = ("vehicle", "table", "columns", *sorted(cars - {"vehicle"}))
-                self._tell(
+                self._report(
                     BadValueError("unknown", allowed=" ".join(known), suggestion=nearest(name, known)), name
                 )
         config = self._config(data.get("vehicle"))
@@ -120,7 +120,7 @@ class _Reader:
             except ConfigProblems as error:
                 self._problems += error.problems
         elif vehicle is not None and not isinstance(vehicle, dict):
-            self._tell(BadValueError("not a path nor a table", show(vehicle)), "vehicle")
+            self._report(BadValueError("not a path nor a table", show(vehicle)), "vehicle")
         return None
 
     def _columns(self, given: object) -> dict[str, ColumnMap]:
@@ -130,12 +130,12 @@ class _Reader:
             if role not in ROLES:
                 near = nearest(role, ROLES)
                 allowed = None if near else " ".join(ROLES)
-                self._tell(BadValueError("unknown role", allowed=allowed, suggestion=near), "columns", role)
+                self._report(BadValueError("unknown role", allowed=allowed, suggestion=near), "columns", role)
                 continue
             entry = {"column": value} if isinstance(value, str) else value
             if not isinstance(entry, dict):
                 bad = BadValueError("not a column", show(value), "a name in quotes, or { column = ... }")
-                self._tell(bad, "columns", role)
+                self._report(bad, "columns", role)
                 continue
             made = self._column(role, entry)
             if made is not None:
@@ -156,28 +156,28 @@ class _Reader:
         where = ("columns", role)
         column = self._text(entry.get("column"), *where, "column")
         if column is None:
-            self._tell(BadValueError("no column"), *where)
+            self._report(BadValueError("no column"), *where)
         unit = self._text(entry.get("unit"), *where, "unit")
         try:
             scale_of(role, unit)
         except ConfigError as error:
-            self._tell(BadValueError(str(error)), *where, "unit")
+            self._report(BadValueError(str(error)), *where, "unit")
         numbers = {}
         for key, usual in (("scale", 1.0), ("offset", 0.0)):
             numbers[key] = self._number(entry.get(key, usual), *where, key)
         if numbers["scale"] == 0.0:
-            self._tell(BadValueError("is zero"), *where, "scale")
+            self._report(BadValueError("is zero"), *where, "scale")
         modulus = entry.get("modulus")
         if modulus is not None:
             whole = isinstance(modulus, int) and not isinstance(modulus, bool) and 2 <= modulus <= MAX_MODULUS
             if role not in COUNT_ROLES:
-                self._tell(BadValueError("only counts have one"), *where, "modulus")
+                self._report(BadValueError("only counts have one"), *where, "modulus")
             elif not whole:
                 bad = BadValueError("not a modulus", show(modulus), f"a whole number, 2 to {MAX_MODULUS}")
-                self._tell(bad, *where, "modulus")
+                self._report(bad, *where, "modulus")
         invalid = entry.get("invalid", [])
         if not isinstance(invalid, list):
-            self._tell(
+            self._report(
                 BadValueError("not a list", show(invalid), "numbers such as [-999]"), *where, "invalid"
             )
             invalid = []
@@ -194,35 +194,37 @@ class _Reader:
     def _table(
         self, given: object, name: str, keys: tuple[str, ...], where: tuple[str, ...] | None = None
     ) -> dict[str, Any]:
-        """The table, its unknown keys told; empty if it is none."""
-        place = where or (name,)
+        """Return the table, its unknown keys told; empty if it is none."""
+        location = where or (name,)
         if not isinstance(given, dict):
-            self._tell(BadValueError("must be a table", show(given)), *place)
+            self._report(BadValueError("must be a table", show(given)), *location)
             return {}
         for key in given:
             if keys and key not in keys:
                 near = nearest(key, keys)
-                self._tell(BadValueError("unknown key", allowed=" ".join(keys), suggestion=near), *place, key)
+                self._report(
+                    BadValueError("unknown key", allowed=" ".join(keys), suggestion=near), *location, key
+                )
         return given
 
     def _text(self, value: object, *where: str) -> str | None:
         if value is None or (isinstance(value, str) and value.strip()):
             return value
-        self._tell(BadValueError("not a text", show(value), "a text in quotes"), *where)
+        self._report(BadValueError("not a text", show(value), "a text in quotes"), *where)
         return None
 
     def _number(self, value: object, *where: str) -> float:
         if isinstance(value, int | float) and not isinstance(value, bool):
             return float(value)
-        self._tell(BadValueError("not a number", show(value)), *where)
+        self._report(BadValueError("not a number", show(value)), *where)
         return 1.0
 
     def _time_unit(self, value: object, *where: str) -> str:
         if isinstance(value, str) and value in TIME_UNITS:
             return value
-        self._tell(BadValueError("no unit of time", show(value), " ".join(TIME_UNITS)), *where)
+        self._report(BadValueError("no unit of time", show(value), " ".join(TIME_UNITS)), *where)
         return "s"
 
-    def _tell(self, bad: BadValueError, *where: str) -> None:
+    def _report(self, bad: BadValueError, *where: str) -> None:
         key = f"[{where[0]}] {'.'.join(where[1:])}" if len(where) > 1 else f"[{where[0]}]"
         self._problems.append(bad.at(self._document.file, self._document.line(*where), key))

@@ -130,4 +130,4 @@ TOPICS: dict[str, Schema] = {
     "/alarms": LOG,
 }
 STATE_TOPIC = "/vehicle_state"
-"""Only in the file of a drive whose vehicle state is estimated."""
+"""Topic of a drive whose vehicle state is estimated."""

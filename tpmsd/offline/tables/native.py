@@ -63,11 +63,11 @@ class NativeTable:
         self.vehicle_toml: str | None = opened["vehicle_toml"]
 
     def column(self, name: str) -> FloatArray:
-        """The column; InputError where it holds no numbers, or more than are read."""
+        """Return the column; InputError where it holds no numbers, or more than are read."""
         return self._asked("column", name)
 
     def own_time(self, name: str) -> FloatArray | None:
-        """Seconds at which a signal was read, where it brings its own times."""
+        """Return seconds at which a signal was read, where it brings its own times."""
         return self._asked("time", name) if self._has_times else None
 
     def close(self) -> None:
@@ -99,20 +99,20 @@ class _Opened(Protocol):
     vehicle_toml: str | None
 
     def size(self, name: str) -> int:
-        """Values of a column, before it is read; ValueError where it cannot be one."""
+        """Return values of a column, before it is read; ValueError where it cannot be one."""
         ...
 
     def column(self, name: str) -> Any:
-        """The values."""
+        """Return the values."""
         ...
 
     def own_time(self, name: str) -> Any:
-        """The signal's own times, or none."""
+        """Return the signal's own times, or none."""
         ...
 
 
 def serve_table(path: Path, requests: Iterator[str], send: Send) -> None:
-    """The child's part: names first, then each column that is asked for."""
+    """Serve a table as the child: names first, then each column that is asked for."""
     table = _OPEN[next(requests)](path)
     if len(table.names) > MAX_COLUMNS:
         raise ValueError(f"{len(table.names)} columns; at most {MAX_COLUMNS} are read")
@@ -135,20 +135,20 @@ class _Parquet:
         limit(path)
         self._file: Any = parquet.ParquetFile(str(path), thrift_string_size_limit=1 << 22)
         self.names: tuple[str, ...] = tuple(self._file.schema_arrow.names)
-        told = self._file.schema_arrow.metadata or {}
-        ours = told.get(SCHEMA_KEY) == SCHEMA.encode()
-        self.vehicle_toml = told[VEHICLE_KEY].decode() if ours and VEHICLE_KEY in told else None
+        metadata = self._file.schema_arrow.metadata or {}
+        ours = metadata.get(SCHEMA_KEY) == SCHEMA.encode()
+        self.vehicle_toml = metadata[VEHICLE_KEY].decode() if ours and VEHICLE_KEY in metadata else None
 
     def size(self, name: str) -> int:
-        """Rows by the file's footer; a page may hold others, which the child's memory bounds."""
+        """Return rows by the file's footer; a page may hold others, which the child's memory bounds."""
         return int(self._file.metadata.num_rows)
 
     def column(self, name: str) -> Any:
-        """The column."""
+        """Return the column."""
         return self._file.read(columns=[name], use_threads=False).column(0).to_numpy()
 
     def own_time(self, name: str) -> Any:
-        """None: all columns share one."""
+        """Return None: all columns share one."""
         return ()
 
 
@@ -169,16 +169,16 @@ class _Mf4:
         self._signals: dict[str, Any] = {}
 
     def size(self, name: str) -> int:
-        """Readings by the group's header."""
+        """Return readings by the group's header."""
         group, _ = self._file.channels_db[name][0]
         return int(self._file.groups[group].channel_group.cycles_nr)
 
     def column(self, name: str) -> Any:
-        """The signal's values."""
+        """Return the signal's values."""
         return self._signal(name).samples
 
     def own_time(self, name: str) -> Any:
-        """Unix seconds of the signal's readings."""
+        """Return Unix seconds of the signal's readings."""
         return np.asarray(self._signal(name).timestamps, dtype=np.float64) + self._start_s
 
     def _signal(self, name: str) -> Any:
@@ -217,7 +217,7 @@ class _Hdf5:
                     raise ValueError(f"{name}: a link to another file is not followed")
 
     def size(self, name: str) -> int:
-        """Values by the data set's header, or of one chunk where that holds more."""
+        """Return values by the data set's header, or of one chunk where that holds more."""
         data = self._file[name]
         if data.external or data.is_virtual:
             raise ValueError(f"{name}: its values lie in another file, which is not read")
@@ -226,14 +226,14 @@ class _Hdf5:
         return max(math.prod(data.shape or ()), math.prod(data.chunks or ()))
 
     def column(self, name: str) -> Any:
-        """The data set, rows and columns of vectors alike."""
+        """Return the data set, rows and columns of vectors alike."""
         values = np.asarray(self._file[name])
         if values.ndim > 1 and max(values.shape, default=0) == values.size:
             return values.reshape(-1)
         return values
 
     def own_time(self, name: str) -> Any:
-        """None: the map names the data set with the times."""
+        """Return None: the map names the data set with the times."""
         return ()
 
 

@@ -25,7 +25,7 @@ SUFFIXES = (*TEXT_SUFFIXES, ".parquet", ".mf4", ".mdf", ".mat", ".h5", ".hdf5")
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
 MAX_FIELD_CHARS = 10_000
 MAX_LINE_CHARS = 1 << 20
-"""A row, and the header."""
+"""Length of a row, and of the header, at most."""
 
 
 class Table(Protocol):
@@ -36,11 +36,11 @@ class Table(Protocol):
     """The car's configuration, where the table brings it."""
 
     def column(self, name: str) -> FloatArray:
-        """(n,) numbers of a column, NaN where there is none."""
+        """Return (n,) numbers of a column, NaN where there is none."""
         ...
 
     def own_time(self, name: str) -> FloatArray | None:
-        """(n,) seconds at which a signal was read, where it brings its own times."""
+        """Return (n,) seconds at which a signal was read, where it brings its own times."""
         ...
 
     def close(self) -> None:
@@ -83,7 +83,7 @@ class CsvTable:
                     raise InputError(path, f"{len(header)} columns; at most {MAX_COLUMNS} are read", 1)
                 kept = [k for k, name in enumerate(header) if wanted is None or name in wanted]
                 columns = {header[k]: array("d") for k in kept}
-                places = [(k, columns[header[k]]) for k in kept]
+                kept_columns = [(k, columns[header[k]]) for k in kept]
                 csv.field_size_limit(MAX_FIELD_CHARS)
                 most = MAX_VALUES // max(len(kept), 1)
                 for number, row in enumerate(csv.reader(lines, delimiter=mark), 2):
@@ -95,7 +95,7 @@ class CsvTable:
                         continue
                     if len(row) != len(header):
                         raise InputError(path, f"{len(row)} fields, the header has {len(header)}", number)
-                    for k, column in places:
+                    for k, column in kept_columns:
                         column.append(_number(row[k], mark, path, number, header[k], wanted is None))
         except UnicodeDecodeError:
             raise InputError(path, "not UTF-8 text") from None
@@ -104,15 +104,15 @@ class CsvTable:
         self._columns = columns
 
     def column(self, name: str) -> FloatArray:
-        """The column."""
+        """Return the column."""
         return np.array(self._columns[name], dtype=np.float64)
 
     def own_time(self, name: str) -> FloatArray | None:
-        """None: all columns share one."""
+        """Return None: all columns share one."""
         return None
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
 class _Lines:
@@ -136,12 +136,12 @@ class _Lines:
         return line
 
     def row_read(self) -> None:
-        """A row is complete: the next may be as long again."""
+        """Note that a row is complete: the next may be as long again."""
         self._chars = 0
 
 
 def _number(text: str, mark: str, path: Path, line: int, name: str, lenient: bool) -> float:
-    """A field; `lenient`: texts of columns that nobody asked for are no numbers, and no error."""
+    """Return a field; `lenient`: texts of columns that nobody asked for are no numbers, and no error."""
     try:
         return float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""What a column of a table can be, and its units.
+"""Roles of a table's columns, and their units.
 
 In: a column's name with its unit as suffix (`wheel_speed_fl_kmh`), or a role with a unit (`wheel_speed_fl`,
 `km/h`). Out: the role, and factor and offset to SI. Roles are those of `vehicle.toml`, and `wheel_angle_*`.
@@ -44,7 +44,7 @@ counter-clockwise from east; `gnss_east` and `gnss_north` are a simulator's plan
 longitude. GNSS speeds have the knot, which NMEA uses and no CAN signal does."""
 ANGLE_ROLES = tuple(f"wheel_angle_{wheel}" for wheel in WHEELS)
 STD_ROLES = tuple(f"wheel_rotation_std_{wheel}" for wheel in WHEELS)
-"""Of an angle that was counted: standard deviation of a tick's rotation by quantisation quantum / sqrt 6."""
+"""Standard deviation of a tick's rotation by quantisation, quantum / sqrt 6, of an angle that was counted."""
 SPEED_ROLES = tuple(f"wheel_speed_{wheel}" for wheel in WHEELS)
 COUNT_ROLES = tuple(f"wheel_count_{wheel}" for wheel in WHEELS)
 ROLES = (*ANGLE_ROLES, *STD_ROLES, *SPEED_ROLES, *COUNT_ROLES, *OPTIONAL_ROLES, *GNSS_UNITS)
@@ -80,11 +80,12 @@ SUFFIXES = {
     "k": "K",
     "degc": "degC",
 }
-"""How a column's name spells a unit."""
+"""Suffix of a column's name -> unit."""
 
 
 def scale_of(role: str, unit: str | None) -> Scale:
-    """Factor and offset to SI; None is the default, SI. ConfigError on a unit that the role cannot have."""
+    """Return the factor and offset to SI; None is the default, SI. ConfigError on a unit that the role cannot
+    have."""
     if role in COUNT_ROLES:
         if unit not in (None, "", "1"):
             raise ConfigError(f"a count has no unit, found {unit!r}")
@@ -101,12 +102,13 @@ def scale_of(role: str, unit: str | None) -> Scale:
 
 
 def is_linear(role: str, unit: str | None) -> bool:
-    """Whether a wheel speed is one along the road, to be divided by the nominal radius."""
+    """Return whether a wheel speed is one along the road, to be divided by the nominal radius."""
     return role in SPEED_ROLES and unit is not None and unit not in ("rad/s", "deg/s", "rpm")
 
 
 def split_name(name: str, prefix: str = "") -> tuple[str, str | None] | None:
-    """Role and unit of a column's name, `prefix` put in front where it is missing; None if it is no role."""
+    """Return role and unit of a column's name, `prefix` put in front where it is missing; None if it is no
+    role."""
     for candidate in (name, prefix + name):
         if candidate in ROLES:
             return candidate, None

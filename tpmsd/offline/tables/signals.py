@@ -1,4 +1,4 @@
-"""A car's signals as arrays in SI units: what a drive of tables is made of.
+"""Signals of a car as arrays in SI units, from which a drive of tables is made.
 
 In: nothing (plain records). Out: `Signals`, `Fixes`. Each signal has its own times, on one clock.
 """
@@ -20,7 +20,7 @@ class Series:
     value: FloatArray
 
     def finite(self) -> Series:
-        """Only the readings that were made."""
+        """Return the series without the readings that are not finite."""
         known = np.isfinite(self.value) & np.isfinite(self.time_s)
         return Series(self.time_s[known], self.value[known])
 
@@ -30,7 +30,7 @@ class Fixes:
     """m fixes, (m,) each; NaN where the receiver said nothing."""
 
     arrival_s: FloatArray
-    """On the clock of the wheels."""
+    """Arrival on the clock of the wheels, s."""
     utc_s: FloatArray
     """The receiver's time of validity, Unix seconds."""
     latitude_deg: FloatArray
@@ -49,14 +49,15 @@ class Fixes:
 
 @dataclass(frozen=True)
 class Signals:
-    """All that a table tells of a drive."""
+    """Signals that a table holds of a drive."""
 
     angles: dict[str, Series] = field(default_factory=dict)
     """Wheel -> angle turned, rad."""
     counts: dict[str, Series] = field(default_factory=dict)
     """Wheel -> counts that rise without rolling over. Either these or the angles."""
     counts_per_turn: float | None = None
-    """Of angles that were counted, so that they are weighed as such; None where they are exact."""
+    """Counts per turn of angles that were counted, so that they are weighted as such; None where they are
+    exact."""
     inertial: dict[str, Series] = field(default_factory=dict)
     """Role of an optional signal -> its values."""
     fixes: Fixes | None = None

@@ -53,11 +53,11 @@ class TickTable:
         return len(self.numbers["time_s"])
 
     def __getitem__(self, name: str) -> FloatArray:
-        """A column of numbers; KeyError if there is none."""
+        """Return a column of numbers; KeyError if there is none."""
         return self.numbers[name]
 
     def to_pandas(self) -> pd.DataFrame:
-        """The table as a data frame, columns in their documented order; ConfigError without pandas."""
+        """Return the table as a data frame, columns in their documented order; ConfigError without pandas."""
         from tpmsd.offline.tables.extras import need_pandas
 
         columns = {
@@ -138,7 +138,7 @@ class TickTableRecorder:
         self._events += report.events
 
     def table(self) -> TickTable:
-        """The table so far."""
+        """Return the table so far."""
         rows = np.concatenate([*self._chunks, self._chunk[: self._filled]])
         return TickTable(
             {name: rows[:, k].copy() for k, name in enumerate(self._names)},

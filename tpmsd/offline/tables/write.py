@@ -31,7 +31,7 @@ def check_packages(kind: str) -> None:
 
 
 def csv_text(table: TickTable) -> str:
-    """The table as CSV."""
+    """Return the table as CSV."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     known = columns_of(table.numbers)
@@ -55,7 +55,7 @@ def _cell(value: float) -> str:
 
 
 def parquet_bytes(table: TickTable, vehicle_toml: str) -> bytes:
-    """The table as Parquet; `vehicle_toml` is the car's configuration. ConfigError without pyarrow."""
+    """Return the table as Parquet; `vehicle_toml` is the car's configuration. ConfigError without pyarrow."""
     pa = need("pyarrow", "tables", "Parquet files")
     parquet = need("pyarrow.parquet", "tables", "Parquet files")
     fields, arrays = [], []

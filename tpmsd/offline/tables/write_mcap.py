@@ -24,13 +24,13 @@ from tpmsd.onboard.monitor.records import AlarmEvent
 
 Message = tuple[float, str, dict[str, Any]]
 MAX_TRACK_POINTS = 5_000
-"""Of the one line on the map; the fixes themselves are all in the file."""
+"""Points of the line on the map, at most; the fixes themselves are all in the file."""
 _MOTION = ("speed_mps", "east_m", "north_m", "heading_rad", "gnss_age_s", "learning_fraction", "faults")
 _INPUT = tuple(column.name for column in INERTIAL)
 
 
 def mcap_bytes(table: TickTable) -> bytes:
-    """The table as MCAP; ConfigError without the package mcap."""
+    """Return the table as MCAP; ConfigError without the package mcap."""
     out = io.BytesIO()
     writer = need("mcap.writer", "tables", "MCAP files").Writer(out)
     writer.start(profile="", library="tpmsd")
@@ -46,12 +46,12 @@ def mcap_bytes(table: TickTable) -> bytes:
         )
     for number, (time_s, topic, content) in enumerate(messages(table)):
         stamp = round(time_s * 1e9)
-        told = content if topic == "/map" else {"timestamp": _stamp(stamp), **content}
+        message = content if topic == "/map" else {"timestamp": _stamp(stamp), **content}
         writer.add_message(
             channel_id=channels[topic],
             log_time=stamp,
             publish_time=stamp,
-            data=json.dumps(told, allow_nan=False).encode(),
+            data=json.dumps(message, allow_nan=False).encode(),
             sequence=number,
         )
     writer.finish()
@@ -59,7 +59,7 @@ def mcap_bytes(table: TickTable) -> bytes:
 
 
 def messages(table: TickTable) -> Iterator[Message]:
-    """All messages: time, topic, content without its stamp; tick by tick, alarms behind their tick."""
+    """Yield all messages: time, topic, content without its stamp; tick by tick, alarms behind their tick."""
     if not len(table):
         return
     yield float(table["time_s"][0]), "/map", {"geojson": json.dumps(_track(table))}
@@ -87,7 +87,7 @@ def messages(table: TickTable) -> Iterator[Message]:
 
 
 def _state(row: dict[str, float], time_s: float) -> Iterator[Message]:
-    """The vehicle state where it is known."""
+    """Yield the vehicle state where it is known."""
     if math.isfinite(row.get(VEHICLE_STATE[0].name, math.nan)):
         yield time_s, STATE_TOPIC, {column.name: row[column.name] for column in VEHICLE_STATE}
 
@@ -134,16 +134,16 @@ def _log(alarm: AlarmEvent) -> dict[str, Any]:
 
 
 def _track(table: TickTable) -> dict[str, Any]:
-    """The fixes as one line, and the place of each alarm, as GeoJSON (RFC 7946)."""
+    """Return the fixes as one line, and the place of each alarm, as GeoJSON (RFC 7946)."""
     latitude, longitude, time_s = (
         table[name] for name in ("gnss_latitude_deg", "gnss_longitude_deg", "gnss_arrival_s")
     )
     known = np.flatnonzero(np.isfinite(latitude + longitude))
     shown = known[:: max(1, -(-len(known) // MAX_TRACK_POINTS))]
-    places = np.column_stack([longitude[shown], latitude[shown]]).round(7).tolist()
+    points = np.column_stack([longitude[shown], latitude[shown]]).round(7).tolist()
     features: list[dict[str, Any]] = []
-    if len(places) > 1:
-        line = {"type": "LineString", "coordinates": places}
+    if len(points) > 1:
+        line = {"type": "LineString", "coordinates": points}
         features.append({"type": "Feature", "properties": {"name": "track"}, "geometry": line})
     for alarm in table.events:
         if not len(known):
@@ -156,7 +156,7 @@ def _track(table: TickTable) -> dict[str, Any]:
 
 
 def _rate(table: TickTable, wheel: str) -> FloatArray:
-    """(n,) rotation of a wheel by the differences of its angle; NaN at the first row."""
+    """Return (n,) rotation of a wheel by the differences of its angle; NaN at the first row."""
     angle, time_s = table[f"wheel_angle_{wheel}_rad"], table["drive_time_s"]
     return np.concatenate([[np.nan], np.diff(angle) / np.diff(time_s)])
 

@@ -40,10 +40,10 @@ class Bus(Protocol):
         """Datagrams that were no frame."""
 
     def fileno(self) -> int | None:
-        """Descriptor to wait on, if there is one."""
+        """Return the descriptor to wait on, if there is one."""
 
     def read(self, limit: int = READ_AT_ONCE) -> list[CanFrame]:
-        """Frames that are there."""
+        """Return frames that are there."""
 
     def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
         """Send; False if the queue is full."""
@@ -79,7 +79,7 @@ def own_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
 
 
 def reset_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
-    """The filter that lets a request for a reset through, where one is configured."""
+    """Return the filter that lets a request for a reset through, where one is configured."""
     if alarms.reset_id is None:
         return []
     mask = 0x1FFFFFFF if alarms.extended_ids else 0x7FF
@@ -103,9 +103,9 @@ class BusLink(Link):
         self._bus: Bus | None = None
         self._dropped_before = self._malformed_before = 0
         self._full = False
-        self._hint_told_s = -math.inf
+        self._hint_logged_s = -math.inf
         self.hint = ""
-        """What is wrong with a bus that is not down, in a few words."""
+        """Problem of a bus that is not down, in a few words."""
         self.counts: Counter[str] = Counter()
         self.error_counts: Counter[str] = Counter()
 
@@ -120,7 +120,7 @@ class BusLink(Link):
         return self._malformed_before + (self._bus.malformed if self._bus is not None else 0)
 
     def fileno(self) -> int | None:
-        """Descriptor to wait on; None if it is down or has to be polled."""
+        """Return the descriptor to wait on; None if it is down or has to be polled."""
         return None if self._bus is None else self._bus.fileno()
 
     def service(self, now_s: float) -> None:
@@ -134,7 +134,7 @@ class BusLink(Link):
                 self._opened(now_s)
 
     def read(self, now_s: float) -> list[CanFrame]:
-        """All data frames that are there; error frames are counted, remote frames left out."""
+        """Return all data frames that are there; error frames are counted, remote frames left out."""
         frames: list[CanFrame] = []
         for _ in range(READS_AT_ONCE):
             if self._bus is None:
@@ -172,8 +172,8 @@ class BusLink(Link):
             self._failed(now_s, "bus-off: the controller has switched itself off", until_data=True)
         elif hint != self.hint:
             self.hint = hint
-            if hint and now_s >= self._hint_told_s + HINT_PERIOD_S:
-                self._hint_told_s = now_s
+            if hint and now_s >= self._hint_logged_s + HINT_PERIOD_S:
+                self._hint_logged_s = now_s
                 self._log.warning("%s: %s", self.label, hint)
 
     def send(self, frames: list[OutFrame], now_s: float) -> None:

@@ -1,4 +1,4 @@
-"""What a SocketCAN controller says in its error frames, after linux/can/error.h.
+"""Decoding of SocketCAN error frames, after linux/can/error.h.
 
 In: the identifier and data of an error frame. Out: names of what happened, for the counts of the status, and
 the state that the controller is in now, where the frame tells one.
@@ -30,17 +30,17 @@ _CONTROLLER_STATES = {
     0x20: "error_passive",
     0x40: "error_active",
 }
-"""Bits of data[1] where the identifier has CAN_ERR_CRTL; receiver and transmitter are not told apart."""
+"""Bits of data[1] where the identifier has CAN_ERR_CRTL; receiver and transmitter are not distinguished."""
 
 HINTS = {
     "error_passive": "error-passive: most frames are damaged (wiring, termination or bit rate)",
     "error_warning": "error-warning: many frames are damaged (wiring, termination or bit rate)",
 }
-"""What a state of the controller means to somebody who looks after the car."""
+"""Meaning of a controller's state for the person who looks after the car."""
 
 
 def error_names(identifier: int, data: bytes) -> set[str]:
-    """What an error frame tells of; empty if that is nothing that is known here."""
+    """Return the names of the errors in an error frame; empty if it holds none that is known here."""
     names = {name for bit, name in _CLASSES.items() if identifier & bit}
     if identifier & _CONTROLLER and len(data) > 1:
         names |= {name for bit, name in _CONTROLLER_STATES.items() if data[1] & bit}
@@ -48,7 +48,7 @@ def error_names(identifier: int, data: bytes) -> set[str]:
 
 
 def hint_after(names: set[str], before: str) -> str:
-    """What is to be said of the controller after an error frame; `before`: what was said until then."""
+    """Return the hint on the controller after an error frame; `before`: the hint until then."""
     for state, hint in HINTS.items():
         if state in names:
             return hint

@@ -44,17 +44,18 @@ class Clock:
         self._start_s = self._wall_origin_s if start_s is None else start_s
 
     def now(self) -> float:
-        """Host epoch seconds, logical."""
+        """Return the host epoch seconds, logical."""
         if self._follows_host:
             return self._wall()
         return self._start_s + self.monotonic()
 
     def monotonic(self) -> float:
-        """Logical seconds since the clock was made; never steps."""
+        """Return the logical seconds since the clock was made; never steps."""
         return (self._monotonic() - self._monotonic_origin_s) * self.scale
 
     def read(self) -> tuple[float, float]:
-        """`now()` and `monotonic()` of one instant: their difference tells steps of the host's clock."""
+        """Return `now()` and `monotonic()` of one instant: their difference tells steps of the host's
+        clock."""
         if not self._follows_host:
             monotonic_s = self.monotonic()
             return self._start_s + monotonic_s, monotonic_s
@@ -67,11 +68,11 @@ class Clock:
         return now_s, after_s
 
     def from_host(self, stamp_s: float) -> float:
-        """The logical time of a stamp of the host's real clock (a kernel time stamp)."""
+        """Return the logical time of a stamp of the host's real clock (a kernel time stamp)."""
         if self._follows_host:
             return stamp_s
         return self._start_s + (stamp_s - self._wall_origin_s) * self.scale
 
     def to_real(self, seconds: float) -> float:
-        """How long a logical interval really takes: what to sleep."""
+        """Return the real duration of a logical interval, s: the time to sleep."""
         return seconds / self.scale

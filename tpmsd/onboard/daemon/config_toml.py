@@ -17,7 +17,7 @@ _TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "tyre", "alarms", "sta
 
 
 def config_toml(config: Config, dbc: str) -> str:
-    """All tables with all values; `dbc` is the name under which the DBC lies beside the file."""
+    """Return all tables with all values; `dbc` is the name under which the DBC lies beside the file."""
     lines: list[str] = []
     for table in _TABLES:
         record = getattr(config, table)
@@ -37,7 +37,7 @@ def config_toml(config: Config, dbc: str) -> str:
 
 
 def _value(config: Config, table: str, name: str, dbc: str) -> str | None:
-    """The text of a key's value; None where the key is left out."""
+    """Return the text of a key's value; None where the key is left out."""
     value: object = getattr(getattr(config, table), name)
     if name in ("teeth_by_wheel", "output", "output_ids"):  # a replay sends nothing
         return None
@@ -54,7 +54,7 @@ def _value(config: Config, table: str, name: str, dbc: str) -> str | None:
 
 
 def signal_toml(can: CanConfig, role: str) -> str:
-    """A signal as the file has it: its name, or a table where it has options."""
+    """Return a signal as the file has it: its name, or a table where it has options."""
     option, name = can.option(role), _toml(can.signals[role])
     parts = [f"signal = {name}"]
     for field in dataclasses.fields(option):

@@ -19,11 +19,12 @@ class Deadlines:
 
     @property
     def next_s(self) -> float:
-        """When the next tick is due."""
+        """Deadline of the next tick, s."""
         return self._start_s + self._next * self._period_s
 
     def take(self, now_s: float) -> float | None:
-        """How late the tick is that is due now, None if none is; all deadlines until now are then past."""
+        """Return the lateness of the tick that is due now, None if none is; all deadlines until now are then
+        past."""
         late_s = now_s - self.next_s
         if late_s < 0.0:
             return None
@@ -42,7 +43,7 @@ class Every:
         self._next_s: float | None = None
 
     def due(self, now_s: float) -> bool:
-        """Whether it is time; if so, the next time is a period from now."""
+        """Return whether it is time; if so, the next time is a period from now."""
         if self._next_s is not None and now_s < self._next_s:
             return False
         self._next_s = now_s + self._period_s

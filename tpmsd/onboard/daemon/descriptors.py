@@ -1,4 +1,4 @@
-"""What the loop waits for: descriptors that stay, and those of links that come and go.
+"""Descriptors that the loop waits for: permanent ones, and those of links that open and close.
 
 In: descriptors. Out: who of them has something to say.
 """
@@ -17,7 +17,7 @@ class Fickle(Protocol):
     """Rises whenever the descriptor is another one."""
 
     def fileno(self) -> int | None:
-        """The descriptor; None if there is none."""
+        """Return the descriptor; None if there is none."""
 
 
 class Descriptors:
@@ -46,7 +46,7 @@ class Descriptors:
         self._followed[id(link)] = (link.generation, descriptor)
 
     def wait(self, seconds: float) -> list[Any]:
-        """The owners of what is readable, at the latest after so many real seconds."""
+        """Return the owners of what is readable, at the latest after so many real seconds."""
         return [key.data for key, _ in self._selector.select(seconds)]
 
     def close(self) -> None:

@@ -36,7 +36,7 @@ class RecordingError(TpmsdError):
 
 @dataclass(slots=True)
 class Seen:
-    """What was recorded so far."""
+    """Data recorded so far."""
 
     frames: int = 0
     identifiers: set[int] = field(default_factory=set)
@@ -46,7 +46,7 @@ class Seen:
     quality: int = 0
     frames_per_s: float = 0.0
     why: str = ""
-    """Why it ended by itself; empty where it was asked to."""
+    """Reason for which it ended by itself; empty where it was asked to."""
 
 
 class DriveRecording:
@@ -76,8 +76,8 @@ class DriveRecording:
         self._assembler = NmeaAssembler()
         self.seen = Seen()
 
-    def run(self, stopped: Callable[[], bool], tell: Callable[[Seen], None], duration_s: float) -> Seen:
-        """Record until `stopped`, the time or a limit; `tell` is called once a second."""
+    def run(self, stopped: Callable[[], bool], report: Callable[[Seen], None], duration_s: float) -> Seen:
+        """Record until `stopped`, the time or a limit; `report` is called once a second."""
         descriptors = Descriptors()
         start_s = flushed_s = synced_s = self._monotonic()
         frames_before = 0
@@ -98,7 +98,7 @@ class DriveRecording:
                     flushed_s, frames_before = monotonic_s, self.seen.frames
                     self._flush(sync=monotonic_s - synced_s >= SYNC_S)
                     synced_s = monotonic_s if monotonic_s - synced_s >= SYNC_S else synced_s
-                    tell(self.seen)
+                    report(self.seen)
         finally:
             self._flush(sync=True)
             self._can.close()

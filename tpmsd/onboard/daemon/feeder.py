@@ -75,7 +75,7 @@ class Feeder:
         return steps
 
     def finish(self) -> list[Step]:
-        """The end: hand over everything, and complete the ticks that can be."""
+        """Hand over everything at the end; return the ticks that can be completed."""
         steps: list[Step] = []
         for item in self._queue.release(math.inf):
             steps += self._hand(item)
@@ -97,7 +97,7 @@ class Feeder:
         return self._pipeline.on_sentence(item.time_s, item.line)
 
     def _mark(self, until_s: float) -> None:
-        """Tell the recording how time went on while nothing came."""
+        """Record how time went on while nothing came."""
         if self._recorder is None or until_s - self._written_s < MARK_S:
             return
         if self._written_s < self._advanced_s:

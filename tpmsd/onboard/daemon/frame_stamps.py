@@ -27,12 +27,12 @@ class FrameStamps:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the host's clock has stepped, or another adapter is there."""
+        """Begin again: the host's clock has stepped, or another adapter is there."""
         self._least_s = self._least_before_s = math.inf
         self._since_s = -math.inf
 
     def host(self, stamp_s: float, now_s: float) -> float:
-        """The stamp on the host's clock, for a frame read at `now_s`."""
+        """Return the stamp on the host's clock, for a frame read at `now_s`."""
         lag_s = now_s - stamp_s
         if not 0.0 <= now_s - self._since_s < self._window_s:
             self._least_before_s, self._least_s = self._least_s, lag_s

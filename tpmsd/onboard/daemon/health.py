@@ -1,4 +1,4 @@
-"""How the daemon is: for the status socket and for `systemctl status`.
+"""Health of the daemon: for the status socket and for `systemctl status`.
 
 In: loop, links, pipeline and the last step. Out: the status document, and one line of it.
 """
@@ -34,7 +34,7 @@ class RecentFaults:
         self._totals: deque[tuple[float, Counter[str]]] = deque()
 
     def update(self, now_s: float, totals: Counter[str]) -> dict[str, int]:
-        """Take the totals at a time; those of each kind within `RATE_WINDOW_S`, no zeros."""
+        """Take the totals at a time; return those of each kind within `RATE_WINDOW_S`, no zeros."""
         kept = self._totals
         if not kept or now_s - kept[-1][0] >= RATE_STEP_S:
             kept.append((now_s, totals.copy()))
@@ -63,11 +63,11 @@ class Health:
         self.last: Step | None = None
 
     def frames_came(self, now_s: float) -> None:
-        """Frames were read."""
+        """Note that frames were read."""
         self._frame_s = now_s
 
     def stepped(self, steps: list[Step], pipeline: Pipeline, now_s: float) -> None:
-        """The pipeline was fed and made these steps."""
+        """Note that the pipeline was fed and made these steps."""
         if steps:
             self.ticks += len(steps)
             self.last = steps[-1]
@@ -80,7 +80,7 @@ class Health:
             self._fixes, self._fix_s = fixes, now_s
 
     def document(self, pipeline: Pipeline, now_s: float, missed: int) -> dict[str, Any]:
-        """The status document."""
+        """Return the status document."""
         return build_status(
             None if self.last is None else self.last.report,
             loop=LoopHealth(now_s - self._start_s, self.ticks, missed),
@@ -101,7 +101,7 @@ class Health:
         return method, None if self.last is None else self.last.vehicle_state
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
-        """The most important in one line."""
+        """Return the most important in one line."""
         bus, gnss = self._can(pipeline, now_s), self._gnss(pipeline, now_s)
         parts = ["starting" if self.last is None else tyres_line(self.last.report)]
         if self.last is not None and math.isfinite(self.last.estimate.speed_mps):
@@ -169,7 +169,7 @@ class Health:
 
 
 def tyres_line(report: MonitorReport) -> str:
-    """The tyres in a few words."""
+    """Return the tyres in a few words."""
     if report.active:
         alarms = sorted(
             {f"{alarm.kind}{f' {alarm.wheel}' if alarm.wheel else ''}" for alarm in report.active}

@@ -28,11 +28,12 @@ LATE_S = 0.4
 """An input this much behind the others is dropped: half a second would pass for a step of the clock."""
 
 _FRAME, _SENTENCE = 0, 1
-"""At equal stamps frames go first, as in the merge of a recording."""
+"""Order at equal stamps: frames go first, as in the merge of a recording."""
 
 
 def rounded(stamp_s: float) -> float:
-    """A stamp as a recording holds it, in microseconds: live and replay reckon with the very same numbers."""
+    """Return a stamp as a recording holds it, in microseconds: live and replay reckon with the very same
+    numbers."""
     return round(stamp_s, 6)
 
 
@@ -66,7 +67,7 @@ class InputQueue:
         self._push(stamp_s, _SENTENCE, Sentence(stamp_s, line, 0))
 
     def release(self, until_s: float) -> Iterator[Input]:
-        """The inputs stamped up to then, oldest first."""
+        """Yield the inputs stamped up to then, oldest first."""
         while self._heap and self._heap[0][0] <= until_s:
             stamp_s, _, _, item = heapq.heappop(self._heap)
             if stamp_s < self._released_until_s - LATE_S:
@@ -76,7 +77,8 @@ class InputQueue:
         self._released_until_s = max(self._released_until_s, until_s)
 
     def clock_stepped(self, now_s: float) -> list[Input]:
-        """The host's clock has stepped: what was stamped before a backward step, oldest first.
+        """Return the inputs stamped before a backward step of the host's clock, oldest first, once the clock
+        has stepped.
 
         Those stamps lie ahead of the clock as it is now. They go first; what follows is on the new time.
         """

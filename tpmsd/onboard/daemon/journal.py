@@ -36,7 +36,8 @@ class JournalFormatter(logging.Formatter):
     """One line with its priority in front."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """One line, also of a message with line breaks: each line is an entry of its own in the journal."""
+        """Return one line, also of a message with line breaks: each line is an entry of its own in the
+        journal."""
         priority = next(number for level, number in _PRIORITIES if record.levelno >= level)
         return f"<{priority}>{' '.join(super().format(record).split())}"
 
@@ -46,7 +47,7 @@ def set_up_logging(
     stream: IO[str] | None = None,
     environment: Mapping[str, str] | None = None,
 ) -> logging.Logger:
-    """The daemon's logger, writing to `stream` (standard error)."""
+    """Return the daemon's logger, writing to `stream` (standard error)."""
     stream = sys.stderr if stream is None else stream
     environment = os.environ if environment is None else environment
     handler = logging.StreamHandler(stream)
@@ -62,7 +63,7 @@ def set_up_logging(
 
 
 def log_alarm(log: logging.Logger, event: AlarmEvent) -> None:
-    """One line for an alarm that was raised or cleared."""
+    """Log one line for an alarm that was raised or cleared."""
     where = "" if event.wheel is None else f" {event.wheel}"
     if event.state == "raised":
         log.log(_RAISED[event.kind], "ALARM %s%s raised: %s", event.kind, where, event.reason)

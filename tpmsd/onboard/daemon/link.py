@@ -21,9 +21,9 @@ class Link:
     def __init__(self, label: str, log: logging.Logger) -> None:
         self.label = label
         self.reason = ""
-        """Why it is down, in a few words."""
+        """Reason for which it is down, in a few words."""
         self.downs = 0
-        """How often it went away or was not to be had."""
+        """Number of times that it was lost or could not be opened."""
         self.generation = 0
         """Rises with every opening and closing: descriptors of another generation are stale."""
         self._log = log
@@ -36,17 +36,17 @@ class Link:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is something to read."""
+        """True if there is something to read."""
         return self._is_open
 
     @property
     def is_down(self) -> bool:
-        """From a failure until it is well again."""
+        """True from a failure until it works again."""
         return self._down_since_s is not None
 
     @property
     def next_try_s(self) -> float:
-        """When it is to be opened (monotonic); infinite while it is open."""
+        """Time of the next attempt to open it (monotonic); infinite while it is open."""
         return math.inf if self._is_open else self._next_try_s
 
     def _opened(self, now_s: float) -> None:

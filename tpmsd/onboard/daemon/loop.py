@@ -60,9 +60,9 @@ from tpmsd.onboard.sources.events import SourceFault
 
 SCHEMA = "tpmsd.status/2"
 GRACE_S = 0.06
-"""How long an input may take from its stamp to this process."""
+"""Time that an input may take from its stamp to this process, s."""
 POLL_S = 0.004
-"""How often a bus without a descriptor is looked at."""
+"""Period at which a bus without a descriptor is polled, s."""
 SECOND_S = 1.0
 VERBOSE_S = 5.0
 RESET_PAUSE_S = 5.0
@@ -176,23 +176,24 @@ class Daemon:
 
     @property
     def stopped_by(self) -> str:
-        """Why it stopped: the name of a signal, or what `stop` was given; empty while it runs."""
+        """Reason of the stop: the name of a signal, or the argument of `stop`; empty while it runs."""
         return self._stopping
 
     def document(self) -> dict[str, Any]:
-        """The status document as it is now."""
+        """Return the status document as it is now."""
         document = self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
         own = self._own.status(self._pipeline.monitor.car_speed())
         return {**self._provenance, **document, **own}
 
     def explain(self) -> dict[str, Any]:
-        """Why alarms stand, or why none does."""
+        """Return the reasons for which alarms stand, or for which none does."""
         last = self._health.last
         explained = self._pipeline.monitor.explain(None if last is None else last.report)
         return {"version": DOCUMENT_VERSION, **explained}
 
     def reset(self, tyres: str | None) -> str:
-        """Let the pipeline learn the tyres anew with its next inputs; why it cannot be, or nothing."""
+        """Let the pipeline learn the tyres again with its next inputs; return the reason if it cannot, or
+        nothing."""
         if tyres is not None and NAME.fullmatch(tyres) is None:
             return "that is no name of a set of tyres (a-z 0-9 _ -, at most 24 characters)"
         now_s = self._clock.monotonic()
@@ -266,7 +267,7 @@ class Daemon:
             self._report_lag(late_s)
 
     def _collect(self) -> tuple[float, float]:
-        """Read all that is there into the queue; what the clock read before.
+        """Read all that is there into the queue; return the clock's time before that.
 
         All that was stamped until then is in the queue now. Of later times that cannot be said: this process
         may be held up at any line, and what comes meanwhile waits to be read.
@@ -304,7 +305,7 @@ class Daemon:
         self._state.service(monotonic_s, self._pipeline.snapshot)
         self._notices.service(monotonic_s / self._clock.scale)
         self._send(self._own.asking(monotonic_s, self._health.last), monotonic_s)
-        self._tell(monotonic_s)
+        self._report(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
                 self._server.publish(monotonic_s)
@@ -331,7 +332,7 @@ class Daemon:
             (self._bus, *self._others)[number].send(of_bus, monotonic_s)
 
     def _faults(self, time_s: float) -> list[SourceFault]:
-        """For as long as an input is down, the monitor is told so with every tick."""
+        """Report every input that is down to the monitor with every tick."""
         faults = []
         for bus in (self._bus, *self._others):
             if bus.is_down:
@@ -340,8 +341,8 @@ class Daemon:
             faults.append(SourceFault(time_s, "gnss", "unplugged", self._receiver.reason))
         return faults
 
-    def _tell(self, monotonic_s: float) -> None:
-        """Tell the service manager and the log how it is."""
+    def _report(self, monotonic_s: float) -> None:
+        """Report the state to the service manager and the log."""
         was_ready = self._manager.is_ready
         self._manager.ticked(self._health.ticks, self._line, monotonic_s)
         if self._manager.is_ready and not was_ready:

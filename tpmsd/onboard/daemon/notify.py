@@ -21,7 +21,8 @@ from tpmsd.onboard.monitor.records import AlarmEvent
 MOST_WAITING = 32
 """Events that wait for their turn; of more the oldest are left out, for the newest say how it is."""
 PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TZ")
-"""What the program sees of the daemon's own environment; secrets of the service are not its business."""
+"""Variables of the daemon's own environment that the program is given; secrets of the service are left
+out."""
 
 
 class Notices:
@@ -37,11 +38,11 @@ class Notices:
         self._waiting: deque[AlarmEvent] = deque()
         self._process: subprocess.Popen[bytes] | None = None
         self._begun_s = self._last_s = -math.inf
-        self._told = ""
+        self._last_logged = ""
         self.counts = {"run": 0, "failed": 0, "killed": 0, "left_out": 0}
 
     def take(self, event: AlarmEvent) -> None:
-        """An alarm was raised or cleared."""
+        """Take an alarm that was raised or cleared."""
         if not self._config.command or event.kind not in (self._config.kinds or (event.kind,)):
             return
         if len(self._waiting) == MOST_WAITING:
@@ -58,7 +59,7 @@ class Notices:
             self._start(self._waiting.popleft(), now_s)
 
     def close(self) -> None:
-        """The daemon ends: what runs may run on, what waits is left out."""
+        """End with the daemon: the running program may go on, events that wait are left out."""
         self.counts["left_out"] += len(self._waiting)
         self._waiting.clear()
         self._process = None
@@ -69,15 +70,15 @@ class Notices:
             self.counts["killed"] += 1
             with contextlib.suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)  # its children, too
-            self._tell(f"{self._config.command[0]} took longer than {self._config.timeout_s:g} s: killed")
+            self._log_once(f"{self._config.command[0]} took longer than {self._config.timeout_s:g} s: killed")
             self._begun_s = math.inf  # killed once; it is reaped when it is gone
         elif code is not None:
             self._process = None
             if code != 0:
                 self.counts["failed"] += 1
-                self._tell(f"{self._config.command[0]} ended with {code}")
+                self._log_once(f"{self._config.command[0]} ended with {code}")
             else:
-                self._told = ""
+                self._last_logged = ""
 
     def _start(self, event: AlarmEvent, now_s: float) -> None:
         self._last_s = self._begun_s = now_s
@@ -93,19 +94,19 @@ class Notices:
         except (OSError, ValueError) as error:
             self.counts["failed"] += 1
             reason = getattr(error, "strerror", None) or error
-            self._tell(f"{self._config.command[0]} cannot be run: {reason}")
+            self._log_once(f"{self._config.command[0]} cannot be run: {reason}")
         else:
             self.counts["run"] += 1
 
-    def _tell(self, what: str) -> None:
-        """One line, and no repetition of it."""
-        if what != self._told:
+    def _log_once(self, what: str) -> None:
+        """Log one line, and no repetition of it."""
+        if what != self._last_logged:
             self._log.warning("[notify] %s", what)
-        self._told = what
+        self._last_logged = what
 
 
 def variables(event: AlarmEvent) -> dict[str, str]:
-    """What the program is told; a number that nobody knows is an empty text."""
+    """Return the variables that the program is given; a number that is not known is an empty text."""
     return {
         "TPMSD_KIND": str(event.kind),
         "TPMSD_STATE": event.state,

@@ -1,4 +1,4 @@
-"""When the car is asked for its own speed over OBD-II, and when it is left alone.
+"""Requests for the car's own speed over OBD-II: when they are sent, and when they stop.
 
 In: monotonic time, whether the car moves, frames of the bus. Out: the frame that asks. Asking keeps a car's
 gateway awake, which would drain the battery of one that is parked: so it is asked only while it moves, for a
@@ -18,7 +18,7 @@ from tpmsd.onboard.sources.obd_speed import SPEED_REQUEST, speed_answer_kmh
 LISTEN_S = 3.0
 """Nothing is sent before the bus was listened to for so long."""
 AWAKE_S = 60.0
-"""After the last sign of motion, or after the bus woke up, it is asked for so long."""
+"""Time for which requests are sent after the last sign of motion or after the bus woke up, s."""
 ASLEEP_S = 60.0
 """A bus that was silent for so long has slept."""
 UNANSWERED, RARELY_S = 10, 60.0
@@ -36,13 +36,13 @@ class ObdAsker:
         self._asked = self._answered = 0
         self._speed_kmh: int | None = None
         self.stopped = ""
-        """Why it is asked no more."""
+        """Reason for which no more requests are sent."""
 
     def __bool__(self) -> bool:
         return self._config.speed
 
     def filters(self) -> list[dict[str, Any]]:
-        """What lets the answers through, and others' requests."""
+        """Return the filters that let the answers through, and others' requests."""
         if not self:
             return []
         extended = self._config.extended_ids
@@ -57,7 +57,8 @@ class ObdAsker:
         ]
 
     def heard(self, identifier: int, extended: bool, data: bytes, now_s: float) -> str:
-        """A frame came on the bus that is asked: a line for the log if that ends the asking, else nothing."""
+        """Take a frame of the bus that is asked; return a line for the log if that ends the requests, else
+        nothing."""
         if now_s - self._spoke_s > ASLEEP_S:
             self._began_s, self._until_s = now_s, now_s + AWAKE_S
         self._spoke_s = now_s
@@ -73,7 +74,8 @@ class ObdAsker:
         return ""
 
     def frames(self, now_s: float, moving: bool) -> list[OutFrame]:
-        """The frame that is due; `moving`: wheels or receiver say that the car moves. Call once per round."""
+        """Return the frame that is due; `moving`: wheels or receiver say that the car moves. Call once per
+        round."""
         if moving:
             self._until_s = now_s + AWAKE_S
         period_s = RARELY_S if self._in_vain >= UNANSWERED else self._config.period_s
@@ -87,7 +89,7 @@ class ObdAsker:
         return [OutFrame(self._config.request_id, self._config.extended_ids, SPEED_REQUEST)]
 
     def status(self) -> dict[str, Any]:
-        """For the status document; `speed_kmh` is null where the car does not answer."""
+        """Return the values for the status document; `speed_kmh` is null where the car does not answer."""
         return {
             "asked": self._asked,
             "answered": self._answered,

@@ -1,4 +1,4 @@
-"""What tpmsd sends on the car's buses beside its alarms: `[[can.output]]`, and requests for its speed.
+"""Frames that tpmsd sends on the car's buses beside its alarms: `[[can.output]]`, and requests for its speed.
 
 In: steps, frames of the buses, monotonic time. Out: frames per bus (0: that of [can]).
 """
@@ -34,33 +34,35 @@ class OwnFrames:
             log.warning("[obd] the car is asked for its speed: 0x%X every %g s on its bus", *asked)
 
     def filters(self, bus: int) -> list[dict[str, Any]]:
-        """What lets answers through, and frames that others send under the same identifiers."""
+        """Return the filters that let answers through, and frames that others send under the same
+        identifiers."""
         asked = self._asker.filters() if bus == self._asked_bus else []
         return [*self._outputs.filters(bus), *asked]
 
     def heard(self, bus: int, frames: list[CanFrame], monotonic_s: float) -> None:
-        """Frames came on a bus; what that ends is logged."""
+        """Take frames that came on a bus; what that ends is logged."""
         asked = bool(self._asker) and bus == self._asked_bus
         if not (self._outputs or asked):
             return
         for frame in frames:
-            told = self._outputs.heard(bus, frame.arbitration_id, frame.is_extended)
-            if asked and not told:
-                told = self._asker.heard(frame.arbitration_id, frame.is_extended, frame.data, monotonic_s)
-            if told:
-                self._log.warning("%s", told)
+            note = self._outputs.heard(bus, frame.arbitration_id, frame.is_extended)
+            if asked and not note:
+                note = self._asker.heard(frame.arbitration_id, frame.is_extended, frame.data, monotonic_s)
+            if note:
+                self._log.warning("%s", note)
 
     def of_step(self, step: Step) -> Mapping[int, list[OutFrame]]:
-        """The outputs that a step makes due."""
+        """Return the outputs that a step makes due."""
         return self._outputs.frames(step.tick.time_s, step.report)
 
     def asking(self, monotonic_s: float, last: Step | None) -> Mapping[int, list[OutFrame]]:
-        """What asks the car, if that is due; `last`: the last step."""
+        """Return the request for the speed, if it is due; `last`: the last step."""
         moving = last is not None and last.estimate.speed_mps > SIGNALS.moving_mps
         return {self._asked_bus: self._asker.frames(monotonic_s, moving)}
 
     def status(self, car_speed: Mapping[str, Any]) -> dict[str, Any]:
-        """For the status document; `car_speed`: what the monitor makes of the car's answers."""
+        """Return the values for the status document; `car_speed`: what the monitor makes of the car's
+        answers."""
         document: dict[str, Any] = {}
         if self._outputs:
             document["can_output"] = self._outputs.status()

@@ -29,10 +29,10 @@ class Receiver(Protocol):
         """Open; raises `ReceiverGone`."""
 
     def fileno(self) -> int:
-        """Descriptor to wait on."""
+        """Return the descriptor to wait on."""
 
     def read(self) -> bytes:
-        """What has arrived; raises `ReceiverGone`."""
+        """Return the bytes that have arrived; raises `ReceiverGone`."""
 
     def close(self) -> None:
         """Close."""
@@ -42,7 +42,7 @@ OpenReceiver = Callable[[GnssConfig], Receiver]
 
 
 def configured_receiver(config: GnssConfig) -> Receiver:
-    """The line of the configuration, not opened yet."""
+    """Return the line of the configuration, not opened yet."""
     source = source_of(config)
     if source is None or source.kind in ("serial", "can"):
         return SerialReceiver("" if source is None else source.path, config.baud)
@@ -53,7 +53,7 @@ def configured_receiver(config: GnssConfig) -> Receiver:
 
 
 def configured_stream(config: GnssConfig) -> GnssStream:
-    """What takes its bytes apart."""
+    """Return the stream that takes the receiver's bytes apart."""
     source = source_of(config)
     return GpsdStream() if source is not None and source.kind == "gpsd" else NmeaStream()
 
@@ -68,7 +68,7 @@ class ReceiverLink(Link):
         super().__init__(label, log)
         self._receiver = receiver
         self._stream: GnssStream = NmeaStream() if stream is None else stream
-        self._told_hint = ""
+        self._logged_hint = ""
 
     @property
     def sentences(self) -> int:
@@ -82,11 +82,11 @@ class ReceiverLink(Link):
 
     @property
     def hint(self) -> str:
-        """What may be wrong with an open line; empty if nothing seems to be."""
+        """Possible fault of an open line, in words; empty if nothing is found."""
         return self._stream.hint
 
     def fileno(self) -> int | None:
-        """Descriptor to wait on; None if it is down."""
+        """Return the descriptor to wait on; None if it is down."""
         if not self._is_open:
             return None
         try:
@@ -107,7 +107,8 @@ class ReceiverLink(Link):
             self._opened(now_s)
 
     def read(self, now_s: float, stamp_s: float) -> list[tuple[float, bytes]]:
-        """Lines completed by what is there, each with the time of its first byte; `stamp_s`: host time."""
+        """Return lines completed by what is there, each with the time of its first byte; `stamp_s`: host
+        time."""
         lines: list[tuple[float, bytes]] = []
         for _ in range(READS_AT_ONCE):
             if not self._is_open:
@@ -123,11 +124,11 @@ class ReceiverLink(Link):
                 break
             lines += self._stream.feed(data, stamp_s)
         hint = self.hint
-        if hint and hint != self._told_hint:
-            self._told_hint = hint
+        if hint and hint != self._logged_hint:
+            self._logged_hint = hint
             self._log.warning("%s: %s", self.label, hint)
         elif lines:
-            self._told_hint = ""
+            self._logged_hint = ""
         return lines
 
     def close(self) -> None:

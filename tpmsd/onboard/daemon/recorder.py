@@ -22,7 +22,7 @@ from tpmsd.onboard.sources.can_frame import CanFrame
 
 MARK = b"$PTPMSD"
 BUFFER_BYTES = 1 << 18
-"""What is kept back at most until the next flush, per file."""
+"""Bytes kept back at most until the next flush, per file."""
 _MOST_FOLDERS = 10_000
 
 _log = logging.getLogger(__name__)
@@ -123,7 +123,7 @@ class DriveRecorder:
 
 
 def candump_line(frame: CanFrame, channel: str) -> bytes:
-    """A data frame as `candump -L` writes it, with its line end."""
+    """Return a data frame as `candump -L` writes it, with its line end."""
     identifier = f"{frame.arbitration_id:08X}" if frame.is_extended else f"{frame.arbitration_id:03X}"
     separator = "##0" if frame.is_fd else "#"
     return b"(%.6f) %s %s%s%s\n" % (
@@ -136,7 +136,7 @@ def candump_line(frame: CanFrame, channel: str) -> bytes:
 
 
 def _free(folder: Path) -> Path:
-    """The folder, or one beside it with a number, in which there is no drive yet."""
+    """Return the folder, or one beside it with a number, in which there is no drive yet."""
     for number in range(1, _MOST_FOLDERS):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         candidate.mkdir(parents=True, exist_ok=True)

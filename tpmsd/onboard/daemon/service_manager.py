@@ -1,4 +1,4 @@
-"""When to tell the service manager what: READY, STATUS, WATCHDOG, STOPPING.
+"""Messages to the service manager and their times: READY, STATUS, WATCHDOG, STOPPING.
 
 In: the number of ticks so far, monotonic time. Out: sd_notify messages. Ready is a daemon that makes
 ticks, and the watchdog is fed only while there are new ones: a loop that turns without an estimate is as
@@ -41,7 +41,7 @@ class ServiceManager:
             self._notifier.status(line())
 
     def stopping(self, why: str) -> None:
-        """Shut-down has begun."""
+        """Report that shut-down has begun."""
         self._notifier.stopping(f"stopping: {why}")
 
     def close(self) -> None:

@@ -30,7 +30,7 @@ class SignalPipe:
         return self._reader.fileno()
 
     def read(self) -> list[signal.Signals]:
-        """The signals that have come since."""
+        """Return the signals that have come since."""
         numbers = b""
         with contextlib.suppress(BlockingIOError):
             numbers = self._reader.recv(4096)
@@ -55,4 +55,4 @@ class SignalPipe:
 
 
 def _nothing(number: int, frame: FrameType | None) -> None:
-    """The byte on the descriptor says it all; the default would end the process."""
+    """Do nothing: the byte on the descriptor is the message, and the default would end the process."""

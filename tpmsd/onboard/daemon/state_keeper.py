@@ -1,4 +1,4 @@
-"""When the learned state is saved and how it is taken up again.
+"""Saving of the learned state and its restoration at start.
 
 In: the pipeline's snapshot, monotonic time. Out: the state file, written beside the loop; one log line for
 everything that goes wrong with it. The state belongs to one car: its payload carries the fingerprint of the
@@ -22,9 +22,9 @@ from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.state_file import StateDamaged, StateError, encode_state, load_state
 
 ALARM_INTERVAL_S = 5.0
-"""Alarms that come and go are not saved more often than this: flash memory wears."""
+"""Alarms that fluctuate are not saved more often than this: flash memory wears."""
 FINISH_S = 5.0
-"""How long the end of the daemon waits for one write; systemd gives it 15 s for two."""
+"""Time that the end of the daemon waits for one write, s; systemd gives it 15 s for two."""
 SET_ASIDE = "other"
 """Suffix of a state that is whole but of no use."""
 
@@ -32,7 +32,8 @@ Snapshot = dict[str, Any]
 
 
 def fingerprint(config: Config) -> str:
-    """Digest of what the learned radii depend on: another vehicle or other signals is another car."""
+    """Return the digest of what the learned radii depend on: another vehicle or other signals is another
+    car."""
     vehicle = dataclasses.asdict(config.vehicle)
     car: dict[str, Any] = {"vehicle": vehicle, "signals": config.can.signals}
     if vehicle["teeth_by_wheel"] is None:
@@ -53,13 +54,14 @@ class StateKeeper:
         self._writer = writer or StateWriter()
         self._saved: Snapshot | None = None
         self._writing: Snapshot | None = None
-        """What the write that is under way saves."""
+        """Content of the write that is under way."""
         self._tried_s = -math.inf
         self._urgent = self._was_urgent = False
         self._complained = False
 
     def restored(self, make: Callable[[], Pipeline]) -> Pipeline:
-        """A pipeline with what was learned before, where there is a state that fits; else a new one."""
+        """Return a pipeline with what was learned before, where there is a state that fits; else a new
+        one."""
         pipeline, snapshot = make(), self._load()
         if snapshot is None:
             return pipeline
@@ -91,7 +93,7 @@ class StateKeeper:
         return snapshot
 
     def alarm_changed(self) -> None:
-        """What stands must survive a restart: save soon."""
+        """Save soon after a change of alarms: those that stand must survive a restart."""
         self._urgent = True
 
     def service(self, now_s: float, snapshot: Callable[[], Snapshot]) -> None:
@@ -134,7 +136,7 @@ class StateKeeper:
         self._writer.begin(self._file, content)
 
     def _look(self, wait_s: float = 0.0) -> None:
-        """What has become of the write that is under way."""
+        """Take the outcome of the write that is under way."""
         if not self._writer.busy:
             return
         try:

@@ -17,12 +17,12 @@ class StateWriter:
     """One write at a time, in a thread of its own."""
 
     def __init__(self, write: Callable[[Path, bytes], None] = write_state) -> None:
-        """`write` raises StateError where it fails; anything else that it raises is told as one."""
+        """`write` raises StateError where it fails; anything else that it raises is reported as one."""
         self._write = write
         self._done = threading.Event()
         self._error: StateError | None = None
         self.busy = False
-        """Whether a write is under way, or `over` has not yet told its outcome."""
+        """True if a write is under way, or `over` has not yet reported its outcome."""
 
     def begin(self, file: Path, content: bytes) -> None:
         """Start a write; only while none is under way."""
@@ -47,7 +47,7 @@ class StateWriter:
             self._done.set()
 
     def over(self, wait_s: float = 0.0) -> bool:
-        """Whether the write is over, within `wait_s`. Raises StateError once if it has failed."""
+        """Return whether the write is over, within `wait_s`. Raises StateError once if it has failed."""
         if not self._done.wait(wait_s):
             return False
         self.busy = False

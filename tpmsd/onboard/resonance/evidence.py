@@ -31,15 +31,16 @@ MIN_SHIFT, MAX_SHIFT = -0.40, 0.20
 SHIFTS = LOG_STEP * np.arange(round(MIN_SHIFT / LOG_STEP), round(MAX_SHIFT / LOG_STEP) + 1)
 """Changes of ln f that are considered."""
 COMMON_STD, OWN_STD = 0.02, 0.006
-"""Harmless changes of ln f: warmth and load of all tyres; what each wheel has to itself."""
+"""Standard deviations of nuisance changes of ln f: temperature and load of all tyres; those of each wheel
+alone."""
 TRUST = 0.9
-"""Probability that the evidence is worth anything; else every set of wheels is as likely as any other."""
+"""Probability that the evidence is valid; else every set of wheels is as likely as any other."""
 _COMMON = LOG_STEP * np.arange(-12, 13)
 _COMMON_LOG = -0.5 * (_COMMON / COMMON_STD) ** 2
 
 
 def shift_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
-    """(len(SHIFTS),) log L(x) of one wheel, against that of a change nobody can know.
+    """Return (len(SHIFTS),) log L(x) of one wheel, against that of a change nobody can know.
 
     `then`, `now`: (frequencies, dampings) log likelihoods, 0 where a resonance would not be seen. Damping is
     the road contact's, the same at the same speed, so what is wrong with it then is wrong now and falls out.
@@ -56,21 +57,21 @@ def shift_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class ResonanceEvidence:
-    """What the resonances of a car's wheels say together."""
+    """Joint evidence of the resonances of a car's wheels."""
 
     wheels: tuple[int, ...]
     """The wheels it speaks of, as indices of `tpmsd.foundation.wheels.WHEELS`."""
     subsets: Mapping[tuple[int, ...], float]
-    """For every set of these wheels: log of (likelihood that just they are soft / that none is)."""
+    """Log-likelihood ratio for every set of these wheels: just they are soft, against none is."""
 
     @classmethod
     def silent(cls) -> ResonanceEvidence:
-        """Of no wheel: changes nothing."""
+        """Return the evidence of no wheel, which changes nothing."""
         return cls((), {(): 0.0})
 
     @classmethod
     def of(cls, shifts: Mapping[int, FloatArray]) -> ResonanceEvidence:
-        """From `shift_likelihood` of each wheel that has one."""
+        """Return the evidence from `shift_likelihood` of each wheel that has one."""
         wheels = tuple(sorted(shifts))
         if not wheels:
             return cls.silent()
@@ -86,24 +87,24 @@ class ResonanceEvidence:
                 terms = (soft[wheel] if wheel in subset else sound[wheel] for wheel in wheels)
                 logs[subset] = float(_log_sum(_COMMON_LOG + sum(terms), axis=0))
         total = float(_log_sum(np.array(list(logs.values())), 0))
-        even = math.log1p(-TRUST) - math.log(len(logs))
-        mixed = {s: float(np.logaddexp(math.log(TRUST) + log - total, even)) for s, log in logs.items()}
+        uniform = math.log1p(-TRUST) - math.log(len(logs))
+        mixed = {s: float(np.logaddexp(math.log(TRUST) + log - total, uniform)) for s, log in logs.items()}
         return cls(wheels, {subset: log - mixed[()] for subset, log in mixed.items()})
 
     def log_ratio(self, subset: Sequence[int]) -> float:
-        """Log of (likelihood that just these wheels are soft / that none is); of wheels without a resonance
-        nothing is known, so they neither add nor take."""
+        """Return the log-likelihood ratio of just these wheels soft against none; wheels without a resonance
+        change nothing."""
         return self.subsets[tuple(sorted(wheel for wheel in subset if wheel in self.wheels))]
 
     def wheel_llr(self, wheel: int) -> float:
-        """Log of (likelihood that just this wheel is soft / that none is)."""
+        """Return the log-likelihood ratio of just this wheel soft against none."""
         return self.log_ratio((wheel,))
 
 
 def fuse(
     log_weights: Mapping[tuple[int, ...], float], evidence: ResonanceEvidence
 ) -> dict[tuple[int, ...], float]:
-    """Posterior over sets of soft wheels, by other evidence and by the resonance.
+    """Return the posterior over sets of soft wheels, by other evidence and by the resonance.
 
     The two are taken to be independent given which wheels are soft.
     `log_weights`: log of prior times likelihood of each set, unnormalised. The result sums to one.
@@ -114,14 +115,14 @@ def fuse(
 
 
 def fused_probability(probability: float, log_ratio: float) -> float:
-    """A probability after independent evidence: its odds times the likelihood ratio."""
+    """Return a probability after independent evidence: its odds times the likelihood ratio."""
     if not 0.0 < probability < 1.0:
         return probability
     return 1.0 / (1.0 + math.exp(-(math.log(probability / (1.0 - probability)) + log_ratio)))
 
 
 def _blurred(log_values: FloatArray, std: float) -> FloatArray:
-    """Log of the values averaged over a normal error of this standard deviation."""
+    """Return the log of the values averaged over a normal error of this standard deviation."""
     reach = math.ceil(3.0 * std / LOG_STEP)
     error = LOG_STEP * np.arange(-reach, reach + 1)
     kernel = -0.5 * (error / std) ** 2
@@ -132,6 +133,6 @@ def _blurred(log_values: FloatArray, std: float) -> FloatArray:
 
 
 def _log_sum(logs: NDArray[np.floating[Any]], axis: int) -> FloatArray:
-    """log(sum(exp(logs))) along an axis."""
+    """Return log(sum(exp(logs))) along an axis."""
     top = logs.max(axis=axis, keepdims=True)
     return np.asarray(np.log(np.exp(logs - top).sum(axis=axis)) + np.squeeze(top, axis))

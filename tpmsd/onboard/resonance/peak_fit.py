@@ -1,4 +1,4 @@
-"""Where in a spectrum the resonance is: its likelihood over the frequency.
+"""Frequency of the resonance in a spectrum: its likelihood over the frequency.
 
 In: an averaged spectrum. Out: a `Peak`: log likelihood on a fixed grid, mean, standard deviation, or none
 found.
@@ -34,7 +34,7 @@ DAMPING = np.array([0.06, 0.10, 0.16, 0.25, 0.38])
 UPDATES, NULL_UPDATES = 30, 300
 RESONANCE_SHARE = 0.2
 FOUND_LOG = 15.0
-"""By so much the likelihood with a resonance must exceed the one without."""
+"""Log-likelihood gain by a resonance that is required to find one."""
 MIN_REACH_HZ = 30.0
 """Sampling so slow that only lower resonances would be seen is too slow: few tyres have them there."""
 MAX_REL_STD = 0.06
@@ -46,7 +46,7 @@ BINS_ABOVE = 3
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """What a spectrum says of the resonance."""
+    """Resonance in a spectrum."""
 
     log_likelihood: FloatArray
     """(len(FREQUENCY_HZ), len(DAMPING)) log likelihood against that of a spectrum without resonance."""
@@ -55,20 +55,20 @@ class Peak:
 
     @property
     def gain(self) -> float:
-        """By how much a resonance explains the spectrum better than none."""
+        """Log-likelihood gain of the spectrum by a resonance."""
         return float(self.log_likelihood.max())
 
     @property
     def found(self) -> bool:
-        """Whether there is one at all."""
+        """True if there is one at all."""
         return self.gain > FOUND_LOG
 
     def faded(self, averages: float) -> FloatArray:
-        """The log likelihood when only so many of the averages still count."""
+        """Return the log likelihood when only so many of the averages still count."""
         return self.log_likelihood * min(averages / self.averages, 1.0)
 
     def useful(self, reach_hz: float) -> bool:
-        """Whether a resonance was found, well inside, and so well that a soft tyre's would be another.
+        """Return whether a resonance was found, well inside, and so well that a soft tyre's would be another.
 
         `reach_hz`: see `PeakFit.reach_of`. A peak at either end may be the flank of something beyond it.
         """
@@ -77,7 +77,7 @@ class Peak:
         return self.found and std < MAX_REL_STD * mean and inside
 
     def moments(self) -> tuple[float, float]:
-        """Mean and standard deviation of the frequency, Hz, over the grid."""
+        """Return the mean and standard deviation of the frequency, Hz, over the grid."""
         weight = np.exp(self.log_likelihood - self.log_likelihood.max()).sum(axis=1)
         weight /= weight.sum()
         mean = float(weight @ FREQUENCY_HZ)
@@ -104,16 +104,17 @@ class PeakFit:
 
     @staticmethod
     def reach_of(rate_hz: float) -> float:
-        """Up to which frequency a resonance can be seen, Hz; 0 where sampling is too slow for any."""
+        """Return the frequency up to which a resonance can be detected, Hz; 0 where sampling is too slow for
+        any."""
         reach = _reach(bins_hz(rate_hz))
         return float(FREQUENCY_HZ[reach - 1]) if reach else 0.0
 
     def fit(self, spectrum: Spectrum) -> Peak:
-        """The likelihood over the frequency."""
+        """Return the likelihood over the frequency."""
         density = spectrum.mean()
         weight = 0.5 * spectrum.averages
-        even = np.full((1, self._null.shape[1]), float(density.mean()) / self._null.shape[1])
-        none_amplitude, _, none = _likelihood(self._null, density, even, NULL_UPDATES)
+        uniform = np.full((1, self._null.shape[1]), float(density.mean()) / self._null.shape[1])
+        none_amplitude, _, none = _likelihood(self._null, density, uniform, NULL_UPDATES)
         # From there on a resonance has to take its share.
         begin = np.empty(self._shapes.shape[:2])
         begin[:, 0] = RESONANCE_SHARE * float(density.mean())
@@ -129,7 +130,8 @@ class PeakFit:
 
 
 def _reach(frequency: FloatArray) -> int:
-    """How many frequencies of the grid have bins above them; 0 where those that have are too few."""
+    """Return the number of frequencies of the grid that have bins above them; 0 where those that have are too
+    few."""
     top_hz = frequency[-1 - BINS_ABOVE] if frequency.size > BINS_ABOVE else 0.0
     return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_REACH_HZ else 0
 
@@ -137,7 +139,8 @@ def _reach(frequency: FloatArray) -> int:
 def _likelihood(
     shapes: FloatArray, density: FloatArray, amplitude: FloatArray, updates: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(models, shapes) amplitudes, (models, bins) fitted densities, (models,) sums of -(log S + P / S)."""
+    """Return (models, shapes) amplitudes, (models, bins) fitted densities, (models,) sums of -(log S + P /
+    S)."""
     fitted = np.einsum("mk,mkb->mb", amplitude, shapes)
     for _ in range(updates):
         inverse = 1.0 / fitted

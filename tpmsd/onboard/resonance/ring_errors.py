@@ -43,11 +43,11 @@ class RingErrors:
         """True angle over the angle by the configured radius."""
 
     def remove(self, block: SpeedBlock) -> FloatArray:
-        """The block's speed without trend and harmonics, (n,) rad/s."""
+        """Return the block's speed without trend and harmonics, (n,) rad/s."""
         speed = block.speed_radps
         angle = (np.cumsum(speed) - 0.5 * speed) / block.rate_hz
-        place = np.linspace(-1.0, 1.0, speed.size)
-        trend = np.polynomial.legendre.legvander(place, POLYNOMIAL)
+        abscissa = np.linspace(-1.0, 1.0, speed.size)
+        trend = np.polynomial.legendre.legvander(abscissa, POLYNOMIAL)
         flat = speed - trend @ np.linalg.lstsq(trend, speed, rcond=None)[0]
         if not block.counted and self._searched < SEARCH_BLOCKS:
             self._search(flat, angle)
@@ -72,11 +72,11 @@ class RingErrors:
         self.scale = float(self._scales[best]) if clear else 1.0
 
     def to_json(self) -> float:
-        """The scale found, for the state file."""
+        """Return the scale found, for the state file."""
         return self.scale
 
     def restore(self, scale: float) -> None:
-        """Take up a scale found before; ValueError if it is none."""
+        """Restore a scale found before; ValueError if it is none."""
         if not (math.isfinite(scale) and abs(scale - 1.0) <= SCALE_RANGE + SCALE_STEP):
             raise ValueError(f"the saved scale of a ring is absurd: {scale}")
         self.scale, self._searched = scale, SEARCH_BLOCKS

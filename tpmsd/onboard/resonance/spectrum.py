@@ -31,19 +31,20 @@ OVERLAP_VARIANCE = 1.06
 
 
 def bins_hz(rate_hz: float) -> FloatArray:
-    """Frequencies at which spectra of this sampling rate are compared; empty where it is too low."""
+    """Return frequencies at which spectra of this sampling rate are compared; empty where it is too low."""
     size = segment_size(rate_hz)
     frequency = np.arange(size // 2 + 1) * rate_hz / size
     return frequency[(frequency >= LOW_HZ) & (frequency <= min(NYQUIST_SHARE * rate_hz / 2.0, HIGH_HZ))]
 
 
 def segment_size(rate_hz: float) -> int:
-    """Samples in a segment: even, about SEGMENT_S."""
+    """Return samples in a segment: even, about SEGMENT_S."""
     return 2 * max(round(0.5 * SEGMENT_S * rate_hz), 4)
 
 
 def periodograms(block: SpeedBlock, jitter: FloatArray, rate_hz: float) -> FloatArray:
-    """(segments, bins) one-sided densities, (rad/s)^2/Hz, with the averaging between samples taken back.
+    """Return (segments, bins) one-sided densities, (rad/s)^2/Hz, with the averaging between samples taken
+    back.
 
     `jitter`: what `RingErrors.remove` left of the block. `rate_hz` gives the bins; the block's own rate
     differs from it by no more than a sample or two in a thousand.
@@ -76,19 +77,19 @@ class Spectrum:
 
     @classmethod
     def empty(cls, bins: int) -> Spectrum:
-        """Nothing gathered yet."""
+        """Return an empty spectrum."""
         return cls(np.zeros(bins))
 
     @property
     def averages(self) -> float:
-        """Segments that it is worth; of one that only fades, ever fewer."""
+        """Number of segments in effect; it falls while the spectrum only fades."""
         if self.weight_squares <= 0.0:
             return 0.0
         # Under steady fading the first is twice the weight; without fading it is the weight.
         return min(self.weight * self.weight / self.weight_squares, 2.0 * self.weight)
 
     def mean(self) -> FloatArray:
-        """(bins,) density, (rad/s)^2/Hz."""
+        """Return (bins,) density, (rad/s)^2/Hz."""
         return np.asarray(self.density / self.weight)
 
     def add(self, segments: FloatArray) -> None:
@@ -107,7 +108,8 @@ class Spectrum:
             self.weight_squares += 1.0
 
     def is_rounding(self, rounding_density: float) -> bool:
-        """Whether much of it is the signal's own resolution, whose pattern may look like a resonance."""
+        """Return whether much of it is the signal's own resolution, whose pattern may look like a
+        resonance."""
         return rounding_density > ROUNDING_SHARE * float(np.median(self.mean()))
 
     def fade(self, share: float) -> None:
@@ -117,13 +119,13 @@ class Spectrum:
         self.weight_squares *= share * share
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers for the state file."""
+        """Return plain numbers for the state file."""
         mean = [float(f"{density:.6g}") for density in self.mean()]
         return {"averages": round(self.averages, 3), "density": mean}
 
     @classmethod
     def from_json(cls, saved: Mapping[str, Any], bins: int) -> Spectrum:
-        """Back from the state file; ValueError if it is no spectrum of so many bins."""
+        """Restore from the state file; ValueError if it is no spectrum of so many bins."""
         try:
             density: FloatArray = np.array([float(value) for value in saved["density"]])
             averages = float(saved["averages"])

@@ -1,4 +1,4 @@
-"""What the torsional resonance of a wheel says of its tyre's pressure.
+"""Pressure of a tyre from the torsional resonance of its wheel.
 
 In: inertias and stiffnesses, or a change of pressure. Out: frequencies, and how they change.
 
@@ -27,7 +27,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 
 MIN_RESONANCE_HZ, MAX_RESONANCE_HZ = 25.0, 62.0
-"""Where passenger cars have it."""
+"""Range of the resonance in passenger cars, Hz."""
 PRESSURE_LOSS = np.linspace(0.15, 0.5, 8)
 """Losses of pressure that count as soft; each as likely as the other."""
 ELASTICITY = np.array([0.10, 0.16, 0.22, 0.30])
@@ -36,20 +36,23 @@ contact's stiffness, in series with it, takes up to half of the effect away."""
 
 
 def free_frequency_hz(rim_inertia_kgm2: float, belt_inertia_kgm2: float, stiffness_nm: float) -> float:
-    """Frequency at which rim and belt swing against each other, free of the road; stiffness in Nm/rad."""
+    """Return the frequency at which rim and belt swing against each other, free of the road; stiffness in
+    Nm/rad."""
     return math.sqrt(stiffness_nm * (1.0 / rim_inertia_kgm2 + 1.0 / belt_inertia_kgm2)) / (2.0 * math.pi)
 
 
 def held_frequency_hz(rim_inertia_kgm2: float, stiffness_nm: float) -> float:
-    """Frequency at which the rim swings while the road holds the belt."""
+    """Return the frequency at which the rim swings while the road holds the belt."""
     return math.sqrt(stiffness_nm / rim_inertia_kgm2) / (2.0 * math.pi)
 
 
 def sidewall_stiffness(stiffness_nm: float, share: float, pressure_ratio: float) -> float:
-    """Torsional stiffness at a pressure, relative to the one at which `stiffness_nm` was measured, Nm/rad."""
+    """Return the torsional stiffness at a pressure, relative to the one at which `stiffness_nm` was measured,
+    Nm/rad."""
     return stiffness_nm * (1.0 - share + share * pressure_ratio)
 
 
 def soft_shifts() -> FloatArray:
-    """Changes of ln f that a soft tyre brings, each equally likely: losses times elasticities, flat."""
+    """Return changes of ln f that a soft tyre brings, each equally likely: losses times elasticities,
+    flat."""
     return np.outer(ELASTICITY, np.log1p(-PRESSURE_LOSS)).ravel()

@@ -1,4 +1,5 @@
-"""Follows the torsional resonances of a car's wheels and says what they mean, or why they say nothing.
+"""Follows the torsional resonances of a car's wheels and reports their meaning, or the reason for which they
+have none.
 
 In: rotation samples of all wheels. Out: `ResonanceEvidence` against a learned baseline, and a status per
 wheel.
@@ -40,20 +41,21 @@ MEMORY_S = 300.0
 OFF_AFTER_S = 600.0
 """Without a resonance found in this time there is none to be found."""
 EDGE_NAMED = 0.94
-"""Of the highest frequency that can be seen: a peak beyond it is named as being too high."""
+"""Share of the highest frequency that can be seen, beyond which a peak is reported as being too high."""
 RATE_TOLERANCE = 0.02
-ODD_BLOCKS = 6
-"""So many blocks in a row at another rate are the signal's, not a moment's: everything is learned anew."""
+IRREGULAR_BLOCKS = 6
+"""Number of blocks in a row at another rate after which the signal has changed: everything is learned
+again."""
 
 
 MAX_PAST = 64
 
 
 class ResonanceState(StrEnum):
-    """How it stands with one wheel."""
+    """State of the resonance of one wheel."""
 
     WAITING = "waiting"
-    """Not enough steady driving yet."""
+    """Too little steady driving yet."""
     OFF = "off"
     """The signal does not carry the resonance; `reason` says why."""
     LEARNING = "learning"
@@ -74,7 +76,7 @@ class ResonanceStatus:
     """Log of (likelihood soft / not soft)."""
 
     def to_json(self) -> dict[str, Any]:
-        """For status and report; numbers nobody knows are None."""
+        """Return plain values for status and report; numbers that are not known are None."""
         return {
             "state": str(self.state),
             "reason": self.reason,
@@ -91,9 +93,9 @@ class _Class:
 
     spectrum: Spectrum
     learned: Spectrum | None = None
-    """Of the sound tyre; None while it is being learned."""
+    """Spectrum of the sound tyre; None while it is being learned."""
     baseline: Peak | None = None
-    """What `learned` says."""
+    """Resonance in `learned`."""
     now: Peak | None = None
     unjudged_s: float = math.inf
     """Driving since the last fit."""
@@ -108,7 +110,7 @@ class _Wheel:
     rate_hz: float = math.nan
     classes: dict[int, _Class] = field(default_factory=dict)
     driven_s: float = 0.0
-    odd_blocks: int = 0
+    irregular_blocks: int = 0
     rounding: float = 0.0
     """Density that the signal's resolution alone makes."""
 
@@ -125,11 +127,11 @@ class ResonanceWatch:
 
     @property
     def evidence(self) -> ResonanceEvidence:
-        """What is known now; silent where nothing is."""
+        """Return the evidence now; silent where nothing is known."""
         return self._evidence
 
     def evidence_at(self, time_s: float) -> ResonanceEvidence:
-        """What was known by an instant; ask in the order of time.
+        """Return the evidence at an instant; ask in the order of time.
 
         A tick is made some time after its end, and by then a live run may have seen a frame more or less
         than a replay. What was known at its end is the same in both.
@@ -148,13 +150,13 @@ class ResonanceWatch:
         if not math.isfinite(wheel.rate_hz):
             wheel.rate_hz = round(block.rate_hz, 1)
         if abs(block.rate_hz / wheel.rate_hz - 1.0) > RATE_TOLERANCE:
-            wheel.odd_blocks += 1
-            if wheel.odd_blocks < ODD_BLOCKS:
+            wheel.irregular_blocks += 1
+            if wheel.irregular_blocks < IRREGULAR_BLOCKS:
                 return
             # What was learned is of another signal.
             wheel.classes.clear()
             wheel.rate_hz, wheel.driven_s = round(block.rate_hz, 1), 0.0
-        wheel.odd_blocks = 0
+        wheel.irregular_blocks = 0
         speed_mps = float(block.speed_radps.mean()) * self._radius_m[sample.wheel]
         number = int(np.searchsorted(SPEED_CLASSES_MPS, speed_mps, side="right")) - 1
         if number >= 0 and PeakFit.reach_of(wheel.rate_hz) > 0.0:
@@ -169,7 +171,7 @@ class ResonanceWatch:
         return self._wheels[run.wheel].stream.extend(run.time_s, run.angle_rad, run.segment, run.quantum_rad)
 
     def forget(self) -> None:
-        """Learn the baselines anew."""
+        """Learn the baselines again."""
         for wheel in self._wheels:
             wheel.classes.clear()
             wheel.driven_s = 0.0
@@ -177,7 +179,7 @@ class ResonanceWatch:
         self._past.clear()
 
     def status(self) -> tuple[ResonanceStatus, ...]:
-        """One entry per wheel."""
+        """Return one entry per wheel."""
         return tuple(self._status(number) for number in range(len(WHEELS)))
 
     # -- per block -------------------------------------------------------------------------------------------
@@ -188,7 +190,7 @@ class ResonanceWatch:
         return self._fits[wheel.rate_hz]
 
     def _take(self, wheel: _Wheel, number: int, block: SpeedBlock) -> None:
-        """A block of steady driving into the spectrum of its class."""
+        """Add a block of steady driving to the spectrum of its class."""
         segments = periodograms(block, wheel.ring.remove(block), wheel.rate_hz)
         duration_s = block.speed_radps.size / block.rate_hz
         wheel.driven_s += duration_s
@@ -218,7 +220,7 @@ class ResonanceWatch:
             entry.spectrum = Spectrum.empty(bins_hz(wheel.rate_hz).size)
 
     def _judge(self) -> None:
-        """The evidence of all wheels and classes together."""
+        """Compute the evidence of all wheels and classes together."""
         shifts: dict[int, FloatArray] = {}
         for number, wheel in enumerate(self._wheels):
             logs = [
@@ -258,7 +260,7 @@ class ResonanceWatch:
 
     @staticmethod
     def _why_none(wheel: _Wheel, entry: _Class, reach_hz: float) -> str:
-        """Why a wheel that was driven long enough shows no resonance."""
+        """Return the reason for which a wheel that was driven long enough shows no resonance."""
         if entry.spectrum.is_rounding(wheel.rounding):
             return "the signal's resolution hides it"
         newest = entry.now
@@ -269,7 +271,7 @@ class ResonanceWatch:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Baselines as plain numbers."""
+        """Return baselines as plain numbers."""
         return {
             name: {
                 "rate_hz": wheel.rate_hz if math.isfinite(wheel.rate_hz) else None,
@@ -284,7 +286,7 @@ class ResonanceWatch:
         }
 
     def restore(self, saved: Mapping[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it is none (then nothing is taken up)."""
+        """Restore a snapshot; ValueError if it is none (then nothing is restored)."""
         try:
             wheels = [self._restored(saved[name]) for name in WHEELS]
         except (KeyError, TypeError, AttributeError) as error:

@@ -24,7 +24,8 @@ from tpmsd.onboard.sources.events import RotationSample
 
 BLOCK_S = 10.24
 GAP_PERIODS = 2.6
-"""A longer interval means lost frames: the block begins anew. Stamps may be off by a period."""
+"""Interval, in periods, beyond which frames are lost: the block begins again. Stamps may be off by a
+period."""
 MIN_GAP_S = 0.03
 MAX_SPREAD = 1.35
 """Greatest over least speed in a block: harder braking than that is no steady rolling."""
@@ -43,17 +44,17 @@ class SpeedBlock:
     quantum_radps: float
     """The signal's resolution: of a count per period, or the least step between two speeds."""
     counted: bool
-    """From a counter; else from a speed signal."""
+    """True if from a counter; else from a speed signal."""
 
     def rounding_density(self) -> float:
-        """What rounding alone adds to the density, mean over all frequencies, (rad/s)^2/Hz.
+        """Return the density that rounding alone adds, mean over all frequencies, (rad/s)^2/Hz.
 
         That of a speed is white; that of an angle is differentiated, which doubles it.
         """
         return (2.0 if self.counted else 1.0) * self.quantum_radps**2 / 12.0 / (0.5 * self.rate_hz)
 
     def response(self, frequency_hz: FloatArray) -> FloatArray:
-        """Power with which the averaging between two samples passes a frequency."""
+        """Return power with which the averaging between two samples passes a frequency."""
         if not self.counted:
             return np.ones_like(frequency_hz)
         return np.asarray(np.sinc(frequency_hz / self.rate_hz) ** 2)
@@ -68,10 +69,10 @@ class WheelStream:
         self._segment = -1
         self._quantum_rad = 0.0
         self.rate_hz = math.nan
-        """Of the last block, be it used or not; NaN before there is one."""
+        """Sampling rate of the last block, Hz, be it used or not; NaN before there is one."""
 
     def add(self, sample: RotationSample) -> SpeedBlock | None:
-        """Take a sample; the block that it completes, if that one is of steady rolling."""
+        """Take a sample; return the block that it completes, if that one is of steady rolling."""
         times = self._time_s
         if times and (
             sample.segment != self._segment or not 0.0 < sample.time_s - times[-1] <= self._gap_s()
@@ -117,8 +118,8 @@ class WheelStream:
         intervals = time_s.size - 1
         self.rate_hz = rate_hz = float(intervals / (time_s[-1] - time_s[0]))
         counted = self._quantum_rad > 0.0
-        way = np.diff(angle_rad)
-        speed = way * rate_hz if counted else readings(way / np.diff(time_s))
+        step_rad = np.diff(angle_rad)
+        speed = step_rad * rate_hz if counted else readings(step_rad / np.diff(time_s))
         least, mean = float(np.min(speed)), float(np.mean(speed))
         smooth = np.convolve(speed, np.full(16, 1.0 / 16), "valid") if intervals >= 16 else speed
         if least <= 0.0 or float(smooth.max()) > MAX_SPREAD * float(smooth.min()) or mean <= 0.0:
@@ -128,7 +129,8 @@ class WheelStream:
 
 
 def readings(means: FloatArray) -> FloatArray:
-    """(n,) readings of a speed signal from the means of adjoining ones; its oldest reading is left out."""
+    """Return (n,) readings of a speed signal from the means of adjoining ones; its oldest reading is left
+    out."""
     sign = np.where(np.arange(means.size) % 2 == 0, 1.0, -1.0)
     found = sign * np.cumsum(2.0 * sign * means) - sign * means[0]
     # What is left is one unknown with alternating sign: the one that makes neighbours alike.
@@ -137,7 +139,7 @@ def readings(means: FloatArray) -> FloatArray:
 
 
 def _resolution(speed: FloatArray) -> float:
-    """The least step between two readings; infinite if they are all the same."""
+    """Return the least step between two readings; infinite if they are all the same."""
     steps = np.diff(np.sort(speed))
     steps = steps[steps > SAME_RADPS]
     return float(steps.min()) if steps.size else math.inf

@@ -1,1 +1,1 @@
-"""The sinks: what leaves the daemon (CAN frames, the state file, the service manager, the status socket)."""
+"""Outputs of the daemon: CAN frames, the state file, the service manager, the status socket."""

@@ -24,7 +24,8 @@ from tpmsd.onboard.sinks import can_layout as layout
 
 CLEARED_REPEATS = 5
 _SLACK_S = 1e-3
-"""Ticks fall on multiples of a period only to within rounding; far below the shortest tick (10 ms)."""
+"""Tolerance of the due time, s: ticks fall on multiples of a period only to within rounding; far below the
+shortest tick (10 ms)."""
 _NAN = math.nan
 
 
@@ -37,8 +38,8 @@ class OutFrame(NamedTuple):
 
 
 class Cycle:
-    """When something periodic is due, without drift, bursts after a pause, or trust in a clock that never
-    steps back."""
+    """Schedule of a periodic frame, without drift, bursts after a pause, or trust in a clock that never steps
+    back."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -49,7 +50,7 @@ class Cycle:
         self._next_s = now_s + self._period_s
 
     def due(self, now_s: float) -> bool:
-        """Whether it is due now; if so the next period begins."""
+        """Return whether it is due now; if so the next period begins."""
         stepped_back = now_s < self._next_s - self._period_s - _SLACK_S
         if not stepped_back and now_s < self._next_s - _SLACK_S:
             return False
@@ -60,13 +61,13 @@ class Cycle:
 
 @dataclass(slots=True)
 class _Announced:
-    """An alarm that the bus has been told of."""
+    """Alarm that was sent on the bus."""
 
     event: AlarmEvent
     sequence: int
     cycle: Cycle
     repeats_left: int
-    """Only counted once it is cleared."""
+    """Repetitions left, counted once it is cleared."""
 
     @property
     def raised(self) -> bool:
@@ -96,7 +97,7 @@ class CanReporter:
         self._announced: dict[_Key, _Announced] = {}
 
     def frames(self, now_s: float, report: MonitorReport) -> list[OutFrame]:
-        """The frames due at `now_s`, alarms first; call once per tick. Empty if alarms.can is off."""
+        """Return the frames due at `now_s`, alarms first; call once per tick. Empty if alarms.can is off."""
         if not self._alarms.can:
             return []
         out = self._alarm_frames(now_s, report)
@@ -132,8 +133,8 @@ class CanReporter:
         return [self._alarm_frame(alarm, report) for alarm in fresh + repeated]
 
     def _changes(self, now_s: float, report: MonitorReport) -> list[AlarmEvent]:
-        """The events of this tick, and those that must have been missed: `active` has the last word, so that
-        alarms taken over from an earlier run are announced, and none is repeated for ever."""
+        """Return the events of this tick, and those that must have been missed: `active` has the last word,
+        so that alarms taken over from an earlier run are announced, and none is repeated for ever."""
         events = list(report.events)
         standing = {key: alarm.event for key, alarm in self._announced.items() if alarm.raised}
         for event in events:
@@ -183,7 +184,7 @@ def _key(event: AlarmEvent) -> _Key:
 
 
 def _mm(length_m: float) -> float:
-    """Millimetres; NaN for anything that is no number, infinities included."""
+    """Return millimetres; NaN for anything that is no number, infinities included."""
     return 1e3 * length_m if math.isfinite(length_m) else _NAN
 
 
@@ -216,7 +217,7 @@ def _pressure_loss(event: AlarmEvent, wheel: WheelReport | None) -> float:
 
 
 def _probability(event: AlarmEvent, wheel: WheelReport | None) -> float:
-    """The probability as it is now, where the monitor still gives one; else as it was at the event."""
+    """Return the probability as it is now, where the monitor still gives one; else as it was at the event."""
     live = _NAN
     if wheel is not None and event.kind == AlarmKind.DEFLATION:
         live = wheel.deflation_probability

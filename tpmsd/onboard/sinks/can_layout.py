@@ -1,4 +1,4 @@
-"""The bits of tpmsd's own CAN frames: where each signal lies, its scale, and the checksum.
+"""Layout of tpmsd's own CAN frames: position and scale of each signal, and the checksum.
 
 In: physical values by signal name (NaN: not available). Out: 8 bytes.
 
@@ -61,7 +61,7 @@ class Field:
         return low, high
 
     def raw(self, value: float) -> int:
-        """The raw value nearest to `value`; saturates at the range, and NaN is 'not available'."""
+        """Return the raw value nearest to `value`; saturates at the range, and NaN is 'not available'."""
         if math.isnan(value):
             if self.not_available is None:
                 raise ValueError(f"{self.name} has no code for a value that is not available")
@@ -98,7 +98,7 @@ STATUS_FIELDS: dict[int, tuple[Field, ...]] = {
         for wheel, start in (("FL", 16), ("FR", 28), ("RL", 40), ("RR", 52))
     ),
 }
-"""Per page, what follows the head."""
+"""Fields of each page behind the head."""
 
 ALARM_FIELDS = (
     Field("AlarmChecksum", 0, 8),
@@ -119,7 +119,8 @@ ALARM_FIELDS = (
 
 
 def crc8_j1850(data: bytes) -> int:
-    """CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, final XOR 0xFF, not reflected ('123456789' -> 0x4B)."""
+    """Return CRC-8/SAE-J1850: polynomial 0x1D, start 0xFF, final XOR 0xFF, not reflected ('123456789' ->
+    0x4B)."""
     crc = 0xFF
     for byte in data:
         crc ^= byte
@@ -130,7 +131,7 @@ def crc8_j1850(data: bytes) -> int:
 
 
 def checksum(data_id: int, data: bytes) -> int:
-    """The checksum byte that belongs in byte 0: over the data id and bytes 1 to 7."""
+    """Return the checksum byte that belongs in byte 0: over the data id and bytes 1 to 7."""
     return crc8_j1850(bytes((data_id,)) + data[1:FRAME_BYTES])
 
 

@@ -1,4 +1,4 @@
-"""`[[can.output]]`: a car's own messages, filled with what the monitor knows.
+"""`[[can.output]]`: messages in a car's own format, filled with values of the monitor.
 
 In: the configuration, DBCs, reports, and which frames others send. Out: frames per bus. Nothing is sent whose
 identifier is not on the allow-list `[can] output_ids`; nothing before the bus was listened to for `LISTEN_S`;
@@ -28,9 +28,10 @@ from tpmsd.onboard.sinks.output_values import output_values
 from tpmsd.onboard.sources.signal_plan import can_filters
 
 LISTEN_S = 3.0
-"""No message of a car that runs comes more rarely and matters; longer than that a lamp need not wait."""
+"""Time of listening for other senders, s: relevant messages of a running car come more often, and a lamp need
+not wait longer."""
 CHANGE_GAP_S = 0.02
-"""Changes are not sent closer than this, whatever flickers."""
+"""Shortest time between two changes that are sent, s."""
 
 
 @dataclass(slots=True)
@@ -39,11 +40,11 @@ class Output:
 
     label: str
     bus: int
-    """0 for the bus of [can], else the number of the further bus."""
+    """Number of the bus: 0 for that of [can], else the further bus."""
     identifier: int
     extended: bool
     make: Callable[[Mapping[str, float], int], list[bytes]]
-    """Values and counter -> the data of each frame."""
+    """Function of values and counter that returns the data of each frame."""
     watched: frozenset[str]
     """Values whose change is sent."""
     cycle: Cycle | None
@@ -51,12 +52,12 @@ class Output:
     counter: int = 0
     sent: int = 0
     stopped: str = ""
-    told: tuple[float, ...] = field(default=())
-    told_s: float = -math.inf
+    last_sent: tuple[float, ...] = field(default=())
+    last_sent_s: float = -math.inf
 
 
 class CanOutputs:
-    """All of them."""
+    """Outputs of one daemon."""
 
     def __init__(self, config: Config, database: Database) -> None:
         """Raises ConfigError for a message, signal or identifier that does not fit."""
@@ -82,7 +83,7 @@ class CanOutputs:
         return bool(self._outputs)
 
     def filters(self, bus: int) -> list[dict[str, Any]]:
-        """What lets others' frames under our identifiers through."""
+        """Return the filters that let others' frames under our identifiers through."""
         return [
             {
                 "can_id": out.identifier,
@@ -94,7 +95,7 @@ class CanOutputs:
         ]
 
     def heard(self, bus: int, identifier: int, extended: bool) -> str:
-        """Another node sent a frame: a line for the log if that stops an output, else nothing."""
+        """Take a frame of another node; return a line for the log if that stops an output, else nothing."""
         out = self._watched.get((bus, extended, identifier))
         if out is None or out.stopped:
             return ""
@@ -102,7 +103,7 @@ class CanOutputs:
         return f"[[can.output]] {out.label} is stopped: {out.stopped}"
 
     def frames(self, now_s: float, report: MonitorReport) -> dict[int, list[OutFrame]]:
-        """Bus -> the frames due at `now_s`; call once per tick."""
+        """Return the bus -> the frames due at `now_s`; call once per tick."""
         if not self._outputs:
             return {}
         if self._since_s is None or now_s < self._since_s:
@@ -115,10 +116,12 @@ class CanOutputs:
             if out.stopped:
                 continue
             now = tuple(values[name] for name in sorted(out.watched))
-            changed = out.on_change and now != out.told and not 0.0 <= now_s - out.told_s < CHANGE_GAP_S
+            changed = (
+                out.on_change and now != out.last_sent and not 0.0 <= now_s - out.last_sent_s < CHANGE_GAP_S
+            )
             if not (changed or (out.cycle is not None and out.cycle.due(now_s))):
                 continue
-            out.told, out.told_s = now, now_s
+            out.last_sent, out.last_sent_s = now, now_s
             for data in out.make(values, out.counter):
                 due.setdefault(out.bus, []).append(OutFrame(out.identifier, out.extended, data))
                 out.sent += 1
@@ -126,7 +129,7 @@ class CanOutputs:
         return due
 
     def status(self) -> list[dict[str, Any]]:
-        """For the status document."""
+        """Return the values for the status document."""
         return [
             {
                 "message": out.label,
@@ -211,7 +214,7 @@ class _Filler:
             raise ConfigError(f"{where}: signals: two checksums")
 
     def data(self, values: Mapping[str, float], counter: int) -> list[bytes]:
-        """The frame's data."""
+        """Return the frame's data."""
         filled = dict(self._rest)
         for signal, option in self._given:
             if option.value != CHECKSUM:
@@ -243,7 +246,7 @@ def _physical(signal: Signal, raw: float) -> float:
 
 
 def _limited(signal: Signal, value: float) -> float:
-    """The value within what the signal's bits can hold, and within the DBC's limits."""
+    """Return the value within what the signal's bits can hold, and within the DBC's limits."""
     if signal.is_float:
         return value
     low = -(1 << (signal.length - 1)) if signal.is_signed else 0

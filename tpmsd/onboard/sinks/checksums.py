@@ -14,7 +14,7 @@ Algorithm = Callable[[int, bytes, int], int]
 
 
 def crc8(data: bytes, polynomial: int) -> int:
-    """Not reflected, start 0xFF, final XOR 0xFF."""
+    """Return the CRC-8 of the data, not reflected, start 0xFF, final XOR 0xFF."""
     crc = 0xFF
     for byte in data:
         crc ^= byte
@@ -25,7 +25,7 @@ def crc8(data: bytes, polynomial: int) -> int:
 
 
 def _toyota(identifier: int, data: bytes, length: int) -> int:
-    """Identifier's bytes, length and data added up."""
+    """Return identifier's bytes, length and data added up."""
     return (sum(identifier.to_bytes(4, "big")) + length + sum(data)) & 0xFF
 
 

@@ -27,12 +27,12 @@ _NO_FLASH = 0xFF
 
 
 def j1939_identifier(kind: str, source_address: int) -> int:
-    """The 29-bit identifier of a broadcast (PDU2)."""
+    """Return the 29-bit identifier of a broadcast (PDU2)."""
     return PRIORITY << 26 | PGN[kind] << 8 | source_address
 
 
 def j1939_frames(kind: str, values: Mapping[str, float]) -> list[bytes]:
-    """Four frames of TIRE, or one of DM1."""
+    """Return four frames of TIRE, or one of DM1."""
     return [_tire(wheel, values) for wheel in WHEELS] if kind == "tire" else [_dm1(values)]
 
 

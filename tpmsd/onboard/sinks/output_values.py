@@ -14,7 +14,7 @@ from tpmsd.onboard.sinks.can_layout import WHEEL_STATE_CODES
 
 
 def output_values(report: MonitorReport) -> dict[str, float]:
-    """All values but counter and checksum."""
+    """Return all values but counter and checksum."""
     values = dict.fromkeys(NAMES, math.nan)
     of_tyres = (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
     tyres = [event for event in report.active if event.kind in of_tyres]

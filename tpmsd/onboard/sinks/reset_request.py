@@ -1,4 +1,4 @@
-"""The request to learn the tyres anew, in the two forms in which it reaches the pipeline.
+"""Request to learn the tyres again, in the two forms in which it reaches the pipeline.
 
 In: a CAN frame or a sentence. Out: the name of the set of tyres that is asked for. Both forms are inputs with
 a stamp: so a recording holds the request, and a replay resets at the very same tick.
@@ -19,7 +19,7 @@ from functools import reduce
 from tpmsd.onboard.sinks.can_layout import crc8_j1850
 
 PREFIX = b"$PTPMSD"
-"""Of all sentences that the daemon itself makes."""
+"""Prefix of all sentences that the daemon itself makes."""
 RESET_DATA_ID = 0xF2
 RESET_CODE = 0x52
 _LENGTH = 3
@@ -29,14 +29,14 @@ _SENTENCE = re.compile(rb"\$(PTPMSD,RESET,([a-z0-9_-]{0,24}))\*([0-9A-F]{2})\s*"
 
 @dataclass(frozen=True, slots=True)
 class ResetRequest:
-    """Learn anew."""
+    """Request to learn the tyres again."""
 
     tyres: str | None
     """Name of a set of tyres; None for the one that is driven."""
 
 
 def from_frame(data: bytes) -> ResetRequest | None:
-    """The request in a frame's data; None if it is none."""
+    """Return the request in a frame's data; None if it is none."""
     if len(data) < _LENGTH or data[1] != RESET_CODE or data[2] > _HIGHEST_SET:
         return None
     if data[0] != crc8_j1850(bytes((RESET_DATA_ID, *data[1:_LENGTH]))):
@@ -45,13 +45,13 @@ def from_frame(data: bytes) -> ResetRequest | None:
 
 
 def to_frame(number: int = 0) -> bytes:
-    """The data of a request for the set of that number."""
+    """Return the data of a request for the set of that number."""
     body = bytes((RESET_CODE, number))
     return bytes((crc8_j1850(bytes((RESET_DATA_ID, *body))),)) + body
 
 
 def from_sentence(line: bytes) -> ResetRequest | None:
-    """The request in a sentence; None if it is none, or its checksum is wrong."""
+    """Return the request in a sentence; None if it is none, or its checksum is wrong."""
     match = _SENTENCE.fullmatch(line)
     if match is None or int(match[3], 16) != _checksum(match[1]):
         return None
@@ -59,7 +59,7 @@ def from_sentence(line: bytes) -> ResetRequest | None:
 
 
 def to_sentence(request: ResetRequest) -> bytes:
-    """The request as a sentence, without line end."""
+    """Return the request as a sentence, without line end."""
     body = b"PTPMSD,RESET," + (request.tyres or "").encode("ascii")
     return b"$%s*%02X" % (body, _checksum(body))
 

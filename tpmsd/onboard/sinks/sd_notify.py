@@ -1,4 +1,4 @@
-"""Tells systemd how the daemon is (sd_notify(3)), without a library.
+"""Reports the daemon's state to systemd (sd_notify(3)), without a library.
 
 In: NOTIFY_SOCKET and WATCHDOG_USEC of the environment. Out: datagrams such as `READY=1`.
 Without a service manager every call does nothing. No call ever raises or blocks: the monitor goes on even if
@@ -30,7 +30,7 @@ class Notifier:
     def from_environment(
         cls, environment: Mapping[str, str] | None = None, pid: int | None = None
     ) -> Notifier:
-        """The notifier of systemd's variables; a watchdog meant for another process is left out."""
+        """Return the notifier of systemd's variables; a watchdog meant for another process is left out."""
         environment = os.environ if environment is None else environment
         pid = os.getpid() if pid is None else pid
         usec = environment.get("WATCHDOG_USEC", "")
@@ -40,31 +40,31 @@ class Notifier:
 
     @property
     def enabled(self) -> bool:
-        """Whether there is anybody to talk to."""
+        """True if there is anybody to talk to."""
         return self._address is not None
 
     @property
     def watchdog_period_s(self) -> float | None:
-        """How often to call `watchdog`: half the time-out, as sd_watchdog_enabled(3) advises; None if no
-        watchdog waits."""
+        """Period at which to call `watchdog`, s: half the time-out, as sd_watchdog_enabled(3) advises; None
+        if no watchdog waits."""
         if self._address is None or self._watchdog_usec is None:
             return None
         return self._watchdog_usec / 2e6
 
     def ready(self, status: str = "") -> bool:
-        """Start-up is over."""
+        """Report that start-up is over."""
         return self._send(["READY=1", *self._status(status)])
 
     def status(self, text: str) -> bool:
-        """One line for `systemctl status`."""
+        """Return one line for `systemctl status`."""
         return self._send(self._status(text))
 
     def watchdog(self) -> bool:
-        """The estimator advances; call it only then."""
+        """Return the estimator advances; call it only then."""
         return self._send(["WATCHDOG=1"])
 
     def stopping(self, status: str = "") -> bool:
-        """Shut-down has begun."""
+        """Report that shut-down has begun."""
         return self._send(["STOPPING=1", *self._status(status)])
 
     def extend_timeout(self, usec: int) -> bool:

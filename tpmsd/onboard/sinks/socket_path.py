@@ -1,4 +1,4 @@
-"""Where a status socket can be, for the daemon and for those who ask it.
+"""Check of the path of a status socket, for the daemon and for those who ask it.
 
 In: a path. Out: a `ConfigError` if no socket can have it.
 """
@@ -11,7 +11,7 @@ from pathlib import Path
 from tpmsd.foundation.errors import ConfigError
 
 MAX_PATH_BYTES = 107
-"""What `sockaddr_un` holds (unix(7)), less the final NUL."""
+"""Length of the path that `sockaddr_un` holds (unix(7)), less the final NUL."""
 
 
 def check_socket_path(path: Path) -> None:

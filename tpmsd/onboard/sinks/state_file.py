@@ -1,4 +1,4 @@
-"""Keeps what was learned over restarts and power cuts: one JSON file, replaced as a whole.
+"""Keeps the learned state over restarts and power cuts: one JSON file, replaced as a whole.
 
 In: a dictionary. Out: the same dictionary after a restart, or None.
 
@@ -30,7 +30,7 @@ from tpmsd.foundation.errors import TpmsdError
 FORMAT = "tpmsd-state"
 VERSION = 1
 MAX_BYTES = 1 << 20
-"""No state comes near this; whatever is greater is not ours and must not fill the memory."""
+"""Size of a state file, at most; a greater file is not ours and must not fill the memory."""
 KEPT_DAMAGED = 3
 
 _log = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ class StateDamaged:
     file: Path
     reason: str
     set_aside: Path | None
-    """Where it is now; None if it could not be moved."""
+    """Path of the file now; None if it could not be moved."""
 
     def __str__(self) -> str:
         moved = f"set aside as {self.set_aside.name}" if self.set_aside else "could not be set aside"
@@ -99,7 +99,7 @@ def write_state(path: Path, content: bytes, *, files: FileSystem | None = None) 
 def load_state(
     path: Path, *, on_damaged: Callable[[StateDamaged], None] | None = None
 ) -> dict[str, Any] | None:
-    """The payload last saved; None if there is none, or none that can be trusted.
+    """Return the payload last saved; None if there is none, or none that can be trusted.
 
     A damaged file is set aside as `<name>.damaged-<n>` (the last few are kept) and given to `on_damaged`, or
     logged as a warning. Raises StateError only if the file cannot be read at all.
@@ -130,7 +130,8 @@ def _digest(payload: dict[str, Any]) -> str:
 
 
 def encode_state(path: Path, payload: dict[str, Any]) -> bytes:
-    """What the file will hold; `path` is for the message. Raises StateError where the payload is no JSON."""
+    """Return the content of the file; `path` is for the message. Raises StateError where the payload is no
+    JSON."""
     try:
         # Once there and back, so that the digest is over what a reader will see (keys become strings).
         plain = json.loads(json.dumps(payload))
@@ -145,7 +146,7 @@ def encode_state(path: Path, payload: dict[str, Any]) -> bytes:
 
 
 def _decode(content: bytes) -> dict[str, Any]:
-    """The payload; ValueError says what is wrong."""
+    """Return the payload; ValueError says what is wrong."""
     if len(content) > MAX_BYTES:
         raise ValueError(f"more than {MAX_BYTES} bytes")
     if not content:

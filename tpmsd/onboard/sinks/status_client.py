@@ -28,25 +28,26 @@ class StatusError(TpmsdError):
 
 
 def read_status(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """The status now. Raises StatusError; ConfigError for a path no socket can have."""
+    """Return the status now. Raises StatusError; ConfigError for a path no socket can have."""
     with contextlib.closing(_documents(path, "status", timeout_s)) as documents:
         return next(documents)
 
 
 def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """Ask to learn the tyres anew; the status as it was when the request was taken. Raises StatusError."""
+    """Ask to learn the tyres again; return the status as it was when the request was taken. Raises
+    StatusError."""
     with contextlib.closing(_documents(path, "reset", timeout_s, tyres)) as documents:
         return next(documents)
 
 
 def read_explanation(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """Why alarms stand, or why none does. Raises StatusError."""
+    """Return the reasons for which alarms stand, or for which none does. Raises StatusError."""
     with contextlib.closing(_documents(path, "explain", timeout_s)) as documents:
         return next(documents)
 
 
 def watch_status(path: Path, timeout_s: float = TIMEOUT_S) -> Generator[dict[str, Any], None, None]:
-    """The status now and with every update; ends only by StatusError (the daemon has gone)."""
+    """Return the status now and with every update; ends only by StatusError (the daemon has gone)."""
     return _documents(path, "watch", timeout_s)
 
 
@@ -74,7 +75,8 @@ def _documents(
 
 
 def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: float) -> bytes:
-    """The next line; the time-out is for the whole of it, so that a trickle does not keep us for ever."""
+    """Return the next line; the time-out is for the whole of it, so that a trickle does not keep us for
+    ever."""
     until_s = time.monotonic() + timeout_s
     while (end := buffer.find(b"\n")) < 0:
         if len(buffer) > MAX_LINE_BYTES:
@@ -99,7 +101,7 @@ def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: f
 
 
 def parse_status(path: Path, line: bytes) -> dict[str, Any]:
-    """A line of the socket as a document; StatusError where it is none, or says that it refuses."""
+    """Return a line of the socket as a document; StatusError where it is none, or says that it refuses."""
     try:
         document = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -119,7 +121,7 @@ def parse_status(path: Path, line: bytes) -> dict[str, Any]:
 
 
 def printable(text: str) -> str:
-    """One line without control characters: a stranger's answer must not steer the terminal."""
+    """Return one line without control characters: a stranger's answer must not steer the terminal."""
     return "".join(c if c.isprintable() else " " for c in text)[:500]
 
 
@@ -128,7 +130,7 @@ def _silence(path: Path, timeout_s: float) -> str:
 
 
 def refusal(path: Path, error: OSError) -> str:
-    """Why nobody can be asked on a socket, in one line that says what to do."""
+    """Return the reason for which nobody can be asked on a socket, in one line that says what to do."""
     if error.errno == errno.ENOENT:
         return f"there is no socket {path}: is tpmsd running? (--socket PATH or --config FILE names another)"
     if error.errno == errno.ECONNREFUSED:

@@ -32,17 +32,17 @@ from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 
 
 class SourceState(StrEnum):
-    """How an input is."""
+    """State of an input."""
 
     OFF = "off"
-    """Not configured."""
+    """Input that is not configured."""
     WAITING = "waiting"
     """Open, but nothing usable has come yet."""
     OK = "ok"
     SILENT = "silent"
     """Open, but what came before has stopped."""
     DOWN = "down"
-    """Gone or not to be opened; tried again with back-off."""
+    """Input that is gone or cannot be opened; tried again with back-off."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +51,15 @@ class SourceHealth:
 
     state: SourceState
     name: str = ""
-    """Channel or device."""
+    """Name of the channel or device."""
     received: int = 0
-    """Frames of the bus, fixes of the receiver."""
+    """Number of frames of the bus, or fixes of the receiver."""
     faults: Mapping[str, int] = field(default_factory=dict)
     """Count by kind (`SourceFault.kind`), since the start."""
     age_s: float = math.nan
     """Time since the last frame or fix."""
     detail: str = ""
-    """Why it is not well, in a few words."""
+    """Reason for which it does not work, in a few words."""
     faults_last_minute: Mapping[str, int] = field(default_factory=dict)
 
 
@@ -84,7 +84,7 @@ def build_status(
     last_known: Mapping[str, tuple[float, WheelReport]] | None = None,
     vehicle_state: tuple[str, VehicleState | None] | None = None,
 ) -> dict[str, Any]:
-    """The document; `report` and `estimate` are None until the first tick.
+    """Return the document; `report` and `estimate` are None until the first tick.
 
     `last_known`: of each wheel its last report with a change, and the time of that.
     `resonance`: of each wheel in the order of WHEELS; None where nobody listens.
@@ -118,7 +118,7 @@ def build_status(
 
 
 def state_entry(method: str, state: VehicleState | None) -> dict[str, Any]:
-    """The vehicle state as plain numbers, null where it is not known."""
+    """Return the vehicle state as plain numbers, null where it is not known."""
     values = [math.nan] * len(VehicleState._fields) if state is None else state
     entry = {name: finite(value) for name, value in zip(VehicleState._fields, values, strict=True)}
     return {"method": method, **entry}
@@ -142,7 +142,8 @@ ALL_FOUR = (
 
 
 def _watch(report: MonitorReport) -> dict[str, Any]:
-    """Which wheels are watched, which are not and why, and what a loss of all four is seen by."""
+    """Return the wheels that are watched, those that are not with the reason, and the means by which a loss
+    of all four is detected."""
     malfunctions = [alarm for alarm in report.active if alarm.kind is AlarmKind.MALFUNCTION]
     not_watched = {}
     for wheel in report.wheels:
@@ -167,7 +168,7 @@ LOW = 0.2
 
 
 def _sight(sight: Sight | None) -> dict[str, Any]:
-    """The smallest losses that would be seen now, and whose 20 % would not be."""
+    """Return the smallest losses that would be seen now, and whose 20 % would not be."""
     if sight is None:
         return {"smallest_loss_percent": None, "cannot_see": []}
     losses = {
@@ -186,7 +187,7 @@ def _sight(sight: Sight | None) -> dict[str, Any]:
 
 
 def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:
-    """Of the wheels that the bus has."""
+    """Return the resonances of the wheels that the bus has."""
     watched = [] if report is None else [wheel.wheel for wheel in report.wheels]
     return {name: status.to_json() for name, status in zip(WHEELS, resonance, strict=True) if name in watched}
 
@@ -206,7 +207,7 @@ def _wheel(wheel: WheelReport) -> dict[str, Any]:
 
 
 def _last(time_s: float, last: tuple[float, WheelReport] | None) -> dict[str, Any]:
-    """The last known change with its age; nulls while there was none."""
+    """Return the last known change with its age; nulls while there was none."""
     if last is None:
         return {"last_change_mm": None, "last_change_std_mm": None, "last_change_age_s": None}
     return {

@@ -1,4 +1,4 @@
-"""Answers on a Unix socket how the tyres are, inside the daemon's one event loop.
+"""Serves the tyre status on a Unix socket, inside the daemon's one event loop.
 
 In: connections on a stream socket, and a function that makes the status document. Out: JSON lines.
 
@@ -33,18 +33,19 @@ from tpmsd.onboard.sinks.socket_path import check_socket_path
 
 MAX_CLIENTS = 128
 MAX_WATCHERS = 112
-"""The other places are for those who ask once: watchers stay for ever, and must not shut them out."""
+"""Number of watching clients, at most; the other connections are for those who ask once: watchers stay for
+ever."""
 MAX_TURNED_AWAY = 16
 """Clients beyond MAX_CLIENTS whose request is still read, so that the refusal reaches them: a socket that is
 closed with unread bytes is a reset connection at the other end."""
 MAX_REQUEST_BYTES = 4096
 MAX_PENDING_BYTES = 65536
 SILENT_S = 1.0
-"""After so long without a word a client is given the status."""
+"""Time without a request after which a client is given the status, s."""
 REQUEST_S = 5.0
-"""A request must be whole by then; so must the taking of an answer."""
+"""Time after which a request must be whole, s; so must the taking of an answer."""
 _ACCEPTS_PER_CALL = 32
-"""A storm of connections must not hold up the estimator."""
+"""Number of connections taken per call: a storm of them must not hold up the estimator."""
 _ACCEPT_PAUSE_S = 1.0
 TOO_MANY = f"too many clients: {MAX_CLIENTS} are served at a time; try again"
 
@@ -65,9 +66,9 @@ class _Client:
     answered: bool = False
     watching: bool = False
     turned_away: bool = False
-    """Came when all places were taken; is told so."""
+    """True if it came when all connections were in use; it is sent a refusal."""
     events: int = 0
-    """What the selector watches it for."""
+    """Events for which the selector watches it."""
 
 
 class StatusServer:
@@ -86,7 +87,7 @@ class StatusServer:
         reset: Callable[[str | None], str] | None = None,
         explain: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
-        """Nothing is opened yet. `document` is asked whenever a client is answered.
+        """Prepare the server; nothing is opened yet. `document` is called whenever a client is answered.
 
         `reset` takes a request to learn the tyres anew, with the name of the set if one is given; it answers
         with why it cannot be taken, or with nothing. `explain` makes the document of `tpmsd explain`.
@@ -138,12 +139,12 @@ class StatusServer:
 
     @property
     def clients(self) -> int:
-        """How many are connected."""
+        """Number of clients that are connected."""
         return len(self._clients)
 
     @property
     def watchers(self) -> int:
-        """How many wait for the next `publish`."""
+        """Number of clients that wait for the next `publish`."""
         return sum(client.watching for client in self._clients)
 
     def service(self, now_s: float) -> None:
@@ -265,7 +266,7 @@ class StatusServer:
             raise ValueError(why)
 
     def _explanation(self) -> bytes:
-        """Made anew for each who asks: few do."""
+        """Return the explanation, made again for each who asks: few do."""
         if self._explain is None:
             return _error_line("this daemon explains nothing")
         try:
@@ -327,7 +328,8 @@ class StatusServer:
 
 
 def _request(request: bytes) -> tuple[str, str | None]:
-    """What is asked (`status`, `watch` or `reset`), and of which tyres; ValueError says what is wrong."""
+    """Return the request (`status`, `watch` or `reset`) and its set of tyres; ValueError says what is
+    wrong."""
     if b"\n" not in request and len(request) > MAX_REQUEST_BYTES:
         raise ValueError(f"request longer than {MAX_REQUEST_BYTES} bytes")
     tyres = None

@@ -16,28 +16,29 @@ from tpmsd.foundation.wheels import FloatArray
 GRID_S = 0.1
 MIN_OVERLAP_S = 30.0
 MIN_OVERLAP_SHARE = 0.5
-"""Of the shorter series: two logs of one drive overlap; short overlaps of strangers correlate by chance."""
+"""Overlap as a share of the shorter series, at least: short overlaps of unrelated logs correlate by
+chance."""
 MIN_CORRELATION = 0.9
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """What must be added to the second clock's times, and the correlation of the speeds there."""
+    """Offset to add to the second clock's times, and the correlation of the speeds there."""
 
     offset_s: float
     correlation: float
 
     @property
     def trusted(self) -> bool:
-        """Whether the speeds agree well enough to use it."""
+        """True if the speeds agree well enough to use it."""
         return self.correlation >= MIN_CORRELATION
 
 
 def align(
     first_time_s: FloatArray, first_mps: FloatArray, second_time_s: FloatArray, second_mps: FloatArray
 ) -> Alignment | None:
-    """Best offset by the normalised cross-correlation of the overlap; None where there is too little to
-    compare.
+    """Return the best offset by the normalised cross-correlation of the overlap; None where there is too
+    little to compare.
 
     Times ascending. The normalisation is by each overlap's own mean and spread, so that a short overlap of a
     constant stretch does not win.
@@ -74,7 +75,7 @@ def align(
 
 
 def _peak(score: FloatArray, best: int) -> float:
-    """Place of the maximum between grid points, by a parabola."""
+    """Return the place of the maximum between grid points, by a parabola."""
     if not 0 < best < score.size - 1:
         return float(best)
     left, middle, right = score[best - 1], score[best], score[best + 1]

@@ -1,4 +1,4 @@
-"""When the frames of one cyclic message arrive: its period, and what is lost, late or repeated.
+"""Arrival of the frames of one cyclic message: its period, and frames lost, late or repeated.
 
 In: time stamp and data of each frame of one message (or of one multiplexer branch of it). Out: a verdict per
 frame, the number of frames missing before it, the learned period, and whether the message has timed out.
@@ -25,7 +25,7 @@ CLOCK_STEP_S = 1.0
 
 
 class Verdict(IntEnum):
-    """What to do with a frame."""
+    """Treatment of a frame."""
 
     USE = 0
     LATE = 1
@@ -37,7 +37,8 @@ class Verdict(IntEnum):
 
 
 def timeout_of(period_s: float) -> float:
-    """Silence after which a message of this period has timed out; `period_s` is 0 while it is not known."""
+    """Return the silence after which a message of this period has timed out; `period_s` is 0 while it is not
+    known."""
     return max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s) if period_s else FIRST_TIMEOUT_S
 
 
@@ -85,29 +86,29 @@ class MessageArrival:
 
     @property
     def seen(self) -> bool:
-        """Whether there was a frame at all."""
+        """True if there was a frame at all."""
         return self._data is not None
 
     def copied(self) -> MessageArrival:
-        """One that goes its own way."""
+        """Return an independent copy."""
         other = copy.copy(self)
         other._intervals = self._intervals.copy()
         return other
 
     def judged_last(self, data: bytes) -> None:
-        """The frame judged last had this data, which was not at hand then."""
+        """Note the data of the frame judged last, which was not at hand then."""
         self._data = data
 
     def is_overdue(self, time_s: float) -> bool:
-        """Whether nothing came for longer than the time-out."""
+        """Return whether nothing came for longer than the time-out."""
         return time_s - self.last_s > self.timeout_s
 
     def clock_stepped(self) -> None:
-        """The clock was set back, as another input has shown: the next frame is the first after that."""
+        """Take the clock as set back, as another input has shown: the next frame is the first after that."""
         self._stepped = True
 
     def judge(self, time_s: float, data: bytes) -> Verdict:
-        """The verdict on a frame; sets `lost` and learns the period."""
+        """Return the verdict on a frame; sets `lost` and learns the period."""
         self.lost = 0
         stepped, self._stepped = self._stepped, False
         if stepped and self._data is not None:
@@ -131,8 +132,8 @@ class MessageArrival:
         return _USE
 
     def judge_regular(self, times_s: list[float]) -> list[float]:
-        """The period at each of frames, as `judge` learns it one by one, up to the first of which there is
-        something to say: late, repeated, after a loss, a time-out or a step."""
+        """Return the period at each of frames, as `judge` learns it one by one, up to the first that is not
+        regular: late, repeated, after a loss, a time-out or a step."""
         periods: list[float] = []
         while (at := len(periods)) < len(times_s):
             # As a rule there is nothing to say before the period is learned anew.
@@ -156,7 +157,8 @@ class MessageArrival:
         return periods
 
     def _close_gap(self, interval: float) -> None:
-        """What a gap was is known after it: frames that follow at once were held up, the others are lost."""
+        """Decide what a gap was: where frames follow at once they were held up, else the missing ones are
+        lost."""
         if interval < 0.5 * self.period_s:
             self._gap_s += interval
             self._gap_frames += 1

@@ -45,7 +45,7 @@ class FrameBlock:
         return len(self.time_s)
 
     def taken(self, where: slice | NDArray[np.bool_]) -> FrameBlock:
-        """The frames of a slice, or where it is true."""
+        """Return the frames of a slice, or where it is true."""
         return FrameBlock(
             self.time_s[where],
             self.identifier[where],
@@ -57,27 +57,27 @@ class FrameBlock:
             self.channels,
         )
 
-    def payload(self, place: int) -> bytes:
-        """The data of one frame."""
-        return self.data[place, : self.size[place]].tobytes()
+    def payload(self, index: int) -> bytes:
+        """Return the data of one frame."""
+        return self.data[index, : self.size[index]].tobytes()
 
-    def frame(self, place: int) -> CanFrame:
-        """One frame."""
-        key, flags = int(self.identifier[place]), int(self.flags[place])
+    def frame(self, index: int) -> CanFrame:
+        """Return one frame."""
+        key, flags = int(self.identifier[index]), int(self.flags[index])
         return CanFrame(
-            float(self.time_s[place]),
-            self.channels[self.channel[place]],
+            float(self.time_s[index]),
+            self.channels[self.channel[index]],
             key & ~EXTENDED,
             key >= EXTENDED,
             flags & FD != 0,
             flags & ERROR != 0,
             flags & REMOTE != 0,
-            self.payload(place),
-            int(self.line[place]),
+            self.payload(index),
+            int(self.line[index]),
         )
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[CanFrame]:
-        """The frames one by one, from `start` to before `stop`."""
+        """Yield the frames one by one, from `start` to before `stop`."""
         part = slice(start, len(self) if stop is None else stop)
         width = self.data.shape[1]
         data = np.ascontiguousarray(self.data[part]).tobytes()
@@ -101,7 +101,7 @@ class FrameBlock:
 
 
 def block_of(frames: Sequence[CanFrame]) -> FrameBlock:
-    """The same frames as arrays."""
+    """Return frames as arrays."""
     width = max((len(frame.data) for frame in frames), default=0)
     data = np.zeros((len(frames), max(width, CLASSIC_BYTES)), dtype=np.uint8)
     for row, frame in zip(data, frames, strict=True):

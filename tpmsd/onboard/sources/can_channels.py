@@ -1,4 +1,4 @@
-"""Which bus of a log with several is the car's.
+"""Selection of the car's bus in a log with several.
 
 In: frames, the identifiers that the configured signals need, the configured channel. Out: the channel to
 take, and a note where that is not what was configured. Two buses may share identifiers: their frames in turn
@@ -17,7 +17,7 @@ import numpy as np
 from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
 
 LOOK_AT_FRAMES = 50_000
-"""About half a minute of a busy bus; each bus of a car has its say by then."""
+"""Frames that are looked at, about half a minute of a busy bus: each bus of a car has sent by then."""
 MAX_KEY = 0xFFFFFFFF
 """Keys beyond it are of further buses."""
 _NUMBER = re.compile(r"\D*(\d+)\Z")
@@ -25,16 +25,17 @@ _NUMBER = re.compile(r"\D*(\d+)\Z")
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """What to take of a log."""
+    """Channel to take of a log."""
 
     name: str | None
     """Channel as the log calls it; None: all."""
     note: str = ""
-    """What the user should know; empty if all is as configured."""
+    """Note for the user; empty if all is as configured."""
 
 
 def bus_numbers(names: Iterable[str], main: str | None, buses: Iterable[str]) -> dict[str, int]:
-    """Channel of a log -> number of the bus: 0 for `main` (and for all that no further bus claims).
+    """Return a mapping channel of a log -> number of the bus: 0 for `main` (and for all that no further bus
+    claims).
 
     `names`: the log's channels; `buses`: configured channels of the further buses, in order.
     """
@@ -48,12 +49,12 @@ def bus_numbers(names: Iterable[str], main: str | None, buses: Iterable[str]) ->
 
 
 def channel_names(blocks: Iterable[FrameBlock]) -> list[str]:
-    """The channels that the first frames of a log name, in order of appearance."""
+    """Return the channels that the first frames of a log name, in order of appearance."""
     return list(dict.fromkeys(name for block in _first(blocks) for name in block.channels))
 
 
 def choose_channel(blocks: Iterable[FrameBlock], needed: Collection[int], configured: str) -> Channel:
-    """The channel to take; all, where no two channels carry needed identifiers.
+    """Return the channel to take; all, where no two channels carry needed identifiers.
 
     `needed`: keys as `compile_plans` has them. Logs of other tools call channels by number alone, which is
     compared with the configured name's.
@@ -82,7 +83,7 @@ def choose_channel(blocks: Iterable[FrameBlock], needed: Collection[int], config
 
 
 def _first(blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
-    """The first `LOOK_AT_FRAMES` frames."""
+    """Yield the first `LOOK_AT_FRAMES` frames."""
     left = LOOK_AT_FRAMES
     for block in blocks:
         yield block.taken(slice(left))

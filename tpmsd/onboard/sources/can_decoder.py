@@ -52,19 +52,19 @@ _USE = Verdict.USE
 FRESH_S = 0.5
 """A wheel that was heard of within this time can bear witness against another one."""
 ALONE_STILL_S = 3.0
-"""Without a witness a constant counter is believed to stand only after this time: no car stops faster. Nor do
+"""Without a witness a constant counter is taken to stand only after this time: no car stops faster. Nor do
 four wheels at once: where all stopped harder than they can, frames were frozen, or the wheels are locked."""
 
 
-def _place(signal: SignalPlan) -> int | str:
-    """Where a signal's faults count: its wheel, or its role."""
+def _fault_origin(signal: SignalPlan) -> int | str:
+    """Return the key under which a signal's faults are counted: its wheel, or its role."""
     return signal.role if signal.wheel is None else signal.wheel
 
 
 class Group:
     """A signal group with its state."""
 
-    __slots__ = ("arrival", "doubted", "fields", "frozen", "places", "plan", "trackers", "watch")
+    __slots__ = ("arrival", "doubted", "fields", "frozen", "origins", "plan", "trackers", "watch")
 
     def __init__(self, plan: SignalGroup, trackers: dict[str, Tracker]) -> None:
         self.plan = plan
@@ -74,9 +74,9 @@ class Group:
             (field.min_bytes, field.big_endian, field.shift, field.mask, signal, trackers.get(signal.role))
             for signal, field in ((signal, signal.field) for signal in plan.signals)
         )
-        """What the loop over a frame's signals needs, without looking it up for each frame."""
-        self.places = tuple(_place(signal) for signal in plan.signals)
-        """Where faults of the message count: at each of its wheels and roles."""
+        """Values that the loop over a frame's signals needs, without looking them up for each frame."""
+        self.origins = tuple(_fault_origin(signal) for signal in plan.signals)
+        """Keys under which faults of the message are counted: its wheels and roles."""
         # Counters tell two senders by their jumps; of speeds the steps from frame to frame are compared.
         steps = (
             signal.gain if isinstance(trackers.get(signal.role), WheelSpeedIntegrator) else None
@@ -91,13 +91,13 @@ class Group:
         )
         speeds = tuple(fine)
         self.frozen = FrozenSpeeds(speeds) if len(speeds) > 1 else None
-        """Watches its wheel speeds, if they are several and so fine that they cannot all stay the same."""
+        """Detector of frozen speeds, if they are several and so fine that they cannot all stay the same."""
         self.doubted = [False] * len(self.fields)
-        """Per signal, whether its last reading was rejected for want of a single sender."""
+        """Flags per signal: True if its last reading was rejected for want of a single sender."""
 
 
 class _Witness:
-    """What the other wheels had done when a wheel's value stopped changing."""
+    """State of the other wheels when a wheel's value stopped changing."""
 
     __slots__ = ("others", "since_s")
 
@@ -128,10 +128,10 @@ class CanDecoder:
         self.heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
         self._witnesses: dict[int, _Witness] = {}
         self.holds: dict[int, bool] = {}
-        """Condition -> whether it held when its message last came; none before that."""
+        """State of each condition when its message last came; none before that."""
         self.direction = DirectionKeeper()
         self._polled_s = self._calm_until_s = -math.inf
-        """Between these times no message can become overdue."""
+        """Interval in which no message can become overdue."""
 
     def _tracker(self, config: Config, signal: SignalPlan, wheel: int) -> Tracker:
         vehicle = config.vehicle
@@ -145,7 +145,7 @@ class CanDecoder:
     def decode(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Event]:
-        """Events of one data frame (remote and error frames carry no data: do not pass them).
+        """Return events of one data frame (remote and error frames carry no data: do not pass them).
 
         `time_s`: host time stamp. CAN FD frames are decoded like classic ones.
         `bus`: 0 for the bus of [can], else the number of the further bus.
@@ -179,7 +179,7 @@ class CanDecoder:
         return out
 
     def ignores(self, arbitration_id: int, is_extended: bool, bus: int = 0) -> bool:
-        """Whether a frame carries nothing that is decoded."""
+        """Return whether a frame carries nothing that is decoded."""
         key = arbitration_id | EXTENDED if is_extended else arbitration_id
         return (bus << BUS_SHIFT | key if bus else key) not in self.plans
 
@@ -189,7 +189,7 @@ class CanDecoder:
         self.counts["ignored"] += frames
 
     def is_calm(self, time_s: float) -> bool:
-        """Whether no message can be overdue at this time: `poll` would say nothing."""
+        """Return whether no message can be overdue at this time: `poll` would say nothing."""
         return self._polled_s <= time_s < self._calm_until_s
 
     def _compare(self, condition: ConditionPlan, size: int, little: int, big: int) -> None:
@@ -202,12 +202,12 @@ class CanDecoder:
 
     @property
     def rolls(self) -> bool:
-        """Whether the values of all wheels change."""
+        """True if the values of all wheels change."""
         return all(tracker.still_since is None and not tracker.stuck for tracker in self._wheels)
 
     @property
     def rests(self) -> bool:
-        """Whether all wheels are counted and stand, and none has rolled since another one stopped: nothing is
+        """True if all wheels are counted and stand, and none has rolled since another one stopped: nothing is
         judged of them as long as no value changes."""
         return all(
             isinstance(tracker, WheelCounter) and tracker.stands and self._alone(tracker)
@@ -215,31 +215,33 @@ class CanDecoder:
         )
 
     def _alone(self, tracker: WheelCounter) -> bool:
-        """Whether no other wheel has rolled since this one stopped."""
+        """Return whether no other wheel has rolled since this one stopped."""
         witness = self._witnesses.get(tracker.wheel)
         return (
             witness is not None
             and witness.since_s == tracker.still_since
-            and not any(tracker.is_a_way(other.travel_m - travel_m) for other, travel_m, _ in witness.others)
+            and not any(
+                tracker.has_rolled(other.travel_m - travel_m) for other, travel_m, _ in witness.others
+            )
         )
 
     @property
     def shared_faults(self) -> Counter[str]:
-        """By how much `counts`, summed over places, exceed the number of faulty frames, by kind."""
+        """Excess of `counts`, summed over wheels and roles, over the number of faulty frames, by kind."""
         return self._faults.shared
 
     def forget_calm(self) -> None:
-        """Frames were taken without a poll: the next one looks at every message."""
+        """Make the next frame look at every message, after frames were taken without a poll."""
         self._polled_s = self._calm_until_s = -math.inf
 
     def clock_stepped(self) -> None:
-        """The host's clock was set back, as the stamps of all inputs together have shown."""
+        """Take the host's clock as set back, as the stamps of all inputs together have shown."""
         for group in self._groups:
             if group.arrival is not None:
                 group.arrival.clock_stepped()
 
     def poll(self, time_s: float) -> list[Event]:
-        """Time-outs at this time; each is reported once, until the message is back."""
+        """Return the time-outs at this time; each is reported once, until the message is back."""
         out: list[Event] = []
         if self._polled_s <= time_s < self._calm_until_s:
             return out
@@ -272,7 +274,7 @@ class CanDecoder:
             self._time_out(time_s, group, arrival, out)
         verdict = arrival.judge(time_s, data)
         if verdict is not _USE:
-            self._faults.note_message(out, time_s, verdict.name.lower(), group.places)
+            self._faults.note_message(out, time_s, verdict.name.lower(), group.origins)
             if verdict is not Verdict.CLOCK_STEP:
                 return
             self._calm_until_s = -math.inf
@@ -280,7 +282,7 @@ class CanDecoder:
             for wheel_tracker in group.trackers:
                 wheel_tracker.restart()
         elif arrival.lost:
-            self._faults.note_message(out, time_s, "lost", group.places, group.plan.name, arrival.lost)
+            self._faults.note_message(out, time_s, "lost", group.origins, group.plan.name, arrival.lost)
         self._is_back(arrival)
         watch = group.watch
         fast = watch.frame(time_s)
@@ -325,11 +327,11 @@ class CanDecoder:
                     continue
                 tracker.update(time_s, value, period_s, out)
             jumped = faults.jumps != jumps
-            odd = False
+            irregular = False
             if jumped or watch.uneasy or watch.compares[number]:
                 sound = len(out) > begun and isinstance(out[-1], RotationSample)
-                odd = watch.value(number, value, jumped, sound)
-            if fast or odd:
+                irregular = watch.value(number, value, jumped, sound)
+            if fast or irregular:
                 # The wheel is followed on, so that it is known when its values make sense again.
                 out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]
                 self._note_spoofed(time_s, group, number, out)
@@ -351,24 +353,24 @@ class CanDecoder:
                 still.mark_stuck()
 
     def _note_spoofed(self, time_s: float, group: Group, number: int, out: list[Event]) -> None:
-        """Frames or values of more than one sender: which is the true one nobody knows."""
+        """Report frames or values of more than one sender, of which the true one is not known."""
         detail = f"{group.plan.name}: {group.watch.detail or 'two values in turn'}"
-        self._faults.note(out, time_s, "spoofed", group.places[number], detail)
+        self._faults.note(out, time_s, "spoofed", group.origins[number], detail)
 
     def _note_short(self, time_s: float, signal: SignalPlan, size: int, out: list[Event]) -> None:
         self.counts["decode.short"] += 1
-        self._faults.note(out, time_s, "short", _place(signal), f"{signal.signal}: {size} bytes")
+        self._faults.note(out, time_s, "short", _fault_origin(signal), f"{signal.signal}: {size} bytes")
 
     def _note_invalid(self, time_s: float, signal: SignalPlan, bits: int, out: list[Event]) -> None:
-        self._faults.note(out, time_s, "invalid", _place(signal), f"{signal.signal} = {bits:#x}")
+        self._faults.note(out, time_s, "invalid", _fault_origin(signal), f"{signal.signal} = {bits:#x}")
 
     def _time_out(self, time_s: float, group: Group, arrival: MessageArrival, out: list[Event]) -> None:
         arrival.timed_out = True
         silent = f"silent for {time_s - arrival.last_s:.2f} s" if arrival.seen else "never seen"
-        self._faults.note_message(out, time_s, "timeout", group.places, f"{group.plan.name} {silent}")
+        self._faults.note_message(out, time_s, "timeout", group.origins, f"{group.plan.name} {silent}")
 
     def _judge_still(self, time_s: float, tracker: Tracker, out: list[Event]) -> None:
-        """A wheel's value does not change: does it stand with the car, or is it stuck?"""
+        """Judge an unchanged value of a wheel: it stands with the car, or it is stuck."""
         since_s = tracker.still_since
         assert since_s is not None
         witness = self._witnesses.get(tracker.wheel)
@@ -379,12 +381,12 @@ class CanDecoder:
             return
         # Only those that were heard of then and still are.
         fresh = [entry for entry in witness.others if time_s - self.heard_s[entry[0].wheel] <= FRESH_S]
-        ways_m = [other.travel_m - travel_m for other, travel_m, _ in fresh]
+        distances_m = [other.travel_m - travel_m for other, travel_m, _ in fresh]
         if isinstance(tracker, WheelCounter):
-            stuck = tracker.is_stuck(time_s, ways_m)
+            stuck = tracker.is_stuck(time_s, distances_m)
         else:
             changes_mps = [other.speed_mps - speed_mps for other, _, speed_mps in fresh]
-            stuck = tracker.is_stuck(time_s, ways_m, changes_mps)
+            stuck = tracker.is_stuck(time_s, distances_m, changes_mps)
         if stuck:
             self._faults.note(out, time_s, "stuck", tracker.wheel, f"for {time_s - since_s:.1f} s")
             tracker.mark_stuck()

@@ -22,7 +22,7 @@ class FaultLog:
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
         self.shared: Counter[str] = Counter()
-        """By how much the sum over the places exceeds the number of faulty frames, by kind."""
+        """Excess of the sum over wheels and roles over the number of faulty frames, by kind."""
         self.jumps = 0
         """Readings of all wheels that could not follow the ones before."""
         self._reported_s: dict[str, float] = {}
@@ -32,28 +32,28 @@ class FaultLog:
         out: list[Event],
         time_s: float,
         kind: str,
-        places: Sequence[int | str],
+        origins: Sequence[int | str],
         detail: str = "",
         number: int = 1,
     ) -> None:
-        """Count `number` faults of one message at each of its places."""
-        for place in places:
-            self.note(out, time_s, kind, place, detail, number)
-        if len(places) > 1:
-            self.shared[kind] += number * (len(places) - 1)
+        """Count `number` faults of one message at each of its wheels and roles."""
+        for origin in origins:
+            self.note(out, time_s, kind, origin, detail, number)
+        if len(origins) > 1:
+            self.shared[kind] += number * (len(origins) - 1)
 
     def note(
         self,
         out: list[Event],
         time_s: float,
         kind: str,
-        place: int | str,
+        origin: int | str,
         detail: str = "",
         number: int = 1,
     ) -> None:
-        """Count `number` faults at a wheel (its index) or a named place; append an event to `out` if due."""
-        wheel = place if isinstance(place, int) else None
-        key = f"{WHEELS[place] if isinstance(place, int) else place}.{kind}"
+        """Count `number` faults at a wheel (its index) or a role; append an event to `out` if due."""
+        wheel = origin if isinstance(origin, int) else None
+        key = f"{WHEELS[origin] if isinstance(origin, int) else origin}.{kind}"
         self.counts[key] += number
         if kind in _JUMPS:
             self.jumps += number

@@ -51,7 +51,7 @@ class CanDown(TpmsdError, OSError):  # noqa: N818  (a state of the bus that pass
 
 
 class _Bus(Protocol):
-    """What is used of a python-can bus."""
+    """Members of a python-can bus that are used."""
 
     def recv(self, timeout: float | None = None) -> can.Message | None: ...
 
@@ -127,7 +127,8 @@ class LiveCan:
 
     @staticmethod
     def _prepare(sock: socket.socket) -> None:
-        """Best effort: a kernel that refuses any of this still delivers frames."""
+        """Set the socket's options as far as possible: a kernel that rejects any of them still delivers
+        frames."""
         for option in (_SO_TIMESTAMPNS, _SO_RXQ_OVFL):
             with contextlib.suppress(OSError):
                 sock.setsockopt(socket.SOL_SOCKET, option, 1)
@@ -138,7 +139,8 @@ class LiveCan:
                 sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
 
     def fileno(self) -> int | None:
-        """The descriptor that becomes readable with a frame; None where the backend has none: poll it."""
+        """Return the descriptor that becomes readable with a frame; None where the backend has none: poll
+        it."""
         if self._bus is None:
             return None
         try:
@@ -148,7 +150,7 @@ class LiveCan:
         return number if number >= 0 else None
 
     def read(self, limit: int = 1000) -> list[CanFrame]:
-        """Up to `limit` frames that are there; never waits. `CanDown` if the bus is gone.
+        """Return up to `limit` frames that are there; never waits. `CanDown` if the bus is gone.
 
         If it goes while frames are being read, these are returned, and the next call raises.
         """
@@ -240,7 +242,7 @@ class LiveCan:
 
 
 def unpack_socketcan(packet: bytes, time_s: float, channel: str) -> CanFrame | None:
-    """A frame as the kernel hands it over (linux/can.h); None if the packet is none."""
+    """Return a frame as the kernel hands it over (linux/can.h); None if the packet is none."""
     if len(packet) not in (_CLASSIC_BYTES, _FD_BYTES):
         return None
     identifier, length, _, _, _ = _HEADER.unpack_from(packet)

@@ -27,11 +27,11 @@ BadLine = Callable[[int, str], None]
 """Called with the line number (0 where the format has no lines) and the reason."""
 
 FRAMES_PER_BLOCK = 4096
-"""Of formats that are read frame by frame."""
+"""Frames per block of formats that are read frame by frame."""
 
 
 def read_by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[CanFrame]:
-    """As `can_log_others` does, which imports python-can."""
+    """Read a log with `can_log_others`, which imports python-can."""
     from tpmsd.onboard.sources import can_log_others
 
     return can_log_others.read_by_python_can(suffix, path, note)
@@ -45,12 +45,12 @@ READERS: dict[str, Reader] = {
     ".log.gz": read_candump,
     **{suffix: partial(read_by_python_can, suffix) for suffix in (".asc", ".blf", ".trc", ".mf4")},
 }
-"""Which reader takes which files; another format is one more row."""
+"""Reader by file suffix; another format is one more row."""
 SUFFIXES = tuple(READERS)
 
 
 def find_can_log(drive_folder: str | Path) -> Path:
-    """The log of a drive folder: its one file `can.*` of a known format."""
+    """Return the log of a drive folder: its one file `can.*` of a known format."""
     folder = Path(drive_folder)
     allowed = "can" + " can".join(READERS)
     try:
@@ -69,13 +69,13 @@ def find_can_log(drive_folder: str | Path) -> Path:
 
 
 def read_can_log(path: str | Path, on_bad_line: BadLine | None = None) -> Iterator[CanFrame]:
-    """Frames in the order of the file, error and remote frames among them; as `read_can_blocks`."""
+    """Return frames in the order of the file, error and remote frames among them; as `read_can_blocks`."""
     blocks = read_can_blocks(path, on_bad_line)
     return (frame for block in blocks for frame in block.frames())
 
 
 def read_can_blocks(path: str | Path, on_bad_line: BadLine | None = None) -> Iterator[FrameBlock]:
-    """Frames in the order of the file, error and remote frames among them, some thousand at a time.
+    """Return frames in the order of the file, error and remote frames among them, some thousand at a time.
 
     `on_bad_line` hears of everything that was skipped; a file cut short is reported with its last line and
     ends there. Raises `InputError` at once if the file cannot be opened or its format is not known, and at
@@ -104,7 +104,7 @@ def read_can_blocks(path: str | Path, on_bad_line: BadLine | None = None) -> Ite
 
 
 def _in_blocks(read: Iterator[FrameBlock] | Iterator[CanFrame]) -> Iterator[FrameBlock]:
-    """Single frames gathered; blocks as they are."""
+    """Yield single frames gathered; blocks as they are."""
     frames: list[CanFrame] = []
     for item in read:
         if isinstance(item, FrameBlock):
@@ -121,7 +121,7 @@ def _in_blocks(read: Iterator[FrameBlock] | Iterator[CanFrame]) -> Iterator[Fram
 def _not_empty(
     path: Path, blocks: Iterator[FrameBlock], first_bad: list[tuple[int, str]]
 ) -> Iterator[FrameBlock]:
-    """The blocks; an `InputError` at the end if there were none."""
+    """Yield the blocks; an `InputError` at the end if there were none."""
     empty = True
     for block in blocks:
         empty = False
@@ -137,6 +137,6 @@ def _suffix(path: Path) -> str | None:
 
 
 def is_can_log(path: Path) -> bool:
-    """Whether this is the name of a drive folder's CAN log."""
+    """Return whether this is the name of a drive folder's CAN log."""
     suffix = _suffix(path)
     return suffix is not None and path.name.lower() == f"can{suffix}"

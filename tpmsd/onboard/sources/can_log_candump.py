@@ -27,7 +27,7 @@ Note = Callable[[int, str], None]
 
 
 def read_candump(path: Path, note: Note) -> Iterator[FrameBlock]:
-    """Frames of the file. A compressed file that is cut short or damaged ends there, which is noted."""
+    """Yield frames of the file. A compressed file that is cut short or damaged ends there, which is noted."""
 
     def bad(number: int, line: str) -> None:
         note(number, _reason(line))
@@ -56,7 +56,7 @@ def read_candump(path: Path, note: Note) -> Iterator[FrameBlock]:
 
 
 def _has_long_line(text: str) -> bool:
-    """Whether a line reaches the limit: what no line of a log does."""
+    """Return whether a line reaches the limit: what no line of a log does."""
     at = 0
     while at + MAX_LINE_CHARS <= len(text):
         end = text.rfind("\n", at, at + MAX_LINE_CHARS)
@@ -67,7 +67,8 @@ def _has_long_line(text: str) -> bool:
 
 
 def _read_lines(path: Path, skipped: int, note: Note) -> Iterator[FrameBlock]:
-    """The frames behind the first `skipped` lines, one by one: of files that are damaged, or no text."""
+    """Yield the frames behind the first `skipped` lines, one by one: of files that are damaged, or no
+    text."""
     number = 0
     frames: list[CanFrame] = []
     with _open(path) as file:

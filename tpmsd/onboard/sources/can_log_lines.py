@@ -23,7 +23,7 @@ class LogLines:
         self.number = 0
         self.current = ""
         self.start_s = 0.0
-        """What the reader's time stamps count from."""
+        """Origin of the reader's time stamps."""
 
     def __iter__(self) -> Iterator[str]:
         return self
@@ -44,11 +44,11 @@ class LogLines:
 
     @property
     def closed(self) -> bool:
-        """Whether the end was reached."""
+        """True if the end was reached."""
         return self._file.closed
 
     def resume(self) -> None:
-        """Called before a reader goes on after a bad line."""
+        """Prepare the file for a reader that goes on after a bad line."""
 
 
 class AscLines(LogLines):
@@ -91,7 +91,8 @@ class AscLines(LogLines):
         return f"{self._now_s:.9f}{match[2]}"
 
     def resume(self) -> None:
-        """Iterating again, the reader looks for a header, and would take the next frame for its end."""
+        """Give the reader a header, which it looks for again: it would take the next frame for the header's
+        end."""
         if not self._in_header:
             self._pushed.append("internal events logged\n")
 
@@ -111,7 +112,7 @@ _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:\.(\d{1,9}))?(?:\s*([ap])\.?m)?"
 
 
 def _utf8(text: str) -> str:
-    """Text that was read as Latin-1, if it is UTF-8."""
+    """Return the text that was read as Latin-1, if it is UTF-8."""
     try:
         return text.encode("latin-1").decode("utf-8")
     except UnicodeDecodeError:
@@ -119,7 +120,8 @@ def _utf8(text: str) -> str:
 
 
 def asc_date_s(text: str) -> float | None:
-    """Epoch seconds of a date as ASC headers have it, in this machine's time zone; None if it is none.
+    """Return the epoch seconds of a date as ASC headers have it, in this machine's time zone; None if it is
+    none.
 
     'Mon Jul 1 10:00:00.123 2024', 'Mon Jul 1 03:00:00.123 pm 2024', and the same in German or French. A
     fraction of less than three digits is python-can's, which writes milliseconds without leading zeros.

@@ -20,7 +20,7 @@ _RECORDS_PER_MESSAGE = 1000
 
 
 def read_mf4(path: Path) -> Iterator[CanFrame]:
-    """All frames; the child ends with the iteration."""
+    """Yield all frames; the child ends with the iteration."""
     with Apart(f"{__name__}:send_frames", path) as child:
         while (message := child.receive()) is not None:
             at = 0
@@ -34,7 +34,7 @@ def read_mf4(path: Path) -> Iterator[CanFrame]:
 
 
 def send_frames(path: Path, _: Iterator[str], send: Send) -> None:
-    """The child's part."""
+    """Send the frames of the file, as the child."""
     bring_in_mf4()
     from can.io.mf4 import MF4Reader
 

@@ -30,7 +30,7 @@ Note = Callable[[int, str], None]
 
 
 def read_by_python_can(suffix: str, path: Path, note: Note) -> Iterator[CanFrame]:
-    """Frames of an .asc, .blf, .trc or .mf4 file."""
+    """Return frames of an .asc, .blf, .trc or .mf4 file."""
     if suffix == ".asc":
         return _read_text(path, note, AscLines, can.ASCReader)
     if suffix == ".trc":
@@ -89,7 +89,7 @@ def _read_mf4(path: Path, note: Note) -> Iterator[CanFrame]:
 
 
 def frame_of(message: can.Message, line: int = 0, start_s: float = 0.0) -> CanFrame:
-    """python-can's message as a frame; ValueError for what cannot be one."""
+    """Return python-can's message as a frame; ValueError for what cannot be one."""
     if not math.isfinite(message.timestamp):
         raise ValueError("no time stamp")
     if not 0 <= message.arbitration_id <= EXTENDED_MASK:

@@ -1,4 +1,4 @@
-"""Whether a message comes from one sender alone.
+"""Detection of a second sender of a message.
 
 In: the stamp of each frame that is used, the values of its wheels, and whether they jumped. Out: why the
 message, or one wheel of it, is not to be believed. Pure: the only clock is the frames' own.
@@ -30,16 +30,16 @@ LEARN_S = 10.0
 WINDOW_S, MIN_COUNT = 2.0, 5
 GRACE_S = 1.0
 GAP_S = 0.5
-"""After a silence of half a second a backlog may come at any rate, for a second."""
+"""Silence after which a backlog may come at any rate, for a second, s."""
 ACCEPT_S = 10.0
 ROUGHER = 3.0
 """Second differences this much greater than before are of two senders' values in turn."""
 _MEMORY, _USUAL_MEMORY = 1.0 / 32.0, 1.0 / 256.0
-_SURE_SHARE = 0.7
-"""With fewer tokens than this share the rate is odd already, and nothing is learned of what is usual."""
-ODD_LEAK = 0.15
+_REGULAR_SHARE = 0.7
+"""Share of tokens below which the rate is irregular, so that the usual rate is not learned."""
+IRREGULAR_LEAK = 0.15
 """Share of jumps among the readings of a wheel that is borne; two senders in turn make it a half."""
-ODD_LIMIT = 8.0
+IRREGULAR_LIMIT = 8.0
 
 
 class _Roughness:
@@ -63,7 +63,7 @@ class _Roughness:
         return self.now > ROUGHER * self.usual + 2.0 * self.resolution
 
     def settle(self) -> None:
-        """What it is now is usual."""
+        """Move the usual value towards the present one."""
         self.usual += _USUAL_MEMORY * (self.now - self.usual)
 
 
@@ -76,9 +76,9 @@ class SenderWatch:
         "_count",
         "_fastest_s",
         "_grace_until_s",
+        "_irregular",
         "_last_s",
         "_lately_s",
-        "_odd",
         "_period_s",
         "_rough",
         "_since_s",
@@ -93,36 +93,37 @@ class SenderWatch:
     def __init__(self, resolutions: tuple[float | None, ...]) -> None:
         """`resolutions`: per signal of the message its step, or None where its values are not compared."""
         self.fast = False
-        """Whether more frames come than the sender ever sent."""
+        """True if more frames come than the sender ever sent."""
         self._period_s = 0.0
-        """The known one; 0 until it is known."""
+        """Period once it is known; 0 before that."""
         self._fastest_s = self._lately_s = float("inf")
         self._since_s = self._last_s = self._window_s = float("nan")
         self._count = 0
         self._grace_until_s = self._clean_since_s = -float("inf")
         self._burst = self._tokens = 0.0
-        self._odd = [0.0] * len(resolutions)
+        self._irregular = [0.0] * len(resolutions)
         self._sound = [True] * len(resolutions)
         self.uneasy = False
-        """Whether something was odd lately: then every value is to be taken, else only odd ones."""
+        """True if something was irregular lately: then every value is to be taken, else only irregular
+        ones."""
         self._rough = tuple(None if step is None else _Roughness(step) for step in resolutions)
         self.compares = tuple(step is not None for step in resolutions)
-        """Per signal, whether its values are compared from frame to frame."""
+        """Flags per signal: True if its values are compared from frame to frame."""
 
     @property
     def detail(self) -> str:
-        """What is known of the rate, for a fault's text."""
+        """Rate as far as it is known, for a fault's text."""
         return f"more than its {1.0 / self._period_s:.0f} frames a second" if self.fast else ""
 
     def copied(self) -> SenderWatch:
-        """One that goes its own way."""
+        """Return an independent copy."""
         other = copy.copy(self)
-        other._odd, other._sound = self._odd.copy(), self._sound.copy()
+        other._irregular, other._sound = self._irregular.copy(), self._sound.copy()
         other._rough = tuple(copy.copy(rough) for rough in self._rough)
         return other
 
     def restart(self, time_s: float) -> None:
-        """The clock stepped, or the message was away: judge no rate across that."""
+        """Judge no rate across a step of the clock or an absence of the message."""
         self._since_s += time_s - self._last_s
         self._last_s = self._window_s = time_s
         self._count = 0
@@ -130,7 +131,8 @@ class SenderWatch:
         self._tokens = self._burst
 
     def frame(self, time_s: float) -> bool:
-        """Take a frame's stamp (later than the one before); whether the message is doubted for its rate."""
+        """Take a frame's stamp (later than the one before); return whether the message is doubted for its
+        rate."""
         if self._since_s != self._since_s:
             self._since_s = self._window_s = self._last_s = time_s
         if time_s - self._last_s > GAP_S:
@@ -153,52 +155,54 @@ class SenderWatch:
             self.fast = False
         if self.fast:
             self._accept(time_s)
-        elif self._tokens > _SURE_SHARE * self._burst:
+        elif self._tokens > _REGULAR_SHARE * self._burst:
             for rough in self._rough:
                 if rough is not None:
                     rough.settle()
         return self.fast
 
-    def value(self, place: int, value: float, jumped: bool, sound: bool) -> bool:
-        """Take one signal's value; whether it is doubted because values in turn contradict one another.
+    def value(self, index: int, value: float, jumped: bool, sound: bool) -> bool:
+        """Take one signal's value; return whether it is doubted because values in turn contradict one
+        another.
 
         `jumped`: a reading was found odd with it; `sound`: it made a sample. Odd values with no sound ones
         between them are of one sender, and are left out already.
         """
-        rough = self._rough[place]
+        rough = self._rough[index]
         if rough is not None:
             rough.take(value)
-        self._sound[place] |= sound
-        odd = max(self._odd[place] - ODD_LEAK, 0.0)
-        if jumped and self._sound[place]:
-            odd = min(odd + 1.0, 2.0 * ODD_LIMIT)
-            self._sound[place] = sound
-        self._odd[place] = odd
-        if odd == 0.0:
-            self._sound[place] = True
-        self.uneasy = self.fast or any(self._odd)
+        self._sound[index] |= sound
+        irregular = max(self._irregular[index] - IRREGULAR_LEAK, 0.0)
+        if jumped and self._sound[index]:
+            irregular = min(irregular + 1.0, 2.0 * IRREGULAR_LIMIT)
+            self._sound[index] = sound
+        self._irregular[index] = irregular
+        if irregular == 0.0:
+            self._sound[index] = True
+        self.uneasy = self.fast or any(self._irregular)
         if self.fast and (jumped or (rough is not None and rough.excessive)):
             self._clean_since_s = self._last_s
-        return odd > ODD_LIMIT
+        return irregular > IRREGULAR_LIMIT
 
     def judge_regular(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
         """Take frames and their values, which are in order, as `frame` and `value` one by one, up to the
-        first that is doubted: its place. `compared`: place and values of each signal that is compared."""
-        place = 0
-        while place < len(times_s):
-            if not compared and (passed := self._pass_calm(times_s, place)):
-                place += passed
+        first that is doubted; return its index. `compared`: index and values of each signal that is
+        compared."""
+        index = 0
+        while index < len(times_s):
+            if not compared and (passed := self._pass_calm(times_s, index)):
+                index += passed
                 continue
-            if self.frame(times_s[place]) or any(
-                [self.value(number, values[place], False, True) for number, values in compared]  # noqa: C419
+            if self.frame(times_s[index]) or any(
+                [self.value(number, values[index], False, True) for number, values in compared]  # noqa: C419
             ):
                 break
-            place += 1
-        return place
+            index += 1
+        return index
 
     def _pass_calm(self, times_s: list[float], start: int) -> int:
-        """As `frame` for stamps from a place on, as long as the rate is known and they keep to it; for how
-        many."""
+        """Take stamps from an index on as `frame` does, as long as the rate is known and they keep to it;
+        return their number."""
         period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
         window_s, passed = self._window_s, 0
         if not period_s or self.fast:
@@ -219,7 +223,7 @@ class SenderWatch:
         return passed
 
     def _measure(self, time_s: float) -> None:
-        """The mean interval, over windows so long that frames in bunches do not matter."""
+        """Measure the mean interval, over windows so long that frames in bunches do not matter."""
         self._count += 1
         span_s = time_s - self._window_s
         if span_s >= WINDOW_S or span_s < 0.0:
@@ -232,7 +236,7 @@ class SenderWatch:
         self._burst = self._tokens = max(BURST_S / period_s, BURST_FRAMES)
 
     def _accept(self, time_s: float) -> None:
-        """A faster rate with values as even as before is the sender's own."""
+        """Accept a faster rate as the sender's own if the values are as smooth as before."""
         if time_s - self._clean_since_s >= ACCEPT_S:
             self.fast = False
             self._know(min(self._lately_s, self._period_s))

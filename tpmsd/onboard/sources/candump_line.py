@@ -34,7 +34,7 @@ CAN FD."""
 
 
 def parse_candump_line(line: str, number: int = 0) -> CanFrame | None:
-    """The frame of one line; None if the line is not one."""
+    """Return the frame of one line; None if the line is not one."""
     match = LINE.match(line)
     if match is None:
         return None

@@ -39,7 +39,7 @@ except ImportError:  # not built: there was no compiler, or it was left out
 LONGEST_CHARS = 256
 """The longest line that is read in this way: CAN FD with 64 bytes takes about 170."""
 MOST_SHAPES = 64
-"""Lengths of line (with the place of the '#') that are read together, the commonest first."""
+"""Lengths of line (with the column of the '#') that are read together, the commonest first."""
 MOST_TEMPLATES = 8
 """Templates that are tried on the lines of one shape: channels, directions, flags of CAN FD."""
 EXACT_BELOW = 9.0e15
@@ -56,7 +56,7 @@ Bad = Callable[[int, str], None]
 
 @dataclass(frozen=True, slots=True)
 class _Template:
-    """Where the parts of a line stand: columns of the stamp's digits, of identifier, data, and the rest."""
+    """Columns of the parts of a line: the stamp's digits, identifier, data, and the rest."""
 
     whole: NDArray[np.intp]
     fraction: NDArray[np.intp]
@@ -68,7 +68,7 @@ class _Template:
 
 
 def _template(line: str) -> _Template | None:
-    """Of a line's own places; None if it is no frame."""
+    """Return the template of a line from its own columns; None if it is no frame."""
     match = LINE.match(line)
     if match is None:
         return None
@@ -78,13 +78,13 @@ def _template(line: str) -> _Template | None:
     data = match.span(7 if fd else 5) if fd or match[5] is not None else (0, 0)
     used = {dot: False}
     for first, last in (stamp, identifier, data):
-        used.update((place, place != dot) for place in range(first, last))
+        used.update((column, column != dot) for column in range(first, last))
     return _Template(
         np.arange(stamp[0], dot),
         np.arange(dot + 1, stamp[1]),
         np.arange(*identifier),
         np.arange(*data),
-        np.array([place for place in range(len(line)) if not used.get(place, False)], dtype=np.intp),
+        np.array([column for column in range(len(line)) if not used.get(column, False)], dtype=np.intp),
         match[2],
         FD * fd + REMOTE * (match[6] is not None),
     )
@@ -104,14 +104,14 @@ class _Rows:
         self.channels: dict[str, int] = {}
 
     def widen(self, size: int) -> None:
-        """Room for frames of CAN FD."""
+        """Make room for frames of CAN FD."""
         if size > self.data.shape[1]:
             wider = np.zeros((len(self.data), size), dtype=np.uint8)
             wider[:, : self.data.shape[1]] = self.data
             self.data = wider
 
     def put(self, frames: list[CanFrame], at: list[int]) -> None:
-        """Frames that were read one by one, in their rows."""
+        """Put frames that were read one by one into their rows."""
         if not frames:
             return
         block = block_of(frames)
@@ -123,7 +123,7 @@ class _Rows:
         self.found[at] = True
 
     def block(self, first_line: int) -> FrameBlock:
-        """The rows that were filled; the first line given has the number `first_line`."""
+        """Return the rows that were filled; the first line given has the number `first_line`."""
         whole = FrameBlock(
             self.time_s,
             self.identifier,
@@ -138,8 +138,8 @@ class _Rows:
 
 
 def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
-    """The frames of whole lines (each with its line end); `bad` hears of those that are none, blank ones
-    aside, in their order."""
+    """Return the frames of whole lines (each with its line end); `bad` hears of those that are none, blank
+    ones aside, in their order."""
     raw = text.encode("latin-1")
     rows = _Rows(raw.count(b"\n"))
     if compiled is not None and _read_compiled(raw, rows):
@@ -147,9 +147,9 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
     buffer = np.frombuffer(raw, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
     starts = np.concatenate([[0], ends[:-1] + 1])
-    lengths, places = ends - starts, _hash_places(buffer, starts, ends)
-    readable = (places >= 0) & (lengths < LONGEST_CHARS) & ~rows.found
-    shapes = np.where(readable, lengths * LONGEST_CHARS + places, 0)
+    lengths, hash_columns = ends - starts, _hash_columns(buffer, starts, ends)
+    readable = (hash_columns >= 0) & (lengths < LONGEST_CHARS) & ~rows.found
+    shapes = np.where(readable, lengths * LONGEST_CHARS + hash_columns, 0)
     often = np.bincount(shapes)
     often[0] = 0
     for shape in np.argsort(-often, kind="stable")[:MOST_SHAPES].tolist():
@@ -171,7 +171,7 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
 
 
 def _read_compiled(raw: bytes, rows: _Rows) -> bool:
-    """Fill the rows of the commonest lines on the channel of the first one; whether those are all."""
+    """Fill the rows of the commonest lines on the channel of the first one; return whether those are all."""
     first = raw[: raw.index(b"\n")].decode("latin-1")
     match = LINE.match(first)
     if match is None:
@@ -183,10 +183,10 @@ def _read_compiled(raw: bytes, rows: _Rows) -> bool:
     return bool(found == len(rows.found))
 
 
-def _hash_places(
+def _hash_columns(
     buffer: NDArray[np.uint8], starts: NDArray[np.intp], ends: NDArray[np.intp]
 ) -> NDArray[np.intp]:
-    """(lines,) place of the first '#' in each line; -1 where there is none."""
+    """Return (lines,) the column of the first '#' in each line; -1 where there is none."""
     hashes = np.flatnonzero(buffer == ord("#"))
     if len(hashes) == len(starts) and bool(np.all((hashes > starts) & (hashes < ends))):
         return hashes - starts
@@ -219,7 +219,7 @@ def _read_shape(
 def _read_alike(
     text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _Rows
 ) -> NDArray[np.bool_]:
-    """Fill the rows of the lines (n,) that the template fits; which ones those are. `text` (length, n)."""
+    """Fill the rows of the lines (n,) that the template fits; return them. `text` (length, n)."""
     digits = text[np.concatenate([template.whole, template.fraction])] - ord("0")
     nibbles = _HEX[text[np.concatenate([template.identifier, template.data])]]
     other = text[template.other]
@@ -253,7 +253,7 @@ def _read_alike(
 
 
 def _stamps(text: NDArray[np.uint8], digits: NDArray[np.uint8], template: _Template) -> FloatArray:
-    """(n,) the very numbers that `float` makes of the stamps; `text` (length, n), `digits` (d, n)."""
+    """Return (n,) the very numbers that `float` makes of the stamps; `text` (length, n), `digits` (d, n)."""
     count = len(digits)
     whole = _TENS[count - 1 :: -1] @ digits.astype(np.float64)
     if bool((whole < EXACT_BELOW).all()):

@@ -17,11 +17,11 @@ class CarDatabase(Database):
     """The DBC of [can], with those of the further buses."""
 
     others: tuple[Database, ...] = ()
-    """In the order of [can.buses]."""
+    """Databases in the order of [can.buses]."""
 
 
 def load_databases(config: Config) -> Database:
-    """The DBCs of all buses of a configuration; `ConfigError` as `load_database`."""
+    """Return the DBCs of all buses of a configuration; `ConfigError` as `load_database`."""
     main = load_database(config.can.dbc)
     if not config.can.buses:
         return main
@@ -35,7 +35,7 @@ def load_databases(config: Config) -> Database:
 
 
 def database_of(database: Database, bus: int) -> Database:
-    """The database of a bus by its number; the one of [can] where there is but one."""
+    """Return the database of a bus by its number; the one of [can] where there is but one."""
     others = database.others if isinstance(database, CarDatabase) else ()
     return others[bus - 1] if 0 < bus <= len(others) else database
 

@@ -28,7 +28,7 @@ from tpmsd.onboard.sources.leaps import BACKWARD_STEP_S, LeapWatch
 from tpmsd.onboard.sources.nmea_log import bears_host_times, read_nmea_log
 
 PATIENCE_S = {"can": 10.0, "gnss": 0.5}
-"""How far past a step of the other file a file is played before it is taken not to show that step.
+"""Time by which a file is played past a step of the other file before it is taken not to show that step, s.
 
 Sentences come once a second or less often, so the frames may run on for long before they come to a step that
 the sentences showed first."""
@@ -39,7 +39,7 @@ NMEA_LOGS = ("gnss.nmea", "gnss.nmea.gz")
 
 
 def find_nmea_log(folder: Path) -> Path | None:
-    """The receiver's log of a drive folder, if it has one; InputError where it is no file."""
+    """Return the receiver's log of a drive folder, if it has one; InputError where it is no file."""
     there = [path for name in NMEA_LOGS if (path := folder / name).exists() or path.is_symlink()]
     found = next((path for path in there if path.is_file()), None)
     if there and found is None:
@@ -72,7 +72,7 @@ class Drive:
         self.can_log = find_can_log(folder)
         self.nmea_log = find_nmea_log(folder)
         self.host_times = self.nmea_log is None or bears_host_times(self.nmea_log)
-        """Whether the NMEA lines bear the host clock; else their UTC needs `gnss_offset_s`."""
+        """True if the NMEA lines bear the host clock; else their UTC needs `gnss_offset_s`."""
         self.gnss_offset_s = 0.0
         """Added to the time of every NMEA line; see `plain_nmea.clock_offset`."""
         self.channel: str | None = None
@@ -83,7 +83,7 @@ class Drive:
         self.first_bad: dict[str, str] = {}
 
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
-        """Frames and sentences, oldest first."""
+        """Yield frames and sentences, oldest first."""
         for part in self.parts():
             if isinstance(part, Part):
                 yield from part.block.frames(part.start, part.stop)
@@ -91,7 +91,7 @@ class Drive:
                 yield part
 
     def parts(self) -> Iterator[Part | Sentence]:
-        """The same, with the frames between two sentences together."""
+        """Yield frames and sentences, with the frames between two sentences together."""
         can, gnss = _Frames(self._undamaged_frames()), _Sentences(self._undamaged_sentences())
         while can.head_s is not None or gnss.head_s is not None:
             stream = _next(can, gnss)
@@ -113,23 +113,26 @@ class Drive:
                     yield block.taken(mine)
 
     def _undamaged_frames(self) -> Iterator[FrameBlock]:
-        """The blocks without frames whose stamps leap; most have none and need no look at each frame."""
+        """Yield the blocks without frames whose stamps leap; most have none and need no look at each
+        frame."""
         watch = LeapWatch[FrameBlock]()
         for block in self._blocks():
-            place = 0
-            while place < len(block):
-                stop = watch.even_to(block.time_s, place)
-                if stop > place:
-                    yield block if stop - place == len(block) else block.taken(slice(place, stop))
-                    place = stop
+            frame_index = 0
+            while frame_index < len(block):
+                stop = watch.regular_to(block.time_s, frame_index)
+                if stop > frame_index:
+                    yield block if stop - frame_index == len(block) else block.taken(slice(frame_index, stop))
+                    frame_index = stop
                     continue
-                yield from watch.take(float(block.time_s[place]), block.taken(slice(place, place + 1)))
-                place += 1
+                yield from watch.take(
+                    float(block.time_s[frame_index]), block.taken(slice(frame_index, frame_index + 1))
+                )
+                frame_index += 1
         yield from watch.left()
         self._count_damaged("can", watch.damaged)
 
     def _undamaged_sentences(self) -> Iterator[Sentence]:
-        """The sentences without those whose stamps leap away from their neighbours and back."""
+        """Yield the sentences without those whose stamps leap away from their neighbours and back."""
         watch = LeapWatch[Sentence]()
         for item in self._sentences():
             yield from watch.take(item.time_s, item)
@@ -155,7 +158,7 @@ class Drive:
         return note
 
     def span_s(self) -> float:
-        """Duration by the receiver's log, for progress bars; 0 if it is not known cheaply."""
+        """Return the duration by the receiver's log, for progress bars; 0 if it is not known cheaply."""
         if self.nmea_log is None:
             return 0.0
         first = last = None
@@ -186,7 +189,8 @@ class _Sentences:
         return None if self._head is None else self._head.time_s
 
     def up_to(self, limit_s: float) -> Iterator[Sentence]:
-        """The next item and those behind it up to a time, but none behind a backward step of the clock."""
+        """Yield the next item and those behind it up to a time, but none behind a backward step of the
+        clock."""
         item = self._head
         assert item is not None
         before_s = item.time_s
@@ -227,7 +231,7 @@ class _Frames:
         """`before_s`: the last time of the block before."""
         self._block, self._at = next(self._blocks, None), 0
         self._backward: list[int] = []
-        """Places before which the clock steps back."""
+        """Indices before which the clock steps back."""
         self._rises = True
         self._time_s: list[float] = []
         if self._block is not None:
@@ -238,12 +242,15 @@ class _Frames:
             self._backward += np.flatnonzero(time_s < before - BACKWARD_STEP_S).tolist()
 
     def up_to(self, limit_s: float) -> Iterator[Part]:
-        """The next frame and those behind it up to a time, but none behind a backward step of the clock."""
+        """Yield the next frame and those behind it up to a time, but none behind a backward step of the
+        clock."""
         last_s = math.nan
         head = 1  # the next is played whatever its time: it has been chosen
         while (block := self._block) is not None:
             start = self._at
-            step = next((place for place in self._backward if place >= start + head), len(block))
+            step = next(
+                (frame_index for frame_index in self._backward if frame_index >= start + head), len(block)
+            )
             stop = min(step, self._first_behind(limit_s, start + head))
             if stop > start:
                 yield Part(block, start, stop)
@@ -257,7 +264,7 @@ class _Frames:
             self._take_block(last_s)
 
     def _first_behind(self, limit_s: float, start: int) -> int:
-        """Place of the first frame from `start` on that is later than the limit."""
+        """Return the index of the first frame from `start` on that is later than the limit."""
         assert self._block is not None
         if self._rises:
             return max(bisect_right(self._time_s, limit_s), start)
@@ -270,7 +277,7 @@ _Stream = _Frames | _Sentences
 
 
 def _next(one: _Stream, other: _Stream) -> _Stream:
-    """The stream whose head is to be played next."""
+    """Return the stream whose head is to be played next."""
     if one.head_s is None or other.head_s is None:
         return other if one.head_s is None else one
     if one.steps != other.steps:
@@ -285,7 +292,7 @@ def _next(one: _Stream, other: _Stream) -> _Stream:
 
 
 def _limit_s(stream: _Stream, one: _Stream, other: _Stream) -> float:
-    """Up to when `_next` would choose this stream again, as long as it does not step."""
+    """Return the time up to which `_next` would choose this stream again, as long as it does not step."""
     rival = other if stream is one else one
     if rival.head_s is None:
         return math.inf

@@ -1,4 +1,4 @@
-"""What the sources hand to the timeline: decoded readings, each with its host time stamp.
+"""Events that the sources hand to the timeline: decoded readings, each with its host time stamp.
 
 In: nothing (plain records). Out: `RotationSample`, `InertialSample`, `GnssFix`, `SourceFault`.
 All times are seconds of the host clock as stamped on arrival (CAN frame or first byte of a sentence).
@@ -37,8 +37,8 @@ class RotationRun(NamedTuple):
     wheel: int
     segment: int
     quantum_rad: float
-    places: list[int]
-    """Of their frames in the log, in whatever numbers rise with them."""
+    frame_indices: list[int]
+    """Indices of their frames in the log, in whatever numbers rise with them."""
     time_s: list[float]
     angle_rad: list[float]
 
@@ -86,7 +86,8 @@ class SourceFault:
     source: str
     """can | gnss"""
     kind: str
-    """For example lost, repeated, late, reset, jump, stuck, timeout, checksum, garbage, unplugged."""
+    """Kind of fault, for example lost, repeated, late, reset, jump, stuck, timeout, checksum, garbage,
+    unplugged."""
     detail: str = ""
     wheel: int | None = None
 

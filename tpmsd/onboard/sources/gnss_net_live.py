@@ -41,7 +41,7 @@ class _Lookup:
         self._turn = 0
 
     def next(self) -> Address:
-        """One of the addresses, in turn; `ReceiverGone` while there is none."""
+        """Return one of the addresses, in turn; `ReceiverGone` while there is none."""
         with contextlib.suppress(ValueError):
             family = socket.AF_INET if ipaddress.ip_address(self._host).version == 4 else socket.AF_INET6
             return family, (self._host, self._port)
@@ -63,7 +63,7 @@ class _Lookup:
         return address
 
     def failed(self) -> None:
-        """The address that was tried last led nowhere: the name may point elsewhere by now."""
+        """Note that the address that was tried last led nowhere: the name may point elsewhere by now."""
         if self._found and self._turn % len(self._found) == 0:
             self._found = []
 
@@ -105,11 +105,12 @@ class TcpReceiver:
             self._lost(status)
 
     def fileno(self) -> int:
-        """The descriptor to wait on. Raises `ReceiverGone` if closed."""
+        """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
         return self._opened().fileno()
 
     def read(self) -> bytes:
-        """What has arrived, empty if nothing has. Raises `ReceiverGone` when the connection is gone."""
+        """Return the bytes that have arrived, empty if none have. Raises `ReceiverGone` when the connection
+        is gone."""
         connection = self._opened()
         if not self._connected and not self._finish_connecting(connection):
             return b""
@@ -176,11 +177,11 @@ class UdpReceiver:
             raise ReceiverGone(self.label, reason) from None
 
     def fileno(self) -> int:
-        """The descriptor to wait on. Raises `ReceiverGone` if closed."""
+        """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
         return self._opened().fileno()
 
     def read(self) -> bytes:
-        """The next datagram as lines, empty if there is none. Raises `ReceiverGone`."""
+        """Return the next datagram as lines, empty if there is none. Raises `ReceiverGone`."""
         try:
             data = self._opened().recv(READ_BYTES)
         except (BlockingIOError, InterruptedError):

@@ -1,4 +1,4 @@
-"""How far a position may be off.
+"""Standard deviation of a position.
 
 In: fix quality, HDOP, the receiver's own error estimate (GST). Out: horizontal standard deviation per axis in
 metres.
@@ -29,7 +29,7 @@ _UNKNOWN_QUALITY_STD_M = 10.0
 
 
 def position_std(quality: int, hdop: float, gst_std_m: float = math.nan) -> float:
-    """Horizontal one-sigma per axis (m), never NaN, within [MIN_STD_M, MAX_STD_M].
+    """Return horizontal one-sigma per axis (m), never NaN, within [MIN_STD_M, MAX_STD_M].
 
     `gst_std_m` is a fresh GST's root mean square over both axes; NaN or 0 (which receivers send for
     'unknown') falls back on the quality's base times HDOP, where a missing HDOP counts as 1.

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 from tpmsd.onboard.sources.events import Event, GnssFix, InertialSample
 from tpmsd.onboard.sources.gnss_noise import position_std
-from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks
+from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, PositionChecks
 from tpmsd.onboard.sources.nmea_clock import DAY_S, ReceiverClock
 from tpmsd.onboard.sources.nmea_epoch import COURSE_MIN_SPEED_MPS
 from tpmsd.onboard.sources.nmea_sentence import MAX_SPEED_MPS
@@ -24,7 +24,7 @@ from tpmsd.onboard.sources.nmea_sentence import MAX_SPEED_MPS
 NAN = math.nan
 PREFIX = "gnss_"
 ALIVE_S = 1.0
-"""What stays the same is said again this often: a receiver at rest is no dead one."""
+"""Period at which unchanged values are reported again, s: a receiver at rest has not failed."""
 _UNIX_FROM_S = 1e8
 """A time above is Unix time, one below is a time of the day."""
 _EARTH_M = 6_371_000.0
@@ -52,12 +52,14 @@ class CanFixAssembler:
         self._roles = frozenset(role for role in roles if role.startswith(PREFIX))
         steps = steps or {}
         self._speed_step_mps = steps.get("gnss_speed", 0.0)
-        self._place_step_m = _EARTH_M * max((steps.get(role, 0.0) for role in _COMES_SEVERALLY), default=0.0)
+        self._position_step_m = _EARTH_M * max(
+            (steps.get(role, 0.0) for role in _COMES_SEVERALLY), default=0.0
+        )
         self._burst: _Burst | None = None
         self._interval = EpochInterval()
         self._episodes = Episodes(self.counts)
         self._clock = ReceiverClock()
-        self._place = PlaceChecks(self._episodes)
+        self._position_checks = PositionChecks(self._episodes)
         self._said: dict[str, float] = {}
         self._said_s = -math.inf
 
@@ -67,7 +69,7 @@ class CanFixAssembler:
         return math.inf if self._burst is None else self._burst.last_s + self._interval.gap_s
 
     def take(self, sample: InertialSample) -> list[Event]:
-        """Take a reading; the events that it brings about."""
+        """Take a reading; return the events that it causes."""
         time_s, role, value = sample
         events: list[Event] = []
         burst = self._burst
@@ -120,8 +122,8 @@ class CanFixAssembler:
         if none:
             fix = replace(fix, quality=0)
         elif not wrong:
-            fix = self._with_place(self._with_motion(fix, values), latitude, longitude, values)
-            fix, faults = self._place.judge(fix)
+            fix = self._with_position(self._with_motion(fix, values), latitude, longitude, values)
+            fix, faults = self._position_checks.judge(fix)
             events += faults
         self.counts["fixes"] += 1
         return [*events, fix]
@@ -137,10 +139,10 @@ class CanFixAssembler:
             course_rad=NAN if speed < COURSE_MIN_SPEED_MPS else course,
         )
 
-    def _with_place(
+    def _with_position(
         self, fix: GnssFix, latitude: float, longitude: float, values: Mapping[str, float]
     ) -> GnssFix:
-        rounding_m = self._place_step_m / math.sqrt(12.0)
+        rounding_m = self._position_step_m / math.sqrt(12.0)
         return replace(
             fix,
             latitude_deg=latitude,

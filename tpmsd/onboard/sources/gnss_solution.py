@@ -23,7 +23,7 @@ _MODE_LETTERS = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 8: "S"}
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a receiver says of one instant. NaN where it says nothing."""
+    """Solution of a receiver at one instant. NaN where it reports nothing."""
 
     utc_s: float = NAN
     """Unix seconds at which it is valid."""
@@ -45,7 +45,8 @@ class Solution:
 
 
 def sentences(solution: Solution) -> list[bytes]:
-    """The epoch as sentences without line ends, RMC first; empty if its time is unknown or impossible."""
+    """Return the epoch as sentences without line ends, RMC first; empty if its time is unknown or
+    impossible."""
     try:
         at = datetime.datetime.fromtimestamp(round(solution.utc_s, 6), tz=datetime.UTC)
     except (ValueError, OverflowError, OSError):
@@ -53,19 +54,21 @@ def sentences(solution: Solution) -> list[bytes]:
     if not 1980 <= at.year < 2080:  # beyond what two digits of a year can say
         return []
     clock, date = at.strftime("%H%M%S.%f"), at.strftime("%d%m%y")
-    has_place = math.isfinite(solution.latitude_deg) and math.isfinite(solution.longitude_deg)
-    if solution.quality == 0 or not has_place:
+    has_position = math.isfinite(solution.latitude_deg) and math.isfinite(solution.longitude_deg)
+    if solution.quality == 0 or not has_position:
         return [_sentence(f"GNRMC,{clock},V,,,,,,,{date},,,N")]
-    place = f"{_angle(solution.latitude_deg, 2, 'NS')},{_angle(solution.longitude_deg, 3, 'EW')}"
+    position = f"{_angle(solution.latitude_deg, 2, 'NS')},{_angle(solution.longitude_deg, 3, 'EW')}"
     letter = _MODE_LETTERS.get(solution.quality, "A")
     knots, course = _number(solution.speed_mps / KNOT_MPS, 5), _number(solution.course_deg, 4)
-    out = [_sentence(f"GNRMC,{clock},A,{place},{knots},{course},{date},,,{letter}")]
+    out = [_sentence(f"GNRMC,{clock},A,{position},{knots},{course},{date},,,{letter}")]
     if math.isfinite(solution.speed_std_mps):
         out.append(_sentence(f"PTPMSG,{clock},{_number(solution.speed_std_mps, 4)}"))
     used = "" if solution.satellites is None else f"{solution.satellites:02d}"
     height = f"{_number(solution.altitude_m, 3)},M,0.0,M" if math.isfinite(solution.altitude_m) else ",M,,M"
     out.append(
-        _sentence(f"GNGGA,{clock},{place},{solution.quality},{used},{_number(solution.hdop, 2)},{height},,")
+        _sentence(
+            f"GNGGA,{clock},{position},{solution.quality},{used},{_number(solution.hdop, 2)},{height},,"
+        )
     )
     if math.isfinite(solution.latitude_std_m) and math.isfinite(solution.longitude_std_m):
         stds = (solution.latitude_std_m, solution.longitude_std_m, solution.altitude_std_m)

@@ -1,4 +1,4 @@
-"""From a receiver's bytes to stamped sentences, whatever it speaks.
+"""Stamped sentences from a receiver's bytes, whatever its protocol.
 
 In: bytes in pieces, each with the host time at which it came. Out: NMEA lines, each with the time of the
 first byte of the message that it was or was made of. One interface, so that the daemon's link knows none of
@@ -24,7 +24,7 @@ StampedLine = tuple[float, bytes]
 
 
 class GnssStream(Protocol):
-    """What takes a receiver's bytes apart."""
+    """Stream that takes a receiver's bytes apart."""
 
     @property
     def lines(self) -> int:
@@ -36,13 +36,13 @@ class GnssStream(Protocol):
 
     @property
     def hint(self) -> str:
-        """What may be wrong with an open line; empty if nothing seems to be."""
+        """Possible fault of an open line, in words; empty if nothing is found."""
 
     def feed(self, data: bytes, stamp_s: float) -> list[StampedLine]:
-        """The lines that this piece completes."""
+        """Return the lines that this piece completes."""
 
     def reset(self) -> None:
-        """The line was closed and opened again: forget what is unfinished."""
+        """Forget what is unfinished: the line was closed and opened again."""
 
 
 class NmeaStream:
@@ -54,7 +54,7 @@ class NmeaStream:
     def __init__(self) -> None:
         self._ubx, self._nmea = UbxFramer(), NmeaFramer()
         self._begun_ubx_s = self._begun_s = 0.0
-        """When the unfinished frame, and the unfinished line, began."""
+        """Times at which the unfinished frame and the unfinished line began."""
         self._since_pvt = NMEA_AFTER_PVT
         self._pvt_lines = 0
 
@@ -78,7 +78,7 @@ class NmeaStream:
         return "bytes but no sentence: wrong baud rate?" if self._nmea.wrong_baud else ""
 
     def feed(self, data: bytes, stamp_s: float) -> list[StampedLine]:
-        """The lines that this piece completes."""
+        """Return the lines that this piece completes."""
         out: list[StampedLine] = []
         held_s, early = self._begun_ubx_s, self._ubx.held
         for is_frame, piece in self._ubx.feed(data):
@@ -126,11 +126,11 @@ class GpsdStream:
 
     @property
     def hint(self) -> str:
-        """What gpsd says, or who answers in its place."""
+        """Message of gpsd, or the service that answers in its place."""
         return self._reports.hint
 
     def feed(self, data: bytes, stamp_s: float) -> list[StampedLine]:
-        """The lines made of the reports that this piece completes."""
+        """Return the lines made of the reports that this piece completes."""
         out: list[StampedLine] = []
         idle = not self._reports.held
         for early, solution in self._reports.feed(data):

@@ -21,7 +21,7 @@ from tpmsd.onboard.sources.gnss_solution import NAN, Solution
 from tpmsd.onboard.sources.nmea_sentence import unix_day
 
 WATCH = b'?WATCH={"enable":true,"json":true}\n'
-"""What gpsd waits for before it reports."""
+"""Request that gpsd waits for before it reports."""
 MAX_LINE_BYTES = 16384
 """gpsd itself stops at 10240 (GPS_JSON_RESPONSE_MAX)."""
 UERE_M = (15.0, 3.75, 19.0, 4.75)
@@ -62,7 +62,7 @@ class GpsdReports:
         self._satellites, self._gst = -1, {}
 
     def feed(self, data: bytes) -> list[tuple[bool, Solution]]:
-        """(whether it began in an earlier piece, the solution) per TPV report that is completed."""
+        """Return (whether it began in an earlier piece, the solution) per TPV report that is completed."""
         out = []
         *complete, rest = (self._partial + data).split(b"\n")
         early = bool(self._partial)
@@ -140,7 +140,8 @@ class GpsdReports:
         )
 
     def _stds(self, report: dict[str, Any], utc_s: float) -> tuple[float, float]:
-        """Of latitude and longitude: from a fresh GST, else the receiver's radius, else not known."""
+        """Return the standard deviations of latitude and longitude: from a fresh GST, else the receiver's
+        radius, else NaN."""
         stated = reading(self._gst, "lat"), reading(self._gst, "lon")
         if min(stated) > 0.0 and abs(utc_s - unix_time(self._gst.get("time"))) <= GST_MAX_AGE_S:
             return stated
@@ -154,13 +155,13 @@ class GpsdReports:
 
 
 def reading(report: dict[str, Any], key: str) -> float:
-    """A finite number of a report; NaN for anything else."""
+    """Return a finite number of a report; NaN for anything else."""
     value = number(report.get(key))
     return NAN if value is None else value
 
 
 def unix_time(text: object) -> float:
-    """Unix seconds of gpsd's ISO 8601 time; NaN if it is none."""
+    """Return Unix seconds of gpsd's ISO 8601 time; NaN if it is none."""
     match = _TIME.fullmatch(text) if isinstance(text, str) else None
     if match is None:
         return NAN

@@ -30,11 +30,12 @@ class LeapWatch(Generic[Item]):
 
     @property
     def calm(self) -> bool:
-        """Whether the last stamp was sound."""
+        """True if the last stamp was sound."""
         return self._before_s is not None and not self._doubted
 
-    def even_to(self, time_s: FloatArray, start: int) -> int:
-        """Take the stamps from a place on that do not leap; the place of the first that is not taken."""
+    def regular_to(self, time_s: FloatArray, start: int) -> int:
+        """Take the stamps from an index on that do not leap; return the index of the first that is not
+        taken."""
         if self._before_s is None or self._doubted or start == len(time_s):
             return start
         leaps = np.abs(np.diff(time_s[start:], prepend=self._before_s)) > LEAP_S
@@ -44,7 +45,7 @@ class LeapWatch(Generic[Item]):
         return stop
 
     def take(self, time_s: float, item: Item) -> list[Item]:
-        """Take one; those that are sound now."""
+        """Take one stamp's record; return those that are sound now."""
         before_s, doubted = self._before_s, self._doubted
         if before_s is not None and not doubted and abs(time_s - before_s) <= LEAP_S:
             self._before_s = time_s
@@ -68,11 +69,11 @@ class LeapWatch(Generic[Item]):
         return []
 
     def left(self) -> list[Item]:
-        """Those that are still in doubt: at the end of the file they are sound."""
+        """Return those that are still in doubt: at the end of the file they are sound."""
         left, self._doubted = [item for _, item in self._doubted], []
         return left
 
 
 def _follows(before_s: float, time_s: float) -> bool:
-    """Whether a stamp goes on from another."""
+    """Return whether a stamp goes on from another."""
     return -BACKWARD_STEP_S <= time_s - before_s <= LEAP_S

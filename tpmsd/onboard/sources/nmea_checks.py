@@ -17,7 +17,7 @@ NAN = math.nan
 MIN_GAP_S, MAX_GAP_S, GAP_OF_INTERVAL = 0.02, 0.25, 0.3
 FROZEN_COUNT, FROZEN_SPEED_MPS = 5, 2.0
 REACH_SPEED_MPS, REACH_M = 150.0, 500.0
-"""No car goes further than this; the constant part is what a receiver may drift when the sky is hidden."""
+"""Greatest speed of a car, and a constant distance that a receiver may drift when the sky is hidden."""
 REACH_COUNT = 3
 GOOD_TO_END = {"repeated": 20}
 """Good epochs that end an episode, where one is not enough: a doubled log is good every other epoch."""
@@ -52,7 +52,7 @@ class Episodes:
         self._good: dict[str, int] = {}
 
     def note(self, time_s: float, kind: str, wrong: bool, detail: str = "") -> list[SourceFault]:
-        """Say whether an epoch has this fault; the report, if that begins an episode."""
+        """Note whether an epoch has this fault; return the report, if that begins an episode."""
         if not wrong:
             if kind in self._good:
                 self._good[kind] += 1
@@ -66,14 +66,14 @@ class Episodes:
 
 
 class FrozenPosition:
-    """Tells a receiver that repeats its last position while it reports motion."""
+    """Detects a receiver that repeats its last position while it reports motion."""
 
     def __init__(self) -> None:
         self._position = (NAN, NAN)
         self._same = 0
 
     def judge(self, fix: GnssFix) -> bool:
-        """Whether the position of this fix is a frozen one."""
+        """Return whether the position of this fix is a frozen one."""
         position = (fix.latitude_deg, fix.longitude_deg)
         if position != self._position:
             self._position, self._same = position, 1
@@ -86,7 +86,7 @@ class FrozenPosition:
 
 
 class Leap:
-    """Tells a position that no car could have reached since the last one.
+    """Detects a position that no car could have reached since the last one.
 
     One damaged sentence in 256 passes its checksum. A leap is believed when REACH_COUNT fixes in a row,
     within reach of one another, say so: then the positions before were the wrong ones.
@@ -97,7 +97,7 @@ class Leap:
         self._doubted: list[GnssFix] = []
 
     def judge(self, fix: GnssFix) -> bool:
-        """Whether the position of this fix is out of reach (and not yet believed)."""
+        """Return whether the position of this fix is out of reach (and not yet accepted)."""
         if self._good is None or _within_reach(self._good, fix):
             self._good = fix
             self._doubted.clear()
@@ -112,7 +112,7 @@ class Leap:
         return False
 
 
-class PlaceChecks:
+class PositionChecks:
     """Both checks of a position as episodes; a fix that fails one loses its position."""
 
     def __init__(self, episodes: Episodes) -> None:
@@ -120,7 +120,7 @@ class PlaceChecks:
         self._frozen, self._leap = FrozenPosition(), Leap()
 
     def judge(self, fix: GnssFix) -> tuple[GnssFix, list[SourceFault]]:
-        """The fix, without its position if that is frozen or out of reach, and what begins with it."""
+        """Return the fix, without its position if that is frozen or out of reach, and what begins with it."""
         at_s = fix.arrival_s
         frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
         detail = f"the same position {FROZEN_COUNT} times while moving"
@@ -131,7 +131,7 @@ class PlaceChecks:
 
 
 def without_position(fix: GnssFix) -> GnssFix:
-    """The same fix with its motion and time alone."""
+    """Return the fix with its motion and time alone."""
     return replace(fix, latitude_deg=NAN, longitude_deg=NAN, altitude_m=NAN, position_std_m=NAN)
 
 

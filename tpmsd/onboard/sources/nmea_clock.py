@@ -18,7 +18,7 @@ _LONG_SILENCE_S = 6 * 3600.0
 
 
 def nearest_day(time_of_day_s: float, reference_s: float) -> float:
-    """The Unix time with this time of day that is nearest to the reference."""
+    """Return the Unix time with this time of day that is nearest to the reference."""
     return time_of_day_s + DAY_S * round((reference_s - time_of_day_s) / DAY_S)
 
 
@@ -32,7 +32,7 @@ class ReceiverClock:
         self._arrival_s = math.nan
 
     def resolve(self, time_of_day_s: float, unix_day: int | None, arrival_s: float) -> float:
-        """Unix seconds of this time of day; NaN if there is none.
+        """Return Unix seconds of this time of day; NaN if there is none.
 
         A time without a date takes the day that brings it nearest to the last known time, or, before any
         date, to the arrival. Only a long silence makes the arrival the reference again: a host clock may step

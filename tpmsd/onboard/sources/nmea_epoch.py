@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 from tpmsd.onboard.sources.events import Event, GnssFix, SourceFault
 from tpmsd.onboard.sources.gnss_noise import GST_MAX_AGE_S, position_std
-from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks, without_position
+from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, PositionChecks, without_position
 from tpmsd.onboard.sources.nmea_clock import ReceiverClock
 from tpmsd.onboard.sources.nmea_sentence import (
     ACCURACY,
@@ -64,7 +64,7 @@ class NmeaAssembler:
         self._burst: _Burst | None = None
         self._interval = EpochInterval()
         self._episodes = Episodes(self.counts)
-        self._place = PlaceChecks(self._episodes)
+        self._position_checks = PositionChecks(self._episodes)
         self._checksummed = 0
         self._gst = (-math.inf, NAN)
         self._last: tuple[float, float] = (NAN, NAN)
@@ -76,7 +76,8 @@ class NmeaAssembler:
         return math.inf if self._burst is None else self._burst.last_s + self._interval.gap_s
 
     def feed(self, time_s: float, line: bytes) -> list[Event]:
-        """Take one line that arrived at `time_s`; the events that it brings about, in order. Never raises."""
+        """Take one line that arrived at `time_s`; return the events that it causes, in order. Never
+        raises."""
         events: list[Event] = []
         burst = self._burst
         # The same comparison as in `advance`, to the last bit. A host clock that stepped back ends the burst
@@ -106,7 +107,7 @@ class NmeaAssembler:
                 self._keep_open(time_s)
             return events
         self.counts[reading.kind] += 1
-        if self._burst is not None and self._starts_anew(self._burst, reading):
+        if self._burst is not None and self._starts_epoch(self._burst, reading):
             if self._burst.lines.get(reading.kind) == line and not math.isnan(reading.time_of_day_s):
                 # The very same sentence of the very same instant: a line written twice.
                 self._keep_open(time_s)
@@ -124,12 +125,12 @@ class NmeaAssembler:
         return self._close() if self._burst is not None else []
 
     def _keep_open(self, time_s: float) -> None:
-        """A sentence that brings nothing still shows that the burst is going on."""
+        """Keep the burst open with a sentence that brings nothing."""
         if self._burst is not None:
             self._burst.last_s = time_s
 
     @staticmethod
-    def _starts_anew(burst: _Burst, reading: NmeaReading) -> bool:
+    def _starts_epoch(burst: _Burst, reading: NmeaReading) -> bool:
         other_time = abs(reading.time_of_day_s - burst.time_of_day_s) > _SAME_TIME_S
         return other_time or reading.kind in burst.readings
 
@@ -166,7 +167,7 @@ class NmeaAssembler:
         events += self._episodes.note(at, "repeated", False)
         fix = news
         if math.isfinite(fix.latitude_deg):
-            fix, faults = self._place.judge(fix)
+            fix, faults = self._position_checks.judge(fix)
             events += faults
         self.counts["fixes"] += 1
         events.append(fix)
@@ -214,7 +215,7 @@ def merge_readings(
     arrival_s: float = NAN,
     utc_s: float = NAN,
 ) -> GnssFix:
-    """One epoch's solution: each quantity from the sentence that knows it best.
+    """Return one epoch's solution: each quantity from the sentence that knows it best.
 
     Position from GGA, GNS, RMC, GLL in that order (only the first two know height and HDOP); speed from RMC,
     which has its own UTC, before VTG. If any sentence says that there is no solution, there is none.
@@ -230,12 +231,12 @@ def merge_readings(
     speed_mps = _first([reading.speed_mps for reading in moving])
     course_rad = _first([reading.course_rad for reading in moving])
     latitude_deg = longitude_deg = altitude_m = std_m = NAN
-    place = next((reading for reading in ordered if math.isfinite(reading.latitude_deg)), None)
-    if place is not None and place.latitude_deg == 0.0 and place.longitude_deg == 0.0:
+    located = next((reading for reading in ordered if math.isfinite(reading.latitude_deg)), None)
+    if located is not None and located.latitude_deg == 0.0 and located.longitude_deg == 0.0:
         # Exactly 0/0 is sea, and the mark of a receiver that says "valid" too early.
         quality = 0
-    elif place is not None:
-        latitude_deg, longitude_deg = place.latitude_deg, place.longitude_deg
+    elif located is not None:
+        latitude_deg, longitude_deg = located.latitude_deg, located.longitude_deg
         altitude_m = _first([reading.altitude_m for reading in heights])
         std_m = position_std(quality, hdop, gst_std_m)
     return GnssFix(
@@ -254,7 +255,7 @@ def merge_readings(
 
 
 def _first(values: list[float]) -> float:
-    """The first that is finite; NaN if none is."""
+    """Return the first that is finite; NaN if none is."""
     return next((value for value in values if math.isfinite(value)), NAN)
 
 

@@ -32,11 +32,11 @@ class NmeaFramer:
 
     @property
     def wrong_baud(self) -> bool:
-        """Whether bytes keep coming but no sentence: most likely another baud rate or a binary protocol."""
+        """True if bytes keep coming but no sentence: most likely another baud rate or a binary protocol."""
         return self._bytes_since_line >= WRONG_BAUD_BYTES
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The candidate lines that `data` completes, in order."""
+        """Return the candidate lines that `data` completes, in order."""
         self._bytes_since_line += len(data)
         *complete, rest = _LINE_END.split(self._partial + data)
         lines = [line for piece in complete if (line := self._candidate(piece)) is not None]
@@ -66,7 +66,8 @@ class NmeaFramer:
         return line
 
     def _last_start(self, piece: bytes) -> bytes:
-        """What follows the last `$`: a sentence begins there, so whatever came before was cut off."""
+        """Return the bytes from the last `$` on: a sentence begins there, so whatever came before was cut
+        off."""
         start = piece.rfind(b"$")
         if start < 0:
             self.counts["skipped_bytes"] += len(piece)

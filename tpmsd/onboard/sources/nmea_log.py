@@ -74,7 +74,7 @@ def _open(path: Path) -> IO[str]:
 
 
 def _lines(path: Path, report: Callable[[int, str], None]) -> Iterator[tuple[int, str]]:
-    """(line number, text) of every line that is not blank and not too long."""
+    """Yield (line number, text) of every line that is not blank and not too long."""
     number, skipping = 0, False
     try:
         with _open(path) as file:
@@ -94,13 +94,14 @@ def _lines(path: Path, report: Callable[[int, str], None]) -> Iterator[tuple[int
 
 
 def bears_host_times(path: Path) -> bool:
-    """Whether lines bear the host's time; the first lines tell, as a log may start in the middle of one."""
+    """Return whether lines bear the host's time; the first lines tell, as a log may start in the middle of
+    one."""
     lines = _lines(path, lambda *_: None)
     return any(_PREFIXED.match(text) for (_, text), _ in zip(lines, range(_LOOK_AHEAD_LINES), strict=False))
 
 
 def _sentence(text: str) -> bytes:
-    """From the last `$` on, as the framer has it; without one, as it is."""
+    """Return the text from the last `$` on, as the framer has it; without one, as it is."""
     return text[max(text.rfind("$"), 0) :].strip().encode("latin-1")
 
 
@@ -117,7 +118,7 @@ def _read_prefixed(path: Path, report: _Report) -> Iterator[Entry]:
 
 
 def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
-    """Stamp plain sentences with their epoch's UTC.
+    """Yield plain sentences stamped with their epoch's UTC.
 
     A sentence without a time (VTG) belongs to the epoch before it, unless that epoch has one of its type
     already: then it is the first of the next, and is held until that tells its time.
@@ -165,7 +166,7 @@ def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
 
 
 def _first_date(path: Path) -> float:
-    """Unix seconds of the first sentence with date and time; NaN if the file has none."""
+    """Return Unix seconds of the first sentence with date and time; NaN if the file has none."""
     for _, text in _lines(path, lambda *_: None):
         reading = _try_decode(_sentence(text))
         if reading.unix_day is not None and not math.isnan(reading.time_of_day_s):

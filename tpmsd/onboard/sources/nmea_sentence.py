@@ -87,8 +87,7 @@ class SentenceError(ValueError):
 
 
 class NmeaReading(NamedTuple):
-    """What one sentence says. NaN or None where it says nothing. A named tuple: a drive has tens of
-    thousands."""
+    """Values of one sentence, NaN or None where it has none. A named tuple: a drive has tens of thousands."""
 
     kind: str
     """RMC | GGA | VTG | ZDA | GST | GNS | GLL | PTPMSG | other"""
@@ -99,7 +98,7 @@ class NmeaReading(NamedTuple):
     unix_day: int | None = None
     """Days since 1970-01-01."""
     valid: bool | None = None
-    """Whether the receiver stands by its solution; None where this sentence cannot say."""
+    """True if the receiver declares its solution valid; None where this sentence does not state it."""
     latitude_deg: float = NAN
     longitude_deg: float = NAN
     altitude_m: float = NAN
@@ -112,7 +111,7 @@ class NmeaReading(NamedTuple):
     speed_std_mps: float = NAN
     """PTPMSG: standard deviation of the speed over ground."""
     out_of_range: str = ""
-    """Which quantity was impossible (and was left out); empty if none."""
+    """Name of the quantity that was impossible and was left out; empty if none."""
 
 
 def decode_sentence(line: bytes) -> NmeaReading:
@@ -166,7 +165,7 @@ def _verify_checksum(text: str) -> None:
 
 
 def exclusive_or(data: bytes) -> int:
-    """Of all bytes, by halves of one long number."""
+    """Return the exclusive or of all bytes, by halves of one long number."""
     folded, half = int.from_bytes(data, "little"), 4 << max(len(data) - 1, 0).bit_length()
     while half >= 8:
         folded ^= folded >> half
@@ -196,7 +195,7 @@ class _Fields:
         return _time_of_day(self.text("timestamp"))
 
     def position(self) -> tuple[float, float, str]:
-        """Latitude, longitude and what is wrong with them."""
+        """Return latitude, longitude and what is wrong with them."""
         text = self.text
         return _position(text("lat"), text("lat_dir"), text("lon"), text("lon_dir"))
 
@@ -211,7 +210,7 @@ class _Fields:
 
 
 def _angle_deg(text: str, hemisphere: str, limit: float) -> float:
-    """Degrees and minutes with a hemisphere letter; NaN if empty, infinite if impossible."""
+    """Return degrees and minutes with a hemisphere letter; NaN if empty, infinite if impossible."""
     match, sign = _ANGLE.fullmatch(text), _HEMISPHERES.get(hemisphere)
     if match is None or sign is None:
         return NAN
@@ -254,7 +253,7 @@ def _speed(mps: float) -> tuple[float, str]:
 
 
 def unix_day(year: int, month: int, day: int) -> int | None:
-    """Days since 1970-01-01; None for a day that no calendar has."""
+    """Return days since 1970-01-01; None for a day that no calendar has."""
     try:
         return datetime.date(year, month, day).toordinal() - _UNIX_DAY_0
     except (ValueError, OverflowError):
@@ -263,7 +262,7 @@ def unix_day(year: int, month: int, day: int) -> int | None:
 
 @lru_cache(maxsize=_KEPT)
 def _short_day(text: str) -> int | None:
-    """Of a date of six digits."""
+    """Return the day of a date of six digits."""
     match = _DATE.fullmatch(text)
     if match is None:
         return None

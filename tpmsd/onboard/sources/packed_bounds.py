@@ -1,4 +1,4 @@
-"""Whether a packed log (BLF, MF4) is what it says, before a library reads it that bounds nothing itself.
+"""Check that a packed log (BLF, MF4) is what it states, before a library reads it that bounds nothing itself.
 
 In: the file. Out: nothing, or ValueError with what is too large or makes no sense. Every packed block is
 unpacked once, in pieces, and thrown away.
@@ -23,9 +23,9 @@ MOST_CONTAINER_BYTES = 16 << 20
 MOST_OBJECT_BYTES = 1 << 20
 """A CAN FD message has some 100 bytes, the text of a comment some 10 kB."""
 MOST_BLOCK_BYTES = 16 << 20
-"""Of MDF; the standard allows 4 MiB."""
+"""Size of a block of MDF, at most; the standard allows 4 MiB."""
 MOST_MF4_BYTES = 256 << 20
-"""Of all blocks unpacked, and of the file: asammdf holds them in memory."""
+"""Size of all blocks unpacked, and of the file, at most: asammdf holds them in memory."""
 PIECE_BYTES = 1 << 16
 _OBJECT = struct.Struct("<4sHHLL")
 _FILE_HEADER_BYTES = 144
@@ -79,7 +79,7 @@ def check_mf4(file: BinaryIO) -> None:
 
 
 def _inflated(packed: bytes, most: int, what: str) -> Iterator[bytes]:
-    """What a deflated text unpacks to, in pieces; as far as it is sound."""
+    """Yield the content of a deflated text in pieces, as far as it is sound."""
     unpacker, total = zlib.decompressobj(), 0
     try:
         while packed and not unpacker.eof:
@@ -101,7 +101,7 @@ class _Objects:
         self._skip = 0
         """Bytes of the present object that are still to come."""
         self._lost = False
-        """No object stands where one should: here the reader gives up."""
+        """True once no object stands where one should: here the reader gives up."""
 
     def feed(self, piece: bytes) -> None:
         """Take a piece; ValueError for an object of an impossible size."""

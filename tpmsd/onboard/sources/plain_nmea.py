@@ -23,7 +23,8 @@ EARTH_M_PER_DEG = 111_320.0
 
 
 def clock_offset(items: Iterable[object], decoder: CanDecoder, radius_m: float) -> Alignment | None:
-    """Alignment of the receiver's UTC with the host clock by the speeds of rear left wheel and receiver."""
+    """Return the alignment of the receiver's UTC with the host clock by the speeds of rear left wheel and
+    receiver."""
     wheel: list[tuple[float, float]] = []
     gnss: list[tuple[float, float]] = []
     assembler = NmeaAssembler()
@@ -59,7 +60,7 @@ def clock_offset(items: Iterable[object], decoder: CanDecoder, radius_m: float) 
 
 
 def _by_position(fix: GnssFix, before: GnssFix | None) -> float:
-    """Speed from two positions, good enough to compare its course over time."""
+    """Return the speed from two positions, good enough to compare its course over time."""
     if before is None or not fix.utc_s > before.utc_s:
         return math.nan
     north = (fix.latitude_deg - before.latitude_deg) * EARTH_M_PER_DEG

@@ -54,7 +54,7 @@ class SerialReceiver:
 
     @property
     def is_open(self) -> bool:
-        """Whether there is a line to read."""
+        """True if there is a line to read."""
         return self._port is not None
 
     def open(self) -> None:
@@ -71,11 +71,12 @@ class SerialReceiver:
             raise ReceiverGone(self.device, _reason(error)) from None
 
     def fileno(self) -> int:
-        """The descriptor to wait on. Raises `ReceiverGone` if closed."""
+        """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
         return int(self._opened().fileno())
 
     def read(self) -> bytes:
-        """What has arrived, empty if nothing has. Raises `ReceiverGone` when the line is gone."""
+        """Return the bytes that have arrived, empty if none have. Raises `ReceiverGone` when the line is
+        gone."""
         port = self._opened()
         try:
             return bytes(port.read(READ_BYTES))
@@ -110,7 +111,7 @@ class SerialReceiver:
 
 
 def _reason(error: OSError) -> str:
-    """One line for what pyserial or the system reports."""
+    """Return one line for what pyserial or the system reports."""
     # "Could not configure port" hides the number one level down, in what it was raised from.
     numbers = (error.errno, *error.args[:1], *getattr(error.__context__, "args", ())[:1])
     code = next((number for number in numbers if isinstance(number, int)), None)

@@ -1,5 +1,5 @@
-"""What someone might tune of the readers, with unit and reason; codes and limits of formats stand beside
-their readers."""
+"""Settings of the readers that a user may tune, with unit and reason; codes and limits of formats stand
+beside their readers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class SourceSettings:
-    """When wheel speeds that stay the same are no readings."""
+    """Limits from which wheel speeds that stay the same are no readings."""
 
     frozen_s: float = 2.0
     """A speed other than zero may be constant on a smooth road; not so long while the others change (s)."""

@@ -22,7 +22,7 @@ _FLOATS: dict[int, tuple[type[np.unsignedinteger], type[np.floating]]] = {
 
 
 def raw_bits(field: BitField, data: NDArray[np.uint8]) -> RawArray:
-    """(n,) unsigned raw bits of data (n, bytes); ValueError if that is too short to hold the field."""
+    """Return (n,) unsigned raw bits of data (n, bytes); ValueError if that is too short to hold the field."""
     if field.min_bytes > data.shape[1]:
         raise ValueError("beyond the payload")
     # The field lies within the last bytes of the integer that it was planned on.
@@ -48,7 +48,7 @@ def raw_bits(field: BitField, data: NDArray[np.uint8]) -> RawArray:
 
 
 def numbers(field: BitField, raw: RawArray) -> FloatArray:
-    """(n,) what raw bits say: integers (two's complement if signed) or IEEE 754 numbers."""
+    """Return (n,) the numbers in raw bits: integers (two's complement if signed) or IEEE 754 numbers."""
     if field.is_float:
         unsigned, floating = _FLOATS[field.length]
         return raw.astype(unsigned).view(floating).astype(np.float64)

@@ -1,4 +1,5 @@
-"""From the DBC to a plan: where in which frame each needed signal is, and how its bits become SI units.
+"""Plan of the signals, made from the DBC: frame, bits and conversion to SI units of each signal that is
+needed.
 
 In: `Config` and a cantools database. Out: one `MessagePlan` per arbitration id that carries a needed signal,
 and the CAN filters for exactly those ids. Pure.
@@ -51,14 +52,14 @@ class BitField:
     """`length` ones."""
 
     def bits(self, data: bytes) -> int:
-        """The raw bits, unsigned. `data` has at least `min_bytes` bytes."""
+        """Return the raw bits, unsigned. `data` has at least `min_bytes` bytes."""
         word = data[: self.word_bytes]
         if self.big_endian:
             return (int.from_bytes(word.ljust(self.word_bytes, b"\0"), "big") >> self.shift) & self.mask
         return (int.from_bytes(word, "little") >> self.shift) & self.mask
 
     def number(self, bits: int) -> float:
-        """What the raw bits say: an integer (two's complement if signed) or an IEEE 754 number."""
+        """Return the number in raw bits: an integer (two's complement if signed) or an IEEE 754 number."""
         if self.is_float:
             packer = _FLOATS[self.length]
             return float(packer.unpack(bits.to_bytes(packer.size, "big"))[0])
@@ -121,7 +122,7 @@ class ConditionPlan:
     value: float
 
     def holds(self, bits: int) -> bool:
-        """Whether the raw bits meet the comparison."""
+        """Return whether the raw bits meet the comparison."""
         found = self.gain * self.field.number(bits) + self.bias
         # Physical values are products of decimal fractions: equal means within rounding.
         equal = abs(found - self.value) <= 1e-9 * max(1.0, abs(self.value))
@@ -148,13 +149,14 @@ class MessagePlan:
 
 
 def needed_signals(config: Config) -> dict[str, str]:
-    """Role -> 'Message.Signal' of what is decoded; a wheel with a counter needs no speed signal."""
+    """Return a mapping role -> 'Message.Signal' of what is decoded; a wheel with a counter needs no speed
+    signal."""
     counted = {f"wheel_speed_{role[-2:]}" for role in WHEEL_COUNT_ROLES if role in config.can.signals}
     return {role: signal for role, signal in config.can.signals.items() if role not in counted}
 
 
 def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
-    """Plans by key. A `ConfigError` names the role whose message, signal or unit does not fit."""
+    """Return plans by key. A `ConfigError` names the role whose message, signal or unit does not fit."""
     found: dict[int, tuple[Message, list[tuple[Signal, SignalPlan]]]] = {}
     conditions = _Conditions(database)
     for role, name in needed_signals(config).items():
@@ -180,7 +182,7 @@ def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
 
 
 def signal_steps(config: Config, database: Database) -> dict[str, float]:
-    """Role -> resolution of its signal in SI units; 0 for floating-point numbers."""
+    """Return a mapping role -> resolution of its signal in SI units; 0 for floating-point numbers."""
     return {
         signal.role: 0.0 if signal.field.is_float else abs(signal.gain)
         for plan in compile_plans(config, database).values()
@@ -203,7 +205,7 @@ class _Conditions:
         self.plans: dict[int, list[ConditionPlan]] = {}
 
     def number(self, bus: int, role: str, condition: Condition) -> int:
-        """The number of a comparison on a bus."""
+        """Return the number of a comparison on a bus."""
         known = self._numbers.get((bus, condition))
         if known is not None:
             return known
@@ -239,7 +241,7 @@ def can_filters(config: Config, database: Database, bus: int = 0) -> list[dict[s
 
 
 def bit_field(signal: Signal) -> BitField:
-    """Where a signal's bits are, by the rules of DBC files (see the README of cantools).
+    """Return the position of a signal's bits, by the rules of DBC files (see the README of cantools).
 
     A little-endian signal starts at its least significant bit; a big-endian one at its most significant bit,
     counted in the saw-tooth order (bit 7 of byte 0 is 7, bit 7 of byte 1 is 15).
@@ -247,13 +249,13 @@ def bit_field(signal: Signal) -> BitField:
     if signal.is_float and signal.length not in _FLOATS:
         raise ConfigError(f"signal {signal.name} is a floating-point number of {signal.length} bits")
     big = signal.byte_order == "big_endian"
-    return bit_place(signal.start, signal.length, big, signal.is_signed, signal.is_float)
+    return bit_position(signal.start, signal.length, big, signal.is_signed, signal.is_float)
 
 
-def bit_place(
+def bit_position(
     start: int, length: int, big_endian: bool, signed: bool = False, is_float: bool = False
 ) -> BitField:
-    """Where `length` bits are whose first one a DBC calls `start`."""
+    """Return the position of `length` bits whose first one a DBC calls `start`."""
     first = 8 * (start // 8) + 7 - start % 8 if big_endian else start
     end = first + length
     size = (end + 7) // 8
@@ -320,7 +322,7 @@ _DENIED = re.compile(r"(?<![a-z])(no|not|non|without)[ _]*(error|fault|failure)"
 
 
 def invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
-    """Raw bits by which a sender says that it has no value.
+    """Return raw bits by which a sender says that it has no value.
 
     These are the named choices that say so, and the value reserved for it by custom (all ones; for signed
     signals the lowest number) where the DBC's own limits exclude it.
@@ -372,7 +374,7 @@ def _message_plan(
 
 
 def selector_chain(message: Message, signal: Signal) -> tuple[tuple[BitField, frozenset[int]], ...]:
-    """The chain of multiplexers above a signal, outermost first (extended multiplexing nests them)."""
+    """Return the chain of multiplexers above a signal, outermost first (extended multiplexing nests them)."""
     chain: list[tuple[BitField, frozenset[int]]] = []
     seen: set[str] = set()
     while signal.multiplexer_ids is not None:
@@ -387,7 +389,7 @@ def selector_chain(message: Message, signal: Signal) -> tuple[tuple[BitField, fr
 
 
 def _share(field: BitField, little: int, big: int) -> BitField:
-    """The same bits in the integer that all signals of the message share."""
+    """Return the same bits in the integer that all signals of the message share."""
     if not field.big_endian:
         return replace(field, word_bytes=little)
     return replace(field, word_bytes=big, shift=field.shift + 8 * (big - field.word_bytes))

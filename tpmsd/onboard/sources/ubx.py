@@ -22,7 +22,7 @@ MAX_PAYLOAD_BYTES = 1024
 """NAV-SAT of 72 satellites has 872; what claims more is taken for noise."""
 _HEAD_BYTES, _CHECKSUM_BYTES = 6, 2
 _PVT = struct.Struct("<IHBBBBBBIiBBBBiiiiIIiiiiiIIH")
-"""From iTOW to pDOP, 78 bytes; receivers of all generations agree on these."""
+"""Fields from iTOW to pDOP, 78 bytes; receivers of all generations agree on these."""
 _VALID_DATE, _VALID_TIME, _FIX_OK, _DIFFERENTIAL = 0x01, 0x02, 0x01, 0x02
 _ANY_FIX = frozenset({1, 2, 3, 4})
 """Dead reckoning, 2D, 3D, GNSS with dead reckoning; 0 is none and 5 time alone."""
@@ -39,7 +39,7 @@ class UbxFramer:
         self._held = b""
 
     def feed(self, data: bytes) -> list[tuple[bool, bytes]]:
-        """The pieces of the stream in order: (True, a frame) or (False, bytes of no frame)."""
+        """Return the pieces of the stream in order: (True, a frame) or (False, bytes of no frame)."""
         data = self._held + data
         out: list[tuple[bool, bytes]] = []
         plain = at = 0
@@ -75,7 +75,8 @@ class UbxFramer:
 
 
 def _frame_bytes(data: bytes, start: int) -> int | None:
-    """Length of the frame that begins there; 0 if it cannot be one, None if it is not known yet."""
+    """Return the length of the frame that begins there; 0 if it cannot be one, None if it is not known
+    yet."""
     if len(data) < start + _HEAD_BYTES:
         return None
     payload = int.from_bytes(data[start + 4 : start + 6], "little")
@@ -83,7 +84,7 @@ def _frame_bytes(data: bytes, start: int) -> int | None:
 
 
 def checksum(body: bytes) -> bytes:
-    """The 8-bit Fletcher checksum over class, number, length and payload."""
+    """Return the 8-bit Fletcher checksum over class, number, length and payload."""
     one = two = 0
     for byte in body:
         one = (one + byte) & 0xFF
@@ -92,7 +93,7 @@ def checksum(body: bytes) -> bytes:
 
 
 def nav_pvt(frame: bytes) -> Solution | None:
-    """The solution in a frame whose checksum is right; None if it is another message."""
+    """Return the solution in a frame whose checksum is right; None if it is another message."""
     payload = frame[_HEAD_BYTES:-_CHECKSUM_BYTES]
     if int.from_bytes(frame[2:4], "big") != NAV_PVT or len(payload) < _PVT.size:
         return None

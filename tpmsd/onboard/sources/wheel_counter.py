@@ -41,18 +41,18 @@ MAX_SPEED_MPS = 100.0
 MAX_REVERSE_MPS = 10.0
 MAX_ACCEL_MPS2 = 25.0
 MAX_GAP_S = 60.0
-"""After a longer silence the counter may have been reset without a trace: always a new segment."""
+"""Silence after which the counter may have been reset without a trace, s: always a new segment."""
 SLACK_BITS = 3.0
 """Quantisation of both ends, and the dither of a counter at rest on an edge."""
 SPEED_WINDOW_S = 0.1
 """The speed before is taken over this time: long enough for coarse rings and jittery time stamps."""
 REPEATED_BITS = 2.0
-"""The same value again is not a reading if the wheel must have moved by this much."""
+"""Rotation in bits from which an unchanged value is not a reading, as the wheel must have moved."""
 AGREEING = 6
-"""So many odd readings in a row that follow one another evenly are a wheel's all the same."""
+"""Number of irregular readings in a row that, consistent with each other, are taken as the wheel's."""
 STUCK_S = 0.5
 STUCK_BITS = 4.0
-"""The other wheels have gone this far (in bits of this counter) while this one has not."""
+"""Distance that the other wheels have rolled while this one has not, in bits of this counter."""
 
 
 class WheelCounter:
@@ -120,8 +120,8 @@ class WheelCounter:
         self._span = 0.0
         self._run_speed = math.nan
         self._withheld = False
-        """Since the value stopped changing it was found 'repeated', and stays so until the wheels together
-        show that the car stands."""
+        """True if, since the value stopped changing, it was found 'repeated', and stays so until the wheels
+        together show that the car stands."""
         self._released = False
         self._suspect: tuple[float, int] | None = None
         self._implausible: deque[tuple[float, int]] = deque(maxlen=AGREEING)
@@ -129,7 +129,7 @@ class WheelCounter:
 
     @property
     def travel_m(self) -> float:
-        """Way rolled since the start over all segments, by the nominal radius."""
+        """Distance rolled since the start over all segments, by the nominal radius, m."""
         return self._total * self.m_per_bit
 
     @property
@@ -139,12 +139,12 @@ class WheelCounter:
 
     @property
     def stopped_impossibly(self) -> bool:
-        """Whether the value stopped changing while the wheel must have turned on."""
+        """True if the value stopped changing while the wheel must have turned on."""
         return self._withheld and not self._released
 
     @property
     def stands(self) -> bool:
-        """Whether the value stands still and is a reading all the same: the wheels together have shown that
+        """True if the value stands still and is a reading all the same: the wheels together have shown that
         the car stands."""
         return self.still_since is not None and self._released and not self.stuck
 
@@ -179,7 +179,8 @@ class WheelCounter:
             self._accept_same(time_s, out)
 
     def regular_readings(self, time_s: FloatArray, raw: IntArray, period_s: FloatArray) -> RegularReadings:
-        """Return what `update` would make of n readings, as far as they are regular; changes nothing.
+        """Return the readings that `update` would make of n readings, as far as they are regular; changes
+        nothing.
 
         `time_s` (n,): rising times; `raw` (n,): the signal's bits; `period_s` (n,): the message's period at
         each. Readings of a counter that stands are regular as long as they stay the same.
@@ -275,7 +276,7 @@ class WheelCounter:
             self._suspect = self._held = None
 
     def is_stuck(self, time_s: float, others_m: list[float]) -> bool | None:
-        """Whether the value stands still while the wheel turns; None: too early to tell.
+        """Return whether the value stands still while the wheel turns; None: too early to tell.
 
         `others_m`: ways that the other wheels have rolled since `still_since`. Two of them must have moved
         (one, if there is but one): a single one may be spinning on ice.
@@ -283,51 +284,52 @@ class WheelCounter:
         assert self.still_since is not None
         if time_s - self.still_since <= STUCK_S:
             return None
-        moved = sum(map(self.is_a_way, others_m))
+        moved = sum(map(self.has_rolled, others_m))
         return moved >= min(2, max(1, len(others_m)))
 
-    def is_a_way(self, way_m: float) -> bool:
-        """Whether another wheel has rolled so far that this one cannot stand with it."""
-        return abs(way_m) >= STUCK_BITS * self.m_per_bit
+    def has_rolled(self, distance_m: float) -> bool:
+        """Return whether another wheel has rolled so far that this one cannot stand with it."""
+        return abs(distance_m) >= STUCK_BITS * self.m_per_bit
 
     def mark_stuck(self) -> None:
-        """No samples until the value changes; that begins a new segment."""
+        """Give no samples until the value changes; that begins a new segment."""
         self.stuck = True
         self._suspect = self._held = None
 
     def mark_standing(self) -> None:
-        """The car stands: the same value again is a reading after all."""
+        """Accept the unchanged value as a reading: the car stands."""
         self._released = True
 
     def _possible(self, interval: float, period_s: float) -> tuple[int, float]:
-        """Least (rounded up) and greatest number of bits that the wheel can have moved."""
+        """Return the least (rounded up) and greatest number of bits that the wheel can have moved."""
         # The sender's clock ticks on when a frame is held up, and its count may be a period old.
         stamp_s = interval if period_s <= 0.0 else period_s + abs(interval - period_s)
         limit = self._max_speed * (interval + (period_s if period_s > 0.0 else interval))
         speed = self._speed
         if speed != speed:  # NaN
             return -int(self._reverse * interval + SLACK_BITS), limit
-        way = speed * interval
+        distance = speed * interval
         slack = self._slack(interval)
         if speed >= 0.0:
             # Comparisons take half the time of min and max, and this is asked for every reading.
-            low, high = way - slack, way + slack + speed * stamp_s
+            low, high = distance - slack, distance + slack + speed * stamp_s
             if low > -SLACK_BITS:
                 low = -SLACK_BITS
             if high > limit:
                 high = limit
         else:
-            low = max(way - slack + speed * stamp_s, -limit)
-            high = max(SLACK_BITS, way + slack)
+            low = max(distance - slack + speed * stamp_s, -limit)
+            high = max(SLACK_BITS, distance + slack)
         return math.ceil(low), high
 
     def _slack(self, interval: float) -> float:
-        """By how many bits the way may differ from speed times interval: acceleration and quantisation."""
+        """Return the difference in bits that distance and speed times interval may have: acceleration and
+        quantisation."""
         since = self._span + interval
         return 0.5 * self._accel * interval * since + SLACK_BITS + interval / self._span
 
     def _begin(self, time_s: float, raw: int, out: list[Event]) -> None:
-        """A new segment with this reading as its origin."""
+        """Begin a new segment with this reading as its origin."""
         if self._raw is not None or self._history:
             self.segment += 1
         self._base = self._total
@@ -353,7 +355,7 @@ class WheelCounter:
         self._follow(time_s, out)
 
     def _follow(self, time_s: float, out: list[Event]) -> None:
-        """The reading's sample, and the speed over the last SPEED_WINDOW_S."""
+        """Return the reading's sample, and update the speed over the last SPEED_WINDOW_S."""
         history, total = self._history, self._total
         history.append((time_s, total))
         while len(history) > 2 and time_s - history[1][0] >= SPEED_WINDOW_S:
@@ -367,7 +369,7 @@ class WheelCounter:
         out.append(RotationSample(time_s, self.wheel, angle, rad_per_bit, self.segment))
 
     def _accept_same(self, time_s: float, out: list[Event]) -> None:
-        """The same value again: a wheel that stands (or creeps), or a value that was not renewed."""
+        """Treat an unchanged value: the wheel stands (or creeps), or the value was not renewed."""
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
         self._same_s = time_s
@@ -387,7 +389,8 @@ class WheelCounter:
         self._follow(time_s, out)
 
     def _doubt(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
-        """A reading that cannot follow the last one: odd itself, or the first of a new level."""
+        """Keep a reading that cannot follow the last one: it is irregular itself, or the first of a new
+        level."""
         suspect = self._suspect
         if suspect is None:
             if not self._replace_last(time_s, raw, period_s, out):
@@ -402,13 +405,14 @@ class WheelCounter:
                 self._speed = math.nan
                 self._begin(time_s, raw, out)
             return
-        way = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
-        kind = "reset" if suspect[1] <= min(way, self._modulus / 4) else "jump"
+        distance = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
+        kind = "reset" if suspect[1] <= min(distance, self._modulus / 4) else "jump"
         self._faults.note(out, suspect[0], kind, self.wheel, f"from {self._raw} to {suspect[1]}")
         self._begin(time_s, raw, out)
 
     def _agree(self, time_s: float, raw: int) -> bool:
-        """Whether the last readings, odd by the speed before, are those of one wheel at an even speed."""
+        """Return whether the last readings, irregular by the speed before, are those of one wheel at a steady
+        speed."""
         readings = self._implausible
         readings.append((time_s, raw))
         if len(readings) < AGREEING:
@@ -440,7 +444,7 @@ class WheelCounter:
         return True
 
     def _bits_from(self, start: int, raw: int, interval: float, period_s: float) -> int | None:
-        """The number of bits from one raw value to another; None if it is impossible or ambiguous."""
+        """Return the number of bits from one raw value to another; None if it is impossible or ambiguous."""
         low, high = self._possible(interval, period_s)
         bits = low + ((raw - start - low) % self._modulus)
         return bits if bits <= high < bits + self._modulus else None
@@ -450,7 +454,7 @@ class WheelCounter:
         self._suspect = None
 
     def _resolve(self, time_s: float, raw: int, interval: float, period_s: float, out: list[Event]) -> None:
-        """Several numbers of roll-overs are possible: take the one that fits, if any does."""
+        """Return the number of roll-overs that fits among several possible ones, if any does."""
         assert self._raw is not None
         if self._speed != self._speed:
             # Nothing is known of the speed. Counters are built so that one period is never ambiguous,
@@ -460,8 +464,8 @@ class WheelCounter:
             else:
                 self._begin(time_s, raw, out)
             return
-        way, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
-        low, high = math.ceil(way - slack), way + slack
+        distance, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
+        low, high = math.ceil(distance - slack), distance + slack
         bits = low + ((raw - self._raw - low) % self._modulus)
         if bits > high or bits + self._modulus <= high:
             self._begin(time_s, raw, out)
@@ -485,7 +489,7 @@ class WheelCounter:
 
 
 def _window_starts(times: FloatArray, known: int) -> IntArray:
-    """Index of the last reading at least `SPEED_WINDOW_S` before each new one (n,), or 0.
+    """Return the index of the last reading at least `SPEED_WINDOW_S` before each new one (n,), or 0.
 
     `times` (known + n,): those of the `known` readings of the history, then of the new ones.
     """

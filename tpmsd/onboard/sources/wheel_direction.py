@@ -24,7 +24,7 @@ class DirectionKeeper:
         self._last: dict[str, tuple[int, int]] = {}
 
     def signed(self, role: str, raw: int, modulus: int, backward: bool) -> int:
-        """The counter's value as if it counted down while turning backward."""
+        """Return the counter's value as if it counted down while turning backward."""
         before, total = self._last.get(role, (raw, raw))
         step = (raw - before) % modulus
         total = (total - step if backward else total + step) % modulus
@@ -32,11 +32,11 @@ class DirectionKeeper:
         return total
 
     def signed_all(self, role: str, raw: IntArray, modulus: int, backward: BoolArray) -> IntArray:
-        """(n,) `signed` of each value in turn, nothing remembered; see `put`."""
+        """Return (n,) `signed` of each value in turn, nothing remembered; see `put`."""
         before, total = self._last.get(role, (int(raw[0]), int(raw[0]))) if len(raw) else (0, 0)
         step = np.diff(raw, prepend=before) % modulus
         return np.asarray((total + np.cumsum(np.where(backward, -step, step))) % modulus)
 
     def put(self, role: str, raw: int, total: int) -> None:
-        """The last value was `raw`, and came out as `total`."""
+        """Note that the last value was `raw`, and came out as `total`."""
         self._last[role] = raw, total

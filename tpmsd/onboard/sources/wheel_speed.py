@@ -35,13 +35,14 @@ from tpmsd.onboard.sources.wheel_counter import MAX_ACCEL_MPS2, MAX_SPEED_MPS, S
 SLACK_MPS = 1.0
 """Many senders round slow speeds to zero, so a wheel seems to start with a step."""
 STUCK_ZERO_M = 2.0
-"""The other wheels have rolled this far while this one says zero."""
+"""Distance that the other wheels have rolled while this one reports zero, m."""
 FINE_MPS = 0.03
 """0.1 km/h: a single tooth of a ring makes more of a difference from frame to frame."""
 
 
 class FrozenSpeeds:
-    """Tells speeds of several wheels that all stay the same to the last bit: their sender or a gateway hangs.
+    """Detects speeds of several wheels that all stay the same to the last bit: their sender or a gateway
+    hangs.
 
     Noise makes them differ from frame to frame, some signals more and some less. So a stretch is frozen that
     is several times as long as the longest one of the last minutes, or longer than `frozen_s`, and in which
@@ -61,7 +62,7 @@ class FrozenSpeeds:
         self._moving_s = self._turns = 0.0
 
     def judge(self, time_s: float) -> tuple[WheelSpeedIntegrator, ...]:
-        """The wheels that are found frozen with the frame at `time_s`."""
+        """Return the wheels that are found frozen with the frame at `time_s`."""
         still_s = -math.inf
         for tracker in self.trackers:
             since_s = tracker.still_since
@@ -72,12 +73,12 @@ class FrozenSpeeds:
         return self.trackers if self.take(time_s, still_s, self.trackers[0].speed_mps) else ()
 
     def copied(self) -> FrozenSpeeds:
-        """One that goes its own way."""
+        """Return an independent copy."""
         return copy.copy(self)
 
     def take(self, time_s: float, still_s: float, speed_mps: float) -> bool:
         """Take a frame after which the last of all speeds is the same since `still_s` (infinite: they are
-        not) and the first wheel's is `speed_mps`; whether they are frozen."""
+        not) and the first wheel's is `speed_mps`; return whether they are frozen."""
         if math.isnan(self._since_s) or time_s < self._since_s:
             self._since_s = time_s
         if still_s == math.inf:
@@ -136,7 +137,7 @@ class WheelSpeedIntegrator:
 
     @property
     def travel_m(self) -> float:
-        """Way rolled since the start over all segments, by the nominal radius."""
+        """Distance rolled since the start over all segments, by the nominal radius, m."""
         return self._turned * self.radius_m
 
     @property
@@ -146,7 +147,8 @@ class WheelSpeedIntegrator:
 
     @property
     def stopped_impossibly(self) -> bool:
-        """As `WheelCounter`; here a speed that cannot be was not taken in the first place."""
+        """True if the value stopped changing while the wheel must have turned on, as in `WheelCounter`;
+        impossible speeds were rejected before."""
         return False
 
     def update(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
@@ -186,7 +188,8 @@ class WheelSpeedIntegrator:
     def regular_readings(
         self, time_s: FloatArray, omega_radps: FloatArray, period_s: FloatArray
     ) -> RegularReadings:
-        """Return what `update` would make of n readings, as far as they are regular; changes nothing.
+        """Return the readings that `update` would make of n readings, as far as they are regular; changes
+        nothing.
 
         `time_s` (n,): rising times; `omega_radps` (n,); `period_s` (n,): the message's period at each.
         """
@@ -221,7 +224,7 @@ class WheelSpeedIntegrator:
         self._omega = self._suspect = None
 
     def is_stuck(self, time_s: float, others_m: list[float], others_change_mps: list[float]) -> bool | None:
-        """Whether the value stands still while the wheel's speed cannot; None: too early to tell.
+        """Return whether the value stands still while the wheel's speed cannot; None: too early to tell.
 
         `others_m` and `others_change_mps`: ways rolled and changes of speed of the other wheels since
         `still_since`. Two of them must speak against it (one, if there is but one).
@@ -232,32 +235,32 @@ class WheelSpeedIntegrator:
         if self._omega == 0.0:
             if still_s <= STUCK_S:
                 return None
-            return sum(abs(way) >= STUCK_ZERO_M for way in others_m) >= needed
+            return sum(abs(distance_m) >= STUCK_ZERO_M for distance_m in others_m) >= needed
         if still_s <= SETTINGS.frozen_s:
             return None
         return sum(abs(change) >= SETTINGS.frozen_mps for change in others_change_mps) >= needed
 
     def is_fine(self, step_radps: float) -> bool:
-        """Whether a signal of this resolution shows the noise that every wheel speed has."""
+        """Return whether a signal of this resolution shows the noise that every wheel speed has."""
         return abs(step_radps) * self.radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:
-        """No samples until the value changes; that begins a new segment."""
+        """Give no samples until the value changes; that begins a new segment."""
         self.stuck = True
         self._suspect = None
 
     def mark_standing(self) -> None:
-        """The value may well be constant: nothing to do, its samples were never withheld."""
+        """Do nothing: the value may well be constant, and its samples were never withheld."""
 
     def _follows(self, before: float, after: float, interval: float, period_s: float) -> bool:
-        """Whether a wheel can have changed its speed so; time stamps may be off by a period each."""
+        """Return whether a wheel can have changed its speed so; time stamps may be off by a period each."""
         if abs(after) * self.radius_m > MAX_SPEED_MPS:
             return False
         change = abs(after - before) * self.radius_m
         return change <= MAX_ACCEL_MPS2 * (interval + 2.0 * period_s) + SLACK_MPS
 
     def _begin(self, time_s: float, omega_radps: float, out: list[Event]) -> None:
-        """A new segment with this reading as its origin."""
+        """Begin a new segment with this reading as its origin."""
         self.segment += 1
         self._omega, self._time_s, self._angle = omega_radps, time_s, 0.0
         self.still_since = None
@@ -266,7 +269,8 @@ class WheelSpeedIntegrator:
         out.append(RotationSample(time_s, self.wheel, 0.0, 0.0, self.segment))
 
     def _doubt(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
-        """A reading that cannot follow the last one: odd itself, or the first of a new level."""
+        """Keep a reading that cannot follow the last one: it is irregular itself, or the first of a new
+        level."""
         suspect = self._suspect
         if suspect is not None:
             interval = time_s - suspect[0]

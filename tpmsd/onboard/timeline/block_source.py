@@ -42,14 +42,14 @@ class _Playback:
         latest_s = np.maximum.accumulate(time_s)
         interval_s = np.diff(time_s)
         self.flows = bool(np.all((interval_s >= 0.0) & (interval_s <= MAX_PAUSE_S)))
-        """Whether no stamp is before the one before it or a pause behind it."""
+        """True if no stamp is before the one before it or a pause behind it."""
         # Asked one by one some hundred thousand times: of lists that takes a tenth of the time.
         self._time_s: list[float] = time_s.tolist()
         self._host_s: list[float] = latest_s.tolist()
         """Greatest host time up to each frame."""
         self._now_s: list[float] = (latest_s + self._shift_s).tolist()
         self._given = [0] * len(decoded.groups)
-        """Of each group of signals how many frames were handed on."""
+        """Number of frames of each group of signals that were handed on."""
         self._shown_s = -math.inf
         """End of the tick before which samples were last handed on."""
 
@@ -58,12 +58,12 @@ class _Playback:
         return self._host_s[frame_index - 1 - self.decoded.start]
 
     def time_s(self, frame_index: int) -> float:
-        """Host time of a frame."""
+        """Return the host time of a frame."""
         return self._time_s[frame_index - self.decoded.start]
 
     def next_due(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
-        """The first frame from `start` on that reaches `due_s` (logical) or passes the deadline (host); at
-        most `stop`."""
+        """Return the first frame from `start` on that reaches `due_s` (logical) or passes the deadline
+        (host); at most `stop`."""
         origin = self.decoded.start
         frame_index = bisect_left(self._now_s, due_s) + origin
         if deadline_s < math.inf:
@@ -110,7 +110,7 @@ class _Playback:
 
 
 class BlockSource:
-    """A `TickSource` that takes blocks as well."""
+    """`TickSource` that takes blocks as well."""
 
     def __init__(self, source: TickSource) -> None:
         self._source = source
@@ -125,25 +125,25 @@ class BlockSource:
         self._pause = RETRY_FRAMES
         self._reach = FIRST_FRAMES
         self.ended: Counter[str] = Counter()
-        """How often each reason (`Reason`) ended a range of regular frames."""
+        """Number of ranges of regular frames that each reason (`Reason`) ended."""
 
     @property
     def decoder(self) -> CanDecoder:
-        """Of the `TickSource`."""
+        """Decoder of the `TickSource`."""
         return self._source.decoder
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
-        """As of a `TickSource`."""
+        """Take a frame as `TickSource.on_frame` does."""
         return self._source.on_frame(time_s, arbitration_id, is_extended, data, bus)
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
-        """As of a `TickSource`."""
+        """Take a sentence as `TickSource.on_sentence` does."""
         return self._source.on_sentence(time_s, line)
 
     def finish(self) -> list[Tick]:
-        """As of a `TickSource`."""
+        """End the recording as `TickSource.finish` does."""
         return self._source.finish()
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Tick]:
@@ -171,7 +171,7 @@ class BlockSource:
                 yield from self._one_by_one(block, min(stop, with_data, max(self._retry_at, self._at + 1)))
 
     def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
-        """As the timeline asks."""
+        """Return the next tick of the plan, at the timeline's request."""
         return None if self._playback is None else self._playback.planned_tick(index, end_s, self._at)
 
     def covers(self, time_s: float) -> bool:
@@ -225,7 +225,7 @@ class BlockSource:
         return self._playback
 
     def _serve(self, playback: _Playback, stop: int) -> Iterator[Tick]:
-        """The samples up to a frame, and the ticks that its stamps complete."""
+        """Yield the samples up to a frame, and the ticks that its stamps complete."""
         source, timeline = self._source, self._source.timeline
         flows = playback.flows and timeline.continues(playback.time_s(self._at))
         if not flows and not timeline.is_continuous(playback.block.time_s[self._at : stop]):

@@ -26,11 +26,12 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 
 SMOOTHING_S = 0.5
 RATE_SMOOTHING_S = 0.3
-"""Of the steering wheel's rate."""
+"""Time constant of the smoothing of the steering wheel's rate, s."""
 
 
 def left_alone(config: Config, model: ExtendedModel) -> list[str]:
-    """What of the model is not compensated, and why: one line per effect, for the user to see."""
+    """Return the effects of the model that are not compensated, with the reason: one line each, for the
+    user."""
     notes = []
     for effect in model:
         if (why := _why_not(config, effect)) is not None:
@@ -41,12 +42,12 @@ def left_alone(config: Config, model: ExtendedModel) -> list[str]:
 
 
 def _why_not(config: Config, effect: Effect) -> str | None:
-    """Why an effect must stay in the ticks; None if it is taken out."""
+    """Return the reason for which an effect must stay in the ticks; None if it is taken out."""
     return effect.not_compensated(frozenset(config.can.signals))
 
 
 def adjusted(config: Config, model: ExtendedModel) -> Config:
-    """The configuration with the model's constants in it: tracks, antenna position and latency."""
+    """Return the configuration with the model's constants in it: tracks, antenna position and latency."""
     front, rear = model.track_error_m()
     forward, left = model.antenna_offset_m()
     vehicle = dataclasses.replace(
@@ -94,7 +95,7 @@ class Compensation:
         self._steering_rate_radps = 0.0
 
     def apply(self, tick: Tick) -> Tick:
-        """The tick without the model's effects."""
+        """Return the tick without the model's effects."""
         yaw_rate = (tick.yaw_rate_radps - self._gyro_bias) / self._gyro_scale
         rotation = tick.rotation_rad * self._tooth_factor
         self._follow(tick, rotation, yaw_rate - self._yaw_error_radps)
@@ -125,12 +126,12 @@ class Compensation:
         if tick.gap_s > 0.0:
             self._grade.reset()
         rolls = rotation * self._car.radius_m
-        way = float(rolls[RL] + rolls[RR]) / 2
-        if not math.isfinite(way):
+        rolled_m = float(rolls[RL] + rolls[RR]) / 2
+        if not math.isfinite(rolled_m):
             return
         wheels = float(rolls[RR] - rolls[RL]) / self._car.geometry.track_rear_m / tick.dt_s
         turning = yaw_rate if math.isfinite(yaw_rate) else wheels
-        speed = way / tick.dt_s
+        speed = rolled_m / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
         if math.isnan(self._speed_mps):
             self._speed_mps = speed
@@ -138,9 +139,9 @@ class Compensation:
         self._speed_mps += share * (speed - before)
         self._accel_mps2 += share * ((self._speed_mps - before) / tick.dt_s - self._accel_mps2)
         self._yaw_rate_radps += share * (turning - self._yaw_rate_radps)
-        self._distance_m += way
+        self._distance_m += rolled_m
         self._heading_rad += turning * tick.dt_s
-        self._grade.move(way)
+        self._grade.move(rolled_m)
 
     def _steer(self, tick: Tick) -> None:
         """Smooth the rate of the steering wheel; NaN leaves it as it was."""
@@ -154,7 +155,7 @@ class Compensation:
         self._steering_rad = angle
 
     def _motion(self, tick: Tick) -> Motion:
-        """The present moment as the catalogue takes it."""
+        """Return the present moment as the catalogue takes it."""
         speed = 0.0 if math.isnan(self._speed_mps) else self._speed_mps
         grade = math.asin(self._grade.sine)
         accel = self._accel_mps2
@@ -174,15 +175,15 @@ class Compensation:
             "heading_rad": self._heading_rad,
             "steering_rad": math.atan(self._car.geometry.wheelbase_m * curvature),
         }
-        told = {"torque": tick.drive_torque_nm, "temperature": tick.ambient_temp_k}
+        known = {"torque": tick.drive_torque_nm, "temperature": tick.ambient_temp_k}
         if math.isfinite(self._steering_rad):
-            told |= {"steering": self._steering_rad, "steering_rate": self._steering_rate_radps}
-        measured = {name: np.array([value]) for name, value in told.items()}
+            known |= {"steering": self._steering_rad, "steering_rate": self._steering_rate_radps}
+        measured = {name: np.array([value]) for name, value in known.items()}
         return Motion(measured=measured, **{name: np.array([value]) for name, value in values.items()})
 
 
 def _put_right(fix: Fix, course_error_rad: float, speed_error_mps: float) -> Fix:
-    """The fix without these errors; what it does not tell stays NaN."""
+    """Return the fix without these errors; quantities that it lacks stay NaN."""
     if course_error_rad == 0.0 and speed_error_mps == 0.0:
         return fix
     return dataclasses.replace(

@@ -25,7 +25,7 @@ class HostClock:
         self.steps = 0
 
     def logical(self, host_s: float) -> float:
-        """Logical time of a stamp; notices a backward step."""
+        """Return the logical time of a stamp; notices a backward step."""
         logical = host_s + self._shift_s
         if logical > self.latest_s:
             self.latest_s = logical
@@ -37,9 +37,9 @@ class HostClock:
         return logical
 
     def placed(self, host_s: float) -> float:
-        """Logical time of an older stamp of the present stretch; looks for no step."""
+        """Return the logical time of an older stamp of the present stretch; looks for no step."""
         return host_s + self._shift_s
 
     def host(self, logical_s: float) -> float:
-        """What the host clock shows at a logical time of the present stretch."""
+        """Return the host clock's time at a logical time of the present stretch."""
         return logical_s - self._shift_s

@@ -33,7 +33,7 @@ _NEAR_M = 20e3
 
 
 @dataclass(frozen=True, slots=True)
-class _Place:
+class _Point:
     """A point's horizon: its latitude's sine, and the unit vectors there, earth-centred."""
 
     sin_latitude: float
@@ -42,7 +42,7 @@ class _Place:
     up: Vector
 
     def earth_centred(self, height_m: float) -> Vector:
-        """The point itself (m) at a height above the ellipsoid."""
+        """Return the point itself (m) at a height above the ellipsoid."""
         normal = WGS84_A_M / math.sqrt(1.0 - WGS84_E2 * self.sin_latitude**2)
         across = normal + height_m
         return (
@@ -54,9 +54,10 @@ class _Place:
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """Where the plane touches the ellipsoid (raised to the car's height), and where that is in the plane."""
+    """Point at which the plane touches the ellipsoid (raised to the car's height), and its coordinates in the
+    plane."""
 
-    place: _Place
+    point: _Point
     height_m: float
     origin_m: Vector
     east_m: float
@@ -72,9 +73,9 @@ class LocalPlane:
         self._radius_m = radius_m
         self._climb_m = climb_m
         self._anchor: _Anchor | None = None
-        self._here: _Place | None = None
+        self._here: _Point | None = None
         self.anchors = 0
-        """How often the plane was laid on, the first time included."""
+        """Number of times that the plane was laid on, the first time included."""
 
     @property
     def rotation_rad(self) -> float:
@@ -86,12 +87,13 @@ class LocalPlane:
         anchor, here = self._anchor, self._here
         if anchor is None or here is None:
             return math.nan
-        east = _carry(anchor.place.east, anchor.place.up, here.up)
-        north = _carry(anchor.place.north, anchor.place.up, here.up)
+        east = _carry(anchor.point.east, anchor.point.up, here.up)
+        north = _carry(anchor.point.north, anchor.point.up, here.up)
         return anchor.rotation_rad + math.atan2(_dot(here.east, north), _dot(here.east, east))
 
     def to_plane(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[float, float]:
-        """East and north (m) of a fix; (NaN, NaN) without a position. The fix becomes the present position.
+        """Return east and north (m) of a fix; (NaN, NaN) without a position. The fix becomes the present
+        position.
 
         An altitude of NaN, or one where no road is, leaves the scale at the last height.
         """
@@ -109,7 +111,7 @@ class LocalPlane:
         ox, oy, oz = anchor.origin_m
         offset = (x - ox, y - oy, z - oz)
         stretch = _arc_per_projection(offset, anchor)
-        east, north = _dot(offset, anchor.place.east) * stretch, _dot(offset, anchor.place.north) * stretch
+        east, north = _dot(offset, anchor.point.east) * stretch, _dot(offset, anchor.point.north) * stretch
         cos, sin = math.cos(anchor.rotation_rad), math.sin(anchor.rotation_rad)
         plane_east = anchor.east_m + cos * east - sin * north
         plane_north = anchor.north_m + sin * east + cos * north
@@ -122,16 +124,16 @@ class LocalPlane:
     def to_plane_array(
         self, latitude_deg: FloatArray, longitude_deg: FloatArray, altitude_m: FloatArray
     ) -> FloatArray:
-        """(n, 2) east and north (m) of (n,) fixes in the order of the drive: n calls of `to_plane`.
+        """Return (n, 2) east and north (m) of (n,) fixes in the order of the drive: n calls of `to_plane`.
 
         Not vectorised inside: where the plane rolls on depends on all fixes before, at some 5 us each.
         """
-        places = zip(latitude_deg.tolist(), longitude_deg.tolist(), altitude_m.tolist(), strict=True)
-        return np.array([self.to_plane(*place) for place in places], dtype=np.float64).reshape(-1, 2)
+        points = zip(latitude_deg.tolist(), longitude_deg.tolist(), altitude_m.tolist(), strict=True)
+        return np.array([self.to_plane(*point) for point in points], dtype=np.float64).reshape(-1, 2)
 
     def heading_from_course(self, course_rad: float) -> float:
-        """Plane heading (counter-clockwise from the plane's east, in (-pi, pi]) of a course at the present
-        position.
+        """Return the plane heading (counter-clockwise from the plane's east, in (-pi, pi]) of a course at the
+        present position.
 
         The course is clockwise from true north, as NMEA has it. NaN before the first position or without a
         course.
@@ -139,16 +141,16 @@ class LocalPlane:
         heading = math.pi / 2 - course_rad + self.rotation_rad
         return math.pi - (math.pi - heading) % (2 * math.pi) if math.isfinite(heading) else math.nan
 
-    def _lay(self, here: _Place, height_m: float, east_m: float, north_m: float, rotation_rad: float) -> None:
+    def _lay(self, here: _Point, height_m: float, east_m: float, north_m: float, rotation_rad: float) -> None:
         self._anchor = _Anchor(here, height_m, here.earth_centred(height_m), east_m, north_m, rotation_rad)
         self._here = here
         self.anchors += 1
 
 
-def _horizon(latitude_rad: float, longitude_rad: float) -> _Place:
+def _horizon(latitude_rad: float, longitude_rad: float) -> _Point:
     sin_lat, cos_lat = math.sin(latitude_rad), math.cos(latitude_rad)
     sin_lon, cos_lon = math.sin(longitude_rad), math.cos(longitude_rad)
-    return _Place(
+    return _Point(
         sin_lat,
         east=(-sin_lon, cos_lon, 0.0),
         north=(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat),
@@ -157,9 +159,10 @@ def _horizon(latitude_rad: float, longitude_rad: float) -> _Place:
 
 
 def _arc_per_projection(offset: Vector, anchor: _Anchor) -> float:
-    """Length along the curved earth over its projection into the tangent plane (azimuthal equidistant)."""
+    """Return the length along the curved earth over its projection into the tangent plane (azimuthal
+    equidistant)."""
     radius = _MEAN_RADIUS_M + anchor.height_m
-    flat = math.hypot(_dot(offset, anchor.place.east), _dot(offset, anchor.place.north))
+    flat = math.hypot(_dot(offset, anchor.point.east), _dot(offset, anchor.point.north))
     chord = math.sqrt(_dot(offset, offset))
     if chord < _NEAR_M:
         return 1.0 + (flat / radius) ** 2 / 6.0

@@ -1,4 +1,4 @@
-"""Whether the wheels of a car can turn as their readings say.
+"""Plausibility of wheel readings as rotations of the wheels of one car.
 
 In: the rotations of one tick. Out: the wheels that are not to be believed. Pure.
 """
@@ -15,8 +15,8 @@ PLAUSIBLE_FROM_RAD = 0.9
 rule."""
 
 
-def odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
-    """Wheels whose readings cannot be the rotation of a wheel of this car."""
+def implausible_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
+    """Return wheels whose readings cannot be the rotation of a wheel of this car."""
     valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
     if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:
         return []

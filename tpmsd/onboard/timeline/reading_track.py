@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 class Means(NamedTuple):
-    """Of one signal in n ticks; as `mean_to` gives them one by one."""
+    """Means of one signal in n ticks; as `mean_to` gives them one by one."""
 
     value: FloatArray
     """(n,)"""
@@ -41,9 +41,9 @@ class ReadingTrack:
             times.append(time_s)
             self._values.append(value)
         else:  # of before a step of the clock
-            place = bisect_right(times, time_s)
-            times.insert(place, time_s)
-            self._values.insert(place, value)
+            index = bisect_right(times, time_s)
+            times.insert(index, time_s)
+            self._values.insert(index, value)
 
     def extend(self, times_s: list[float], values: list[float]) -> None:
         """Take readings in the order of their times."""
@@ -60,7 +60,8 @@ class ReadingTrack:
         self._values.clear()
 
     def mean_to(self, end_s: float) -> float:
-        """Mean of the readings up to a tick's end, which are used up; NaN where there are none to be had."""
+        """Return the mean of the readings up to a tick's end, which are used up; NaN where there are none to
+        be had."""
         count = bisect_right(self._times, end_s)
         if count:
             values, total = self._values[:count], 0.0
@@ -72,8 +73,8 @@ class ReadingTrack:
         return self._held if end_s - self._held_s <= self._hold_s else math.nan
 
     def ahead(self, time_s: FloatArray, values: FloatArray, ends_s: FloatArray) -> Means | None:
-        """What `mean_to` will say with these further readings (m,) at the ends (n,) of the next ticks; None
-        where they are not in the order of their times."""
+        """Return the means that `mean_to` will give with these further readings (m,) at the ends (n,) of the
+        next ticks; None where they are not in the order of their times."""
         times = np.concatenate([self._times, time_s])
         if not (times[1:] >= times[:-1]).all():
             return None

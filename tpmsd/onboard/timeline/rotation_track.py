@@ -26,7 +26,8 @@ Instant = tuple[float, int, float]
 
 
 class Rotations(NamedTuple):
-    """Of one wheel in n intervals that follow each other; as `rotation_between` gives them one by one."""
+    """Rotations of one wheel in n intervals that follow each other; as `rotation_between` gives them one by
+    one."""
 
     rotation_rad: FloatArray
     """(n,) NaN where it is not known."""
@@ -45,7 +46,7 @@ class RotationTrack:
         self._marks: list[tuple[int, float]] = []
         """Segment and quantum of each."""
         self._found: tuple[float, Instant] | None = None
-        """What was asked for last: a tick begins where the one before ended."""
+        """Rotation at the instant that was last asked for: a tick begins where the one before ended."""
 
     def add(self, sample: RotationSample) -> None:
         """Take a reading; readings that are not newer than the last are left out."""
@@ -83,7 +84,7 @@ class RotationTrack:
         self._found = None
 
     def at(self, time_s: float) -> Instant | None:
-        """What is known at an instant, or None where no two readings of one segment enclose it."""
+        """Return the rotation at an instant, or None where no two readings of one segment enclose it."""
         if self._found is not None and self._found[0] == time_s:
             return self._found[1]
         after = bisect_left(self._times, time_s)
@@ -106,15 +107,15 @@ class RotationTrack:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no reading."""
+        """True if there is no reading."""
         return not self._times
 
     def ahead(
         self, time_s: FloatArray, angle_rad: FloatArray, segment: int, quantum_rad: float, edges_s: FloatArray
     ) -> Rotations | None:
-        """What `rotation_between` will say with these further readings (m,) of one segment, between rising
-        instants (n + 1,); of fewer intervals where no reading comes behind them. None where some of the
-        readings would be left out."""
+        """Return the rotations that `rotation_between` will give with these further readings (m,) of one
+        segment, between rising instants (n + 1,); of fewer intervals where no reading comes behind them. None
+        where some of the readings would be left out."""
         times = np.concatenate([self._times, time_s])
         if not (times[1:] > times[:-1]).all():
             return None
@@ -142,7 +143,7 @@ class RotationTrack:
 
 
 def rotation_between(track: RotationTrack, begin_s: float, end_s: float) -> tuple[float, float]:
-    """(rotation, its reading error's standard deviation) over an interval; NaNs where it is not known.
+    """Return (rotation, its reading error's standard deviation) over an interval; NaNs where it is not known.
 
     A count is uniform within its quantum at both ends: variance 2 * q^2 / 12.
     """

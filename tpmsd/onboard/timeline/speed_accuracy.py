@@ -1,4 +1,4 @@
-"""How much worse than usual a receiver says that its speed is.
+"""Accuracy of a receiver's speed, relative to its usual one, by the receiver's own statements.
 
 In: the standard deviations that it states, one per fix. Out: a factor of at least one, by which the usual
 error of a Doppler speed is multiplied.
@@ -21,11 +21,11 @@ TOLERATED = 3.0
 MEMORY = 600
 """Fixes: a minute at 10 Hz, ten at 1 Hz; longer than an underpass or a street of high houses."""
 QUANTILE = 0.25
-"""Of the statements: what it says under an open sky, as long as a quarter of the drive has one."""
+"""Quantile of the statements: that under an open sky, as long as a quarter of the drive has one."""
 EVERY = 10
-"""The quantile is computed anew after so many fixes."""
+"""Number of fixes after which the quantile is computed again."""
 MOST = 30.0
-"""2 m/s: a speed that bad tells nothing."""
+"""Largest factor (2 m/s): a less accurate speed carries no information."""
 
 
 class SpeedAccuracy:
@@ -37,7 +37,7 @@ class SpeedAccuracy:
         self._since = 0
 
     def factor(self, stated_mps: float) -> float:
-        """The factor for a fix with this statement; 1 where there is none."""
+        """Return the factor for a fix with this statement; 1 where there is none."""
         if not (math.isfinite(stated_mps) and stated_mps > 0.0):
             return 1.0
         self._stated.append(stated_mps)

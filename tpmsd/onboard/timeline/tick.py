@@ -1,4 +1,4 @@
-"""What the timeline hands to the estimator: one record per fixed-rate tick.
+"""Ticks that the timeline hands to the estimator: one record per fixed-rate tick.
 
 In: nothing (plain records). Out: `Tick`, `Fix`.
 """
@@ -21,7 +21,7 @@ class Fix:
     time_s: float
     """Host time at which the fix was valid (its own UTC plus the tracked clock offset)."""
     fraction: float
-    """Where in its tick that is: 0 at the tick's start, 1 at its end."""
+    """Position of the fix in its tick: 0 at the tick's start, 1 at its end."""
     east_m: float
     north_m: float
     position_std_m: float
@@ -34,14 +34,14 @@ class Fix:
     arrival_lag_s: float = NAN
     """Arrival minus validity."""
     speed_noise: float = 1.0
-    """By how much the error of speed and course is greater than usual, as the receiver states it."""
+    """Factor by which the error of speed and course is greater than usual, as the receiver states it."""
     utc_s: float = NAN
     """The receiver's own time of validity, Unix seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What happened in one interval (time_s - dt_s, time_s]."""
+    """Measurements of one interval (time_s - dt_s, time_s]."""
 
     index: int
     time_s: float
@@ -66,7 +66,7 @@ class Tick:
     tyre_set: float = NAN
     """Number of the set of tyres that the car says is mounted."""
     host_time_s: float = NAN
-    """End of the interval as the host clock had it; what users are told."""
+    """End of the interval as the host clock had it; the time that is reported."""
     gap_s: float = 0.0
     """Time before this interval for which there are no ticks (a pause of the bus, a step of the clock)."""
     faults: tuple[SourceFault, ...] = field(default=())

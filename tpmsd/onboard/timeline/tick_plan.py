@@ -28,7 +28,7 @@ class PlannedTick(NamedTuple):
     rotation_std_rad: FloatArray
     """(4,)"""
     means: dict[str, float]
-    """By field of `Tick`."""
+    """Means by field of `Tick`."""
 
 
 class TickPlan:
@@ -71,7 +71,7 @@ def planned(
     first: int,
     edges_s: FloatArray,
 ) -> TickPlan | None:
-    """Plan as many ticks as a decoded block covers.
+    """Return a plan of as many ticks as a decoded block covers.
 
     `shift_s`: logical time minus the host's; `tracks` of the four wheels; `readings`: role and track by field
     of `Tick`, of all roles that are in a track or in the block; `first`: index of the tick between the

@@ -46,7 +46,7 @@ class TickSource:
         if source is not None and source.kind == "can":
             self._on_bus = CanFixAssembler(config.can.signals, signal_steps(config, database))
         self.assembler: NmeaAssembler | CanFixAssembler = self._on_bus or NmeaAssembler()
-        """Where fixes are made, of sentences or of signals."""
+        """Maker of fixes, of sentences or of signals."""
         on_utc = config.gnss.host_clock == "utc"
         self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s, on_utc)
         self._look_ahead: LookAhead | None = None
@@ -58,7 +58,7 @@ class TickSource:
 
     @property
     def may_look_ahead(self) -> bool:
-        """Whether nothing stands against decoding frames before their time: fixes are not made of them, there
+        """True if nothing stands against decoding frames before their time: fixes are not made of them, there
         is a time, and the wheels roll or stand together."""
         decoder = self.decoder
         return self._on_bus is None and self.timeline.due_s > -math.inf and (decoder.rolls or decoder.rests)
@@ -81,7 +81,7 @@ class TickSource:
         return ticks
 
     def pass_by(self, times_s: Iterable[float]) -> int:
-        """Take frames that carry nothing, up to the first that meets something due; how many those were."""
+        """Take frames that carry nothing, up to the first that meets something due; return their number."""
         decoder, pass_by, deadline_s = self.decoder, self.timeline.pass_by, self.assembler.deadline_s
         frames = 0
         for time_s in times_s:
@@ -123,7 +123,7 @@ class TickSource:
         return ticks
 
     def finish(self) -> list[Tick]:
-        """What the end of a recording completes."""
+        """Return the ticks that the end of a recording completes."""
         return self._take(self.assembler.flush()) + self.timeline.finish()
 
     def _take(self, events: Iterable[Event]) -> list[Tick]:

@@ -28,7 +28,7 @@ from tpmsd.onboard.sources.events import (
 )
 from tpmsd.onboard.timeline.host_clock import BACKWARD_STEP_S, HostClock
 from tpmsd.onboard.timeline.local_plane import LocalPlane
-from tpmsd.onboard.timeline.plausible import odd_wheels
+from tpmsd.onboard.timeline.plausible import implausible_wheels
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.onboard.timeline.speed_accuracy import SpeedAccuracy
@@ -42,7 +42,8 @@ MAX_HOLDBACK_S = 2.5
 MAX_PAUSE_S = 5.0
 """Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
 MAX_AHEAD_S = 1.0
-"""No fix arrives before it is valid; what the envelope of the clocks' offset may err is far less."""
+"""Time by which a fix may arrive before it is valid, at most, s; the error of the clocks' offset is far
+less."""
 MAX_MOVE_S = 0.03
 """A fix that missed its tick by no more than this is taken at the start of the next: 1 m on a motorway."""
 HOLD_S = {"ambient_temp": 120.0}
@@ -67,7 +68,7 @@ class _Placed(NamedTuple):
     """A fix that waits for its tick."""
 
     time_s: float
-    """When it was valid."""
+    """Time of validity, s."""
     lag_s: float
     """Arrival minus validity."""
     east_m: float
@@ -115,7 +116,7 @@ class Timeline:
         self._origin_s = 0.0
         self._index = 0
         self._due_s = -math.inf
-        """When the next tick is made; before the first event there is none."""
+        """Time at which the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
         self._planner: TickPlanner | None = None
         self._planned_ends_s: list[float] = []
@@ -151,7 +152,7 @@ class Timeline:
         return self._observer is not None and end_s >= shown_s + self._observer_delay_s
 
     def add(self, event: Event) -> list[Tick]:
-        """Take one event; the ticks that its stamp completes."""
+        """Take one event; return the ticks that its stamp completes."""
         if isinstance(event, GnssFix):
             return self._add_fix(event)
         clock = self._clock
@@ -174,7 +175,8 @@ class Timeline:
         return ticks
 
     def _add_fix(self, fix: GnssFix) -> list[Tick]:
-        """A fix bears the arrival of its epoch's first sentence, and comes when the last is in.
+        """Take a fix, which bears the arrival of its epoch's first sentence and comes when the last is in;
+        return the ticks that it completes.
 
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
@@ -184,7 +186,7 @@ class Timeline:
         arrival = self._clock.placed(fix.arrival_s)
         ticks = self.advance(fix.arrival_s) if arrival > self._clock.latest_s else []
         arrival = self._clock.placed(fix.arrival_s)
-        valid = self._place(fix, arrival)
+        valid = self._valid_s(fix, arrival)
         needed = self._clock.latest_s - valid + HOLDBACK_MARGIN_S
         if self._holdback_s < needed < MAX_HOLDBACK_S:
             self._holdback_s = needed
@@ -192,7 +194,7 @@ class Timeline:
         return ticks
 
     def advance(self, host_time_s: float) -> list[Tick]:
-        """Let time pass to a host stamp; the ticks that are complete by then."""
+        """Let time pass to a host stamp; return the ticks that are complete by then."""
         clock = self._clock
         before, steps = clock.latest_s, clock.steps
         now = clock.logical(host_time_s)
@@ -221,7 +223,7 @@ class Timeline:
 
     @property
     def due_s(self) -> float:
-        """When the next tick is made; minus infinity before the first event."""
+        """Time at which the next tick is made; minus infinity before the first event."""
         return self._due_s
 
     @property
@@ -265,8 +267,8 @@ class Timeline:
         readings: Sequence[tuple[str, list[float], list[float]]],
         shift_s: float,
     ) -> None:
-        """As `add` of each sample, at stamps to which time has passed; of each wheel and each role (with
-        times and values, all finite) one at least. `shift_s`: logical time minus the host's then."""
+        """Add samples, as `add` of each, at stamps to which time has passed; of each wheel and each role
+        (with times and values, all finite) one at least. `shift_s`: logical time minus the host's then."""
         if shift_s:
             rotations = [run._replace(time_s=[at_s + shift_s for at_s in run.time_s]) for run in rotations]
         for run in rotations:
@@ -289,7 +291,7 @@ class Timeline:
             return
         runs = [run for run in rotations if not observer.extend(run)]
         # In the order of the frames, and within one in the order of its wheels.
-        shown = [(place, k, row) for k, run in enumerate(runs) for row, place in enumerate(run.places)]
+        shown = [(frame, k, row) for k, run in enumerate(runs) for row, frame in enumerate(run.frame_indices)]
         for _, k, row in sorted(shown):
             run = runs[k]
             sample = run.time_s[row], run.wheel, run.angle_rad[row], run.quantum_rad, run.segment
@@ -301,7 +303,7 @@ class Timeline:
         return self._inertial[role]
 
     def finish(self) -> list[Tick]:
-        """The ticks that the end of a recording completes."""
+        """Return the ticks that the end of a recording completes."""
         latest_s = self._clock.latest_s
         return [] if latest_s == -math.inf else self._emit(latest_s + self._holdback_s)
 
@@ -311,7 +313,7 @@ class Timeline:
         self._due_s = self._end(self._index + 1) + self._holdback_s
 
     def _skip(self, now: float) -> None:
-        """A pause of all sources, or a forward step of the clock: begin again behind it."""
+        """Begin again behind a pause of all sources, or a forward step of the clock."""
         end = self._end(self._index)
         self.counts["gaps"] += 1
         self._gap_s += max(now - end, 0.0)
@@ -341,7 +343,7 @@ class Timeline:
         else:
             self._planned_ends_s.append(end)
         rotation, std, means = plan
-        for wheel in odd_wheels(rotation.tolist(), self._dt_s):
+        for wheel in implausible_wheels(rotation.tolist(), self._dt_s):
             rotation[wheel] = std[wheel] = math.nan
             self.counts["implausible"] += 1
             at_s = self._clock.host(end)
@@ -371,8 +373,8 @@ class Timeline:
         means = {FIELDS[role]: track.mean_to(end) for role, track in self._inertial.items()}
         return PlannedTick(rotation, std, means)
 
-    def _place(self, fix: GnssFix, arrival: float) -> float:
-        """Put a fix into the plane and onto the time line; when it was valid."""
+    def _valid_s(self, fix: GnssFix, arrival: float) -> float:
+        """Put a fix into the plane and onto the time line; return its time of validity."""
         valid = self._offset.update(arrival, fix.utc_s)
         self.counts["off_utc"] += self._offset.off_utc
         if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
@@ -404,7 +406,7 @@ class Timeline:
         return valid
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
-        """The fixes valid in the tick, oldest first, with their place in it."""
+        """Return the fixes valid in the tick, oldest first, with their position in it."""
         if not self._fixes:
             return []
         due = sorted([one for one in self._fixes if one.time_s <= end], key=lambda one: one.time_s)

@@ -1,4 +1,4 @@
-"""Tells when on the host's clock a fix was valid.
+"""Time of validity of a fix on the host's clock.
 
 In: each fix's time of arrival (host clock) and its own UTC. Out: the host time at which it was valid.
 
@@ -18,17 +18,18 @@ import numpy as np
 WINDOW_S = 10.0
 """Memory of the envelope: long against jitter, short against drift (1 ms/s moves it by 5 ms)."""
 QUANTILE = 0.15
-"""Not the minimum, which one early stamp would pull down for a whole window."""
+"""Quantile of the offsets; the minimum would be pulled down for a whole window by one early stamp."""
 SMOOTHING_S = 2.0
 JUDGE_S = 0.4
-"""The envelope is judged anew this often; it moves slower than SMOOTHING_S anyway."""
+"""Period at which the envelope is computed again, s; it moves slower than SMOOTHING_S anyway."""
 STEP_S = 0.25
 STEP_FIXES = 4
 STEP_SPREAD_S = 0.15
 MAX_DRIFT = 2e-3
-"""Host clock against UTC, s/s: free-running crystals keep 1e-4, the wander of logging hosts reached 1e-3."""
+"""Drift of the host clock against UTC, s/s: free-running crystals keep 1e-4, logging hosts reached 1e-3."""
 EARLIEST_S, LATEST_S = 0.05, 2.5
-"""No fix of a host on UTC arrives before it is valid (but for the clock's own error), nor so much later."""
+"""Delay of a fix's arrival after its validity on a host on UTC, s: none before it (but for the clock's own
+error), nor so much later."""
 _TREND_SPAN = 1.7
 _MAX_FIXES = 4096
 _WARM_FIXES = 10
@@ -48,7 +49,7 @@ class UtcOffsetTracker:
         self._latency_s = latency_s
         self._host_on_utc = host_on_utc
         self.off_utc = False
-        """Whether the last fix gave that the lie."""
+        """True if the last fix contradicted `host_on_utc`."""
         self._recent: deque[tuple[float, float]] = deque(maxlen=_MAX_FIXES)
         self._candidates: deque[tuple[float, float]] = deque(maxlen=STEP_FIXES)
         self._lags: deque[float] = deque(maxlen=64)
@@ -59,7 +60,8 @@ class UtcOffsetTracker:
         self.status = "no_utc"
 
     def update(self, arrival_s: float, utc_s: float) -> float:
-        """The host time (s) at which a fix was valid that arrived at `arrival_s` and says `utc_s` of itself.
+        """Return the host time (s) at which a fix was valid that arrived at `arrival_s` and says `utc_s` of
+        itself.
 
         NaN for `utc_s` means that it says nothing. Never raises.
         """
@@ -103,7 +105,7 @@ class UtcOffsetTracker:
             self._smooth(since_s)
 
     def _doubt(self, utc_s: float, offset_s: float) -> None:
-        """A level far away is believed when several fixes in a row agree on it.
+        """Accept a level far away when several fixes in a row agree on it.
 
         A line that was stalled and then delivers all at once does not agree: there UTC goes on while arrival
         stands.
@@ -152,7 +154,7 @@ class UtcOffsetTracker:
 
 
 def _envelope(offsets: list[float]) -> float:
-    """The low quantile, interpolated between order statistics."""
+    """Return the low quantile, interpolated between order statistics."""
     at = QUANTILE * (len(offsets) - 1)
     below, lowest = int(at), sorted(offsets)
     above = lowest[min(below + 1, len(offsets) - 1)]

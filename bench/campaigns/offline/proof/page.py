@@ -1,7 +1,12 @@
-"""The page of the proof: one file, no script, readable at 400 px and in the dark."""
+"""The page of the proof: one file, no script, readable at 400 px and in the dark.
+
+In: the rows of the drives. Out: HTML. The verdict and the clearest hit's picture come first, then a table
+with a line for each drive, misses beside hits, then each drive in full.
+"""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -12,21 +17,33 @@ if TYPE_CHECKING:
 STYLE = """
 :root{color-scheme:light dark}
 body{font:16px/1.5 system-ui,sans-serif;max-width:70em;margin:auto;padding:1em}
-article{
-border-left:.4em solid #888;padding:.2em 1em;margin:1em 0}article.hit{border-color:#2a8f5c}
-article.wrong{border-color:#c33}
+h1{font-size:1.5em;line-height:1.25}
+figure{margin:1em 0}figure img{max-width:100%;background:#fff}
+.table{overflow-x:auto}table{border-collapse:collapse;width:100%}
+th,td{text-align:left;vertical-align:top;padding:.3em .6em;border-bottom:1px solid #8886}
+article{border-left:.4em solid #888;padding:.2em 1em;margin:1em 0}
+.hit{border-color:#2a8f5c}.wrong{border-color:#c33}td.hit{color:#2a8f5c}td.wrong{color:#c33}
 dl{display:grid;grid-template-columns:minmax(7em,max-content) 1fr;gap:.1em 1em}
 dt{opacity:.7}dd{margin:0;overflow-wrap:anywhere}h2{font-size:1.1em;margin:.3em 0}
 @media(max-width:30em){dl{grid-template-columns:1fr}}
 """
 
 
+def concealed(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that count: neither null drives nor recordings of which the name was known."""
+    return [row for row in rows if row.concealed != "nothing" and not row.known]
+
+
 def headline(rows: Sequence[Row]) -> str:
-    """Return the count of concealed effects found; null drives and recordings of known name do not count."""
-    concealed = [row for row in rows if row.concealed != "nothing" and not row.known]
-    hits, wrong = sum(row.hit for row in concealed), sum(row.wrong for row in rows)
-    names = "1 drive with a wrong name" if wrong == 1 else f"{wrong} drives with a wrong name"
-    return f"{hits} of {len(concealed)} concealed effects found, {names}"
+    """Return the verdict: concealed effects found of those that can be told, of all, and wrong names."""
+    asked = concealed(rows)
+    tellable = [row for row in asked if row.tellable]
+    wrong = sum(row.wrong for row in rows)
+    names = "no wrong name" if not wrong else f"{wrong} drive{'s' if wrong > 1 else ''} with a wrong name"
+    return (
+        f"{sum(row.hit for row in tellable)} of {len(tellable)} concealed effects that their drives can tell"
+        f" are named first, {sum(row.hit for row in asked)} of {len(asked)} in all, {names}"
+    )
 
 
 def page(rows: Sequence[Row], seed: int) -> str:
@@ -35,26 +52,66 @@ def page(rows: Sequence[Row], seed: int) -> str:
         '<!doctype html><html lang="en"><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width"><title>tpmsd: the proof</title>',
         f"<style>{STYLE}</style><h1>{headline(rows)}</h1>",
+        _best(rows),
+        _table(rows),
         "<p>Each drive of a world was made by programs that import nothing of the diagnosis. The truth was"
-        " sealed before the diagnosis began, and opened after it had ended. Of"
-        " recordings, the name is known from"
-        f" how the drive was made, or the effect was injected. <code>make proof SEED={seed}</code></p>",
+        " sealed before the diagnosis began, and opened after it had ended. Of recordings, the name is known"
+        " from how the drive was made, or the effect was injected. An oracle that knows motion, noise and"
+        " the form of every effect says which drives can tell theirs at all:"
+        f" <code>bench/campaigns/offline/proof/oracle.py</code>. <code>make proof SEED={seed}</code></p>",
     ]
-    for number, row in enumerate(rows, 1):
-        kind = "wrong" if row.wrong else "hit" if row.hit else "miss"
-        parts.append(f'<article class="{kind}"><h2>{number}. {escape(row.drive)}: {escape(row.verdict)}</h2>')
-        parts.append("<dl>")
-        for title, text in (
-            ("concealed", row.concealed),
-            ("truth", row.truth),
-            ("named", row.named),
-            ("located", row.located),
-            ("value, 95 %", row.value),
-            ("held-out residual, of its expected size", row.residual),
-            *row.others.items(),
-            ("SHA-256 of the sealed truth", row.sha256),
-        ):
-            if text:
-                parts.append(f"<dt>{escape(title)}</dt><dd>{escape(text)}</dd>")
-        parts.append("</dl></article>")
+    parts += [_article(number, row) for number, row in enumerate(rows, 1)]
     return "".join(parts) + "</html>\n"
+
+
+def _best(rows: Sequence[Row]) -> str:
+    """The picture of the first hit that has one, with what the diagnosis said and what was concealed."""
+    hits = [row for row in concealed(rows) if row.hit and row.picture]
+    if not hits:
+        return ""
+    row = hits[0]
+    data = base64.b64encode(row.picture.encode("utf-8")).decode("ascii")
+    said = escape(row.said.replace("+-", "±"))
+    return (
+        f'<figure><img src="data:image/svg+xml;base64,{data}" alt="residual before and after">'
+        f"<figcaption>The diagnosis: “{said}” Concealed was {escape(row.concealed)}:"
+        f" {escape(row.truth)}.</figcaption></figure>"
+    )
+
+
+def _table(rows: Sequence[Row]) -> str:
+    heads = ("drive", "concealed", "truth", "named", "value, 95 %", "verdict")
+    body = "".join(
+        f'<tr><td><a href="#drive-{number}">{number}. {escape(row.drive)}</a></td>'
+        + "".join(f"<td>{escape(each)}</td>" for each in (row.concealed, row.truth, row.named, row.value))
+        + f'<td class="{_kind(row)}">{escape(row.verdict)}</td></tr>'
+        for number, row in enumerate(rows, 1)
+    )
+    head = "".join(f"<th>{one}</th>" for one in heads)
+    return f'<div class="table"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _kind(row: Row) -> str:
+    return "wrong" if row.wrong else "hit" if row.hit else "miss"
+
+
+def _article(number: int, row: Row) -> str:
+    lines = [
+        f'<article id="drive-{number}" class="{_kind(row)}">'
+        f"<h2>{number}. {escape(row.drive)}: {escape(row.verdict)}</h2><dl>"
+    ]
+    for title, text in (
+        ("concealed", row.concealed),
+        ("truth", row.truth),
+        ("the oracle", row.oracle),
+        ("the diagnosis", row.said),
+        ("named", row.named),
+        ("located", row.located),
+        ("value, 95 %", row.value),
+        ("held-out residual, of its expected size", row.residual),
+        *row.others.items(),
+        ("SHA-256 of the sealed truth", row.sha256),
+    ):
+        if text:
+            lines.append(f"<dt>{escape(title)}</dt><dd>{escape(text)}</dd>")
+    return "".join(lines) + "</dl></article>"

@@ -5,7 +5,8 @@
 
 Out: a table in the terminal and PAGE. Exit code 1 where a name is wrong. The truth of every drive is written
 first and its SHA-256 printed; a process of its own then diagnoses the drive's folder, and only then is the
-truth read. PySINDy and gplearn are given the same folders (`pip install -e '.[proof]'`).
+truth read. An `oracle` says which of the effects their drives can tell: these must be named first. PySINDy
+and gplearn are given the same folders (`pip install -e '.[proof]'`).
 """
 
 from __future__ import annotations
@@ -18,8 +19,10 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +33,7 @@ from bench.campaigns.offline.diagnosis.make import Made, make
 from bench.campaigns.offline.diagnosis.score import match, score
 from bench.campaigns.offline.diagnosis.seal import Answer, asked
 from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
+from bench.campaigns.offline.proof.oracle import bounds, can_tell
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import headline, page
 from bench.campaigns.offline.proof.seal import opened, seal
@@ -61,6 +65,12 @@ class Row:
     known: bool = False
     """A recording of which the name is known: nothing was concealed in it."""
     tellable: bool = True
+    """By the oracle."""
+    oracle: str = ""
+    said: str = ""
+    """The diagnosis's own first sentences."""
+    picture: str = ""
+    """SVG of the residual before and after."""
     sha256: str = ""
     others: dict[str, str] = field(default_factory=dict)
 
@@ -160,14 +170,14 @@ def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str,
     wanted = [each for each in truth.effects if not each.inherent]
     row = Row(case.world, ", ".join(each.effect for each in wanted) or "nothing", sha256=sha256)
     row.truth = listed({name: value for each in wanted for name, value in each.parameters.items()})
-    row.tellable = all(each.told for each in wanted)
+    row.tellable, row.oracle = can_tell(wanted), bounds(wanted)
     if answer.error or answer.document.get("reason"):
         row.named = answer.error or str(answer.document["reason"])
         return row
     joined = score(case, truth, answer.document, answer.model, made.windows)
     findings = answer.document["findings"]
     matched = match(truth, findings)
-    row.named = names_of(findings)
+    row.named, row.said = names_of(findings), str(answer.document.get("summary", ""))
     row.located, row.value, row.residual = places(findings), numbers(findings), measured(answer.document)
     inherent = {k for k, each in enumerate(truth.effects) if each.inherent}
     own = [k for k in matched if k not in inherent]
@@ -199,24 +209,39 @@ def worlds(seed: int, folder: Path, jobs: int, with_others: bool = True) -> list
         seals.append(seal(truth, nonce.bytes(16).hex(), sealed))
         print(f"drive {number} ({case.world}): truth sealed, SHA-256 {seals[-1].sha256}", flush=True)
     reports = both(drives, seed, jobs, with_others)
-    return [
+    rows = [
         scored(case, drive, Truth.of(opened(sealed)), answer, said, sealed.sha256)
         for case, drive, sealed, (answer, said) in zip(cases, made, seals, reports, strict=True)
     ]
+    for row, drive in zip(rows, drives, strict=True):
+        picture = drive.with_suffix(".svg")
+        row.picture = picture.read_text(encoding="utf-8") if picture.exists() else ""
+    return rows
 
 
 def answered(drive: Path, seed: int, with_others: bool) -> tuple[Answer, dict[str, Said]]:
     """Return what the diagnosis and the other methods say of a folder; they are given nothing else."""
-    answer = asked(drive, REPO, "--certify", "0")
+    drawn_too = ("--plot", str(drive.with_suffix(".svg"))) if find_spec("matplotlib") else ()
+    answer = asked(drive, REPO, "--certify", "0", *drawn_too)
     return answer, others(drive, seed) if with_others else {}
 
 
 def both(
     drives: Sequence[Path], seed: int, jobs: int, with_others: bool
 ) -> list[tuple[Answer, dict[str, Said]]]:
-    """Return the answers of all drives, in order."""
+    """Return the answers of all drives, in order; each that is done is told on standard error."""
+    begun = time.monotonic()
     with concurrent.futures.ProcessPoolExecutor(jobs) as pool:
         work = [pool.submit(answered, drive, seed, with_others) for drive in drives]
+        for done, one in enumerate(concurrent.futures.as_completed(work), 1):
+            one.result()
+            spent = time.monotonic() - begun
+            left = spent / done * (len(work) - done)
+            print(
+                f"diagnosed: {done} of {len(work)} drives, {spent:.0f} s, about {left:.0f} s left",
+                file=sys.stderr,
+                flush=True,
+            )
         return [one.result() for one in work]
 
 
@@ -276,6 +301,7 @@ def printed(rows: Sequence[Row]) -> str:
         lines.append(f"\n{number}. {row.drive}: {row.concealed} -> {row.verdict}")
         for title, text in (
             ("truth", row.truth),
+            ("oracle", row.oracle),
             ("named", row.named),
             ("located", row.located),
             ("value, 95 %", row.value),

@@ -16,7 +16,7 @@ from bench.worlds.folder import HEIGHT, LATITUDE, Message, inertial_messages, wh
 from bench.worlds.instruments import Drive
 from bench.worlds.magic_tyre import Array
 from tpmsd.onboard.sources.gnss_noise import position_std
-from tpmsd.onboard.timeline.plausible import odd_wheels
+from tpmsd.onboard.timeline.plausible import implausible_wheels
 from tpmsd.onboard.timeline.tick import Fix, Tick
 from tpmsd.onboard.timeline.timeline import FIELDS
 
@@ -40,7 +40,7 @@ def ticks_of(drive: Drive) -> list[Tick]:
     out = []
     for k in range(len(rotation)):
         end = drive.start_s + float(edges[k + 1])
-        for wheel in odd_wheels(rotation[k].tolist(), DT_S):
+        for wheel in implausible_wheels(rotation[k].tolist(), DT_S):
             rotation[k, wheel] = std[k, wheel] = math.nan
         known: dict[str, Any] = {name: float(values[k]) for name, values in told.items()}
         out.append(

@@ -27,6 +27,11 @@ class AccelerometerBias(Effect):
     kind = Kind.INSTRUMENT
     formula = "accelerations read = accelerations + (long_mps2, lat_mps2)"
     sentence = "the accelerometers read a constant more than acts"
+    noun = "an offset of the accelerometers"
+    answers = (
+        "the accelerometers read {long_mps2:size} {long_mps2:too much|too little} forward",
+        "the accelerometers read {lat_mps2:size} {lat_mps2:too much|too little} to the left",
+    )
     telling_drive = "drive the same road there and back: a bank and a slope change their signs"
     shows_in = ("accel_lat", "time")
     reads = ("accel_long", "accel_lat")

@@ -30,6 +30,12 @@ class AccelerometerTilt(Effect):
     kind = Kind.INSTRUMENT
     formula = "(a_x + yaw_rad * a_y + g * sin(pitch_rad), a_y - yaw_rad * a_x + g * sin(roll_rad)) is read"
     sentence = "the accelerometers are turned in their mount"
+    noun = "a turned accelerometer"
+    answers = (
+        "the accelerometers are turned by {yaw_rad:size deg} to the {yaw_rad:left|right} in their mount",
+        "they are pitched by {pitch_rad:size deg} {pitch_rad:nose up|nose down}",
+        "they lean by {roll_rad:size deg} to the {roll_rad:right|left}",
+    )
     telling_drive = "brake firmly on a straight and take bends at a constant speed, ten times each"
     shows_in = ("accel_lat", "accel_long")
     reads = ("accel_long", "accel_lat")

@@ -22,6 +22,10 @@ class AmbientPressure(Effect):
     name = "ambient_pressure"
     formula = "delta_r = per_m * (height - height at the start) on all wheels"
     sentence = "the tyres grow with the height above the sea"
+    noun = "growth with height"
+    answers = (
+        "the tyres {per_m:grow|shrink} with the height above the sea, by {per_m} of the radius per metre",
+    )
     telling_drive = "drive up and down a mountain of 500 m"
     shows_in = ("wheel", "grade")
     needs = ("gnss", "slopes")

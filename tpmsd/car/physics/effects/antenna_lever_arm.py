@@ -30,6 +30,11 @@ class AntennaLeverArm(Effect):
         ("antenna_left", "left_m", "m"),
     )
     sentence = "the antenna is not where the configuration says"
+    noun = "an antenna out of place"
+    answers = (
+        "the antenna is {forward_m:size m} further {forward_m:ahead|back} than configured",
+        "the antenna is {left_m:size m} further to the {left_m:left|right} than configured",
+    )
     telling_drive = "drive full circles at walking pace, to both sides, then bends at speed"
     shows_in = ("gnss_course", "yaw_rate")
     beside_value = ("lateral_slip",)

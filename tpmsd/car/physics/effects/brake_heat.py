@@ -33,6 +33,8 @@ class BrakeHeat(Effect):
         "dq/dt = max(-a_x, 0) * v - q / soak_s"
     )
     sentence = "brakes warm wheels, which grow and cool down again"
+    noun = "heat of the brakes"
+    answers = ("brakes warm the wheels {wheels}, which grow by {growth} of braking work per mass",)
     telling_drive = "brake firmly from 30 m/s ten times, then roll for ten minutes"
     shows_in = ("wheel_ratio", "time")
     one_sign = True

@@ -28,6 +28,11 @@ class BrakeSlip(Effect):
     name = "brake_slip"
     formula = "omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c = front or rear"
     sentence = "all wheels slip under the brakes"
+    noun = "slip under the brakes"
+    answers = (
+        "the front wheels slip by {front} under the brakes",
+        "the rear wheels slip by {rear} under the brakes",
+    )
     telling_drive = "brake firmly and gently from the same speed on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     one_sign = True

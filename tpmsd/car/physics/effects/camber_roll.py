@@ -23,6 +23,8 @@ class CamberRoll(Effect):
     name = "camber_roll"
     formula = "delta_r = -c * a_y^2 on all wheels"
     sentence = "in bends the wheels lean and roll on a smaller radius"
+    noun = "lean of the wheels in bends"
+    answers = ("in bends the wheels lean and roll on a smaller radius, by {coefficient}",)
     telling_drive = "drive the same bend slowly and fast, to both sides"
     shows_in = ("wheel", "accel_lat")
     one_sign = True

@@ -23,6 +23,8 @@ class Chains(SlipEvent):
     kind = Kind.EVENT
     formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
     sentence = "an axle rolls on chains for a while"
+    noun = "chains"
+    answers = ("{wheels} rolled on chains for {duration_s:min}",)
     telling_drive = "drive the stretch again without chains"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True

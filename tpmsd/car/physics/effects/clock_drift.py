@@ -28,6 +28,8 @@ class ClockDrift(Effect):
     kind = Kind.INSTRUMENT
     formula = "host clock - UTC = constant + rate * t + step_s * (t >= at_s)"
     sentence = "the host's clock drifts against UTC"
+    noun = "drift of the host's clock"
+    answers = ("the host's clock runs {rate:size ppm} {rate:fast|slow}",)
     telling_drive = "any drive of ten minutes with fixes that carry UTC"
     shows_in = ("clock", "time")
     reads = ("clock",)

@@ -28,6 +28,8 @@ class ComplianceSteer(Effect):
     name = "compliance_steer"
     formula = "steering wheel read = ratio * (atan(wheelbase * curvature) + c * a_y)"
     sentence = "the steering gives way in bends by more or less than a car's does"
+    noun = "give in the steering"
+    answers = ("the steering gives way in bends, by {coefficient} beside that of a usual car",)
     telling_drive = "drive the same bend slowly and fast, to both sides"
     shows_in = ("steering", "accel_lat")
     reads = ("steering",)

@@ -20,5 +20,7 @@ class CounterExtraPulses(PulseRate):
     formula = "omega shown = omega + 2 * pi * rate_per_s / teeth on one wheel"
     sentence = "a wheel's counter adds pulses"
     mirror_of = "counter_missed_pulses"
+    noun = "added pulses"
+    answers = ("the counter of {wheel} adds {rate_per_s}",)
     parameters = rate_per_s("pulses added per second")
     more = 1.0

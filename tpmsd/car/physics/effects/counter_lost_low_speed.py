@@ -25,6 +25,8 @@ class CounterLostLowSpeed(Effect):
     kind = Kind.INSTRUMENT
     formula = "omega shown = omega * (1 - lost) where v < below_mps"
     sentence = "counts are lost below a speed"
+    noun = "counts lost at walking pace"
+    answers = ("the counters of {wheels} lose {lost:%} of their counts below {below_mps}",)
     telling_drive = "roll at walking pace for a minute, under the open sky"
     shows_in = ("wheel", "speed")
     needs = ("gnss_speed",)

@@ -20,6 +20,8 @@ class CounterMissedPulses(PulseRate):
     name = "counter_missed_pulses"
     formula = "omega shown = omega - 2 * pi * rate_per_s / teeth on one wheel"
     sentence = "a wheel's counter loses pulses"
+    noun = "lost pulses"
+    answers = ("the counter of {wheel} loses {rate_per_s}",)
     parameters = rate_per_s("pulses lost per second")
     by_ripple = True
     more = -1.0

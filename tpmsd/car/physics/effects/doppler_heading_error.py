@@ -26,6 +26,11 @@ class DopplerHeadingError(Effect):
     kind = Kind.INSTRUMENT
     formula = "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
     sentence = "the receiver's velocity has a constant error"
+    noun = "a constant error of the receiver's velocity"
+    answers = (
+        "the receiver's velocity is {east_mps:size cm/s} too much to the {east_mps:east|west}",
+        "the receiver's velocity is {north_mps:size cm/s} too much to the {north_mps:north|south}",
+    )
     telling_drive = "drive the same road there and back"
     shows_in = ("gnss_speed", "time")
     needs = ("gnss_speed",)

@@ -38,6 +38,11 @@ class DriveSlipCurve(DriveSlip):
         " else sign(a_x) * c * A^2 / (4 * (A - |a_x|))"
     )
     sentence = "driven wheels slip more than in proportion to the drive force"
+    noun = "slip that grows faster than the drive force"
+    answers = (
+        "driven wheels slip under drive force by {slip_per_accel}, and more than in proportion to it",
+        "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
+    )
     telling_drive = "accelerate gently and as firmly as the road allows, ten times each"
     limit = "longitudinal_slip"
     grid = Grid(

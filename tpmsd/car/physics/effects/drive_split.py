@@ -30,6 +30,8 @@ class DriveSplit(Effect):
     formula = "omega * r = v * (1 +- d/2 * a_x), + front, - rear, on a car that drives all wheels"
     contrast = True
     sentence = "one axle of a car that drives all wheels slips more than the other"
+    noun = "unequal slip of the axles"
+    answers = ("the {difference:front|rear} axle slips more under drive force, by {difference:size}",)
     telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     limit = "load_transfer_longitudinal"

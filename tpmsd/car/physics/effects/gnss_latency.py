@@ -28,6 +28,8 @@ class GnssLatency(Effect):
     beside_value = ("lateral_slip", "velocity_lag")
     in_calibration = (("latency", "latency_s", "s"),)
     sentence = "a fix arrives later than it was valid (GNSS latency)"
+    noun = "age of the fixes"
+    answers = ("the fixes are {latency_s:size ms} {latency_s:older|younger} than configured",)
     telling_drive = "accelerate and brake firmly on a straight, ten times"
     shows_in = ("gnss_speed", "accel_long")
     one_sign = True

@@ -30,6 +30,8 @@ class GnssSmoothing(Effect):
     kind = Kind.INSTRUMENT
     formula = "speed and course shown = first-order low-pass of time_constant_s"
     sentence = "the receiver smooths its speed and course"
+    noun = "smoothing in the receiver"
+    answers = ("the receiver smooths its speed and course over {time_constant_s}",)
     telling_drive = "accelerate and brake as hard as the traffic allows, ten times"
     shows_in = ("gnss_speed", "accel_long")
     needs = ("gnss_speed",)

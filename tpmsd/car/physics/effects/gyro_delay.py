@@ -26,6 +26,8 @@ class GyroDelay(Effect):
     needs = ("yaw_rate",)
     own_per_drive = True
     always_fitted = True
+    noun = "age of the gyro's readings"
+    answers = ("the gyro's readings are {delay_s:size ms} old",)
     parameters = (
         Parameter(
             "delay_s",

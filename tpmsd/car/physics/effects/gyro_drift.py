@@ -23,6 +23,8 @@ class GyroDrift(Effect):
     kind = Kind.INSTRUMENT
     formula = "reading = truth + rate * t"
     sentence = "the gyro's zero drifts through the drive"
+    noun = "drift of the gyro's zero"
+    answers = ("the gyro's zero drifts by {rate:deg/h/s} each second",)
     telling_drive = "stand still for a minute at the beginning and at the end"
     shows_in = ("yaw_rate", "time")
     needs = ("yaw_rate",)

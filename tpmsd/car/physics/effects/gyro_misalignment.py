@@ -33,6 +33,11 @@ class GyroMisalignment(Effect):
     kind = Kind.INSTRUMENT
     formula = "reading = truth - sideways_rad * d(grade)/dt + forward_rad * K * d(a_y)/dt"
     sentence = "the gyro is not mounted upright"
+    noun = "a leaning gyro"
+    answers = (
+        "the gyro leans {sideways_rad:size deg} to the {sideways_rad:left|right}",
+        "the gyro leans {forward_rad:size deg} {forward_rad:forward|back}",
+    )
     telling_drive = "drive straight over sharp crests and dips, ten times"
     shows_in = ("yaw_rate", "grade")
     needs = ("yaw_rate", "slopes")

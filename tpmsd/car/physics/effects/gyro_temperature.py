@@ -26,6 +26,8 @@ class GyroTemperature(Effect):
     kind = Kind.INSTRUMENT
     formula = "reading = truth + per_kelvin * (T - 293 K)"
     sentence = "the gyro's zero goes with the temperature"
+    noun = "warmth in the gyro's zero"
+    answers = ("the gyro's zero goes with the temperature, by {per_kelvin}",)
     telling_drive = "drive from a warm garage into the cold"
     shows_in = ("yaw_rate", "temperature")
     needs = ("yaw_rate", "temperature")

@@ -36,6 +36,12 @@ class InnerWheelSlip(Effect):
     )
     contrast = True
     sentence = "the inner wheels, which carry less load, slip more in bends"
+    noun = "slip of the inner wheels"
+    answers = (
+        "in bends the inner driven wheels slip more, by {driven}",
+        "the inner driven wheels slip under the brakes, by {braked}",
+        "the other inner wheels slip under the brakes, by {free}",
+    )
     telling_drive = "speed up and brake in bends to both sides, ten times each"
     shows_in = ("wheel_ratio", "accel_lat")
     one_sign = True

@@ -23,6 +23,8 @@ class LateralSlip(Effect):
     needs = ("gnss",)
     in_calibration = (("slip_lateral", "coefficient", "rad.s2/m"),)
     sentence = "the rear axle drifts outwards in bends"
+    noun = "drift of the rear axle in bends"
+    answers = ("in bends the rear axle drifts {coefficient:outwards|inwards}, by {coefficient:size}",)
     telling_drive = "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
     shows_in = ("gnss_course", "accel_lat")
     one_sign = True

@@ -29,6 +29,11 @@ class LoadStatic(Effect):
     name = "load_static"
     formula = "delta_r = front_m (front) or rear_m (rear) after the longest stop"
     sentence = "the load of an axle changed at a stop"
+    noun = "a load taken up at a stop"
+    answers = (
+        "at a stop the rear axle was {rear_m:relieved|loaded}: its radii changed by {rear_m:mm}",
+        "at a stop the front axle was {front_m:relieved|loaded}: its radii changed by {front_m:mm}",
+    )
     telling_drive = "drive the same road with the load and without, a stop of a minute between"
     shows_in = ("wheel_ratio", "time")
     looks = Look.WHEEL

@@ -26,6 +26,8 @@ class LoadTransferLateral(Effect):
     contrast = True
     in_calibration = (("load_lateral", "coefficient", "s2"),)
     sentence = "bends shift load between the sides and change the radii"
+    noun = "load shifted by bends"
+    answers = ("bends shift load between the sides and change the radii, by {coefficient}",)
     telling_drive = "drive the same bend slowly and fast, to both sides"
     shows_in = ("wheel_ratio", "accel_lat")
     one_sign = True

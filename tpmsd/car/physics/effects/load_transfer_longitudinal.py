@@ -30,6 +30,8 @@ class LoadTransferLongitudinal(Effect):
     formula = "delta_r = +c * a_x front, -c * a_x rear"
     contrast = True
     sentence = "driving and braking shift load between the axles and change the radii"
+    noun = "load shifted by driving and braking"
+    answers = ("driving and braking shift load between the axles and change the radii, by {coefficient}",)
     telling_drive = "brake and accelerate firmly on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     one_sign = True

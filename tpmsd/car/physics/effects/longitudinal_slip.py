@@ -28,6 +28,11 @@ class LongitudinalSlip(DriveSlip):
     formula = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
     in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
     sentence = "driven wheels slip under drive force"
+    noun = "slip under drive force"
+    answers = (
+        "driven wheels slip under drive force, by {slip_per_accel}",
+        "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
+    )
     telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
     parameters = (
         Parameter(

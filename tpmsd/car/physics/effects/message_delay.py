@@ -25,6 +25,8 @@ class MessageDelay(Effect):
     kind = Kind.INSTRUMENT
     formula = "front wheels show v(t - front_s)"
     sentence = "the wheels of one message are older than those of another"
+    noun = "wheels of unequal age"
+    answers = ("the front wheels' readings are {front_s:size ms} {front_s:older|younger} than the rear ones",)
     telling_drive = "accelerate and brake firmly on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     needs = ("accelerometer",)

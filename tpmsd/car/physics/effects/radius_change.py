@@ -39,6 +39,11 @@ class RadiusChange(Effect):
     ramp = True
     courses = (RAMP, EXPONENTIAL)
     sentence = "the radius of a tyre changed during the drive: the fault itself"
+    noun = "a radius that changes"
+    answers = (
+        "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
+        "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
+    )
     telling_drive = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
     shows_in = ("wheel_ratio", "time")
     parameters = (

@@ -30,6 +30,11 @@ class RoadBank(Effect):
     name = "road_bank"
     formula = "a_y read = a_y * (1 - bank_share) + g * sin(crown_rad)"
     sentence = "the road is banked: gravity bears a share of the force in bends"
+    noun = "bank of the road"
+    answers = (
+        "the road is banked: gravity bears {bank_share:%} of the force in bends",
+        "the road leans by {crown_rad:size deg} to the {crown_rad:right|left}",
+    )
     telling_drive = "drive the same bends at two speeds, and flat ones"
     shows_in = ("accel_lat", "accel_lat")
     reads = ("accel_lat",)

@@ -26,6 +26,8 @@ class RoadGrade(Effect):
     alike_on_every_drive = True
     shortens = True
     sentence = "wheels roll along slopes, the receiver reports the horizontal"
+    noun = "slopes"
+    answers = ("wheels roll along slopes, of which the receiver reports the horizontal",)
     telling_drive = "drive up and down a long slope of 5 % or more at constant speed"
     shows_in = ("wheel", "grade")
     one_sign = True

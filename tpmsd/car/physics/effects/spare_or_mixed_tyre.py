@@ -24,6 +24,10 @@ class SpareOrMixedTyre(Effect):
     name = "spare_or_mixed_tyre"
     formula = "delta_r = deviation_m on one wheel, for the whole drive"
     sentence = "one wheel has a tyre of another size"
+    noun = "a tyre of another size"
+    answers = (
+        "the tyre of {wheel} is {deviation_m:size mm} {deviation_m:larger|smaller} in radius than the others",
+    )
     telling_drive = "drive once with the spare and once without"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True

@@ -26,6 +26,8 @@ class SpeedRoundingOffset(SpeedSignalFault):
     name = "speed_rounding_offset"
     formula = "speed shown = speed + offset_mps on all wheels"
     sentence = "the bus's wheel speeds have a constant offset"
+    noun = "an offset of the bus's wheel speeds"
+    answers = ("the bus's wheel speeds are {offset_mps:size cm/s} too {offset_mps:high|low}",)
     parameters = (
         Parameter(
             "offset_mps",

@@ -23,6 +23,8 @@ class SpeedScaleNonlinearity(SpeedSignalFault):
     name = "speed_scale_nonlinearity"
     formula = "speed shown = v * (1 + k * v) on all wheels"
     sentence = "the scale of the bus's wheel speeds changes with speed"
+    noun = "a bent scale of the bus's wheel speeds"
+    answers = ("the scale of the bus's wheel speeds changes with speed, by {per_mps}",)
     parameters = (
         Parameter(
             "per_mps",

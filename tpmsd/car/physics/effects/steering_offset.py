@@ -26,6 +26,10 @@ class SteeringOffset(Effect):
     kind = Kind.INSTRUMENT
     formula = "steering wheel read = ratio * atan(wheelbase * curvature) + offset_rad"
     sentence = "the steering wheel's sensor is off on the straight"
+    noun = "an offset of the steering wheel's sensor"
+    answers = (
+        "the steering wheel's sensor reads {offset_rad:size deg} {offset_rad:left|right} on the straight",
+    )
     telling_drive = "drive straight on for a minute there and back"
     shows_in = ("steering", "time")
     reads = ("steering",)

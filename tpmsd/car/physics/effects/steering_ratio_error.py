@@ -26,6 +26,8 @@ class SteeringRatioError(Effect):
     kind = Kind.INSTRUMENT
     formula = "steering wheel read = ratio * configured ratio * atan(wheelbase * curvature)"
     sentence = "the steering's ratio is not the configured one"
+    noun = "an error of the steering's ratio"
+    answers = ("the steering's ratio is {ratio:just %} {ratio:larger|smaller} than configured ({ratio})",)
     telling_drive = "drive full circles slowly, to both sides: nothing slips sideways there"
     shows_in = ("steering", "steering")
     reads = ("steering",)

@@ -27,6 +27,11 @@ class SunSide(Effect):
         "delta_r = +-s, + left, - right, lag_s * ds/dt = -east_m * sin(heading) + north_m * cos(heading) - s"
     )
     sentence = "the sunny side is warmer"
+    noun = "a sunny side"
+    answers = (
+        "the sunny side is warmer: with the sun in the east its radii differ by {east_m:mm} in half",
+        "with the sun in the north the sides differ by {north_m:mm} in half",
+    )
     telling_drive = "drive the same road there and back in the sun"
     shows_in = ("wheel_ratio", "time")
     looks = Look.WHEEL

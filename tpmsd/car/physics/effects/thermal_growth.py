@@ -35,6 +35,10 @@ class ThermalGrowth(Effect):
     )
     """Tyres take ten minutes, give or take a factor of two."""
     sentence = "the tyres grow as they warm up"
+    noun = "growth by warmth"
+    answers = (
+        "the tyres {amplitude_m:grow|shrink} by {amplitude_m:size mm} in warming up ({time_constant_s:min})",
+    )
     telling_drive = "after half an hour, hold the speed of the first minutes once more"
     shows_in = ("wheel", "time")
     one_sign = True

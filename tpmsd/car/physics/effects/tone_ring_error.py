@@ -32,6 +32,11 @@ class ToneRingError(Effect):
     formula = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
     by_teeth = True
     sentence = "a wheel's teeth are unevenly spaced or their number is wrong"
+    noun = "an uneven ring"
+    answers = (
+        "the ring of {wheel} is uneven by {amplitude_rad:deg}",
+        "the ring of {wheel} has {teeth_per_rev} teeth",
+    )
     telling_drive = "roll at walking pace on a smooth straight for a minute"
     shows_in = ("wheel_ratio", "wheel_angle")
     parameters = (

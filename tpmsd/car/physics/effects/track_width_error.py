@@ -28,6 +28,11 @@ class TrackWidthError(Effect):
         ("track_front", "front_relative", "1"),
     )
     sentence = "the track differs from the configured one"
+    noun = "an error of the track"
+    answers = (
+        "the rear track is {rear_m:size mm} {rear_m:wider|narrower} than configured",
+        "the front track is {front_m:size mm} {front_m:wider|narrower} than configured",
+    )
     telling_drive = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in = ("wheel_ratio", "yaw_rate")
     parameters = (

@@ -38,6 +38,7 @@ class Unknown(Effect):
     kind = Kind.FREE
     formula = "delta_r, or a reading's error, = f(covariate), piecewise linear"
     sentence = "something that no effect of the catalogue explains"
+    noun = "something without a name"
     parameters = (
         TextParameter("on", "rl rr", "wheels with their signs, gnss_speed, gnss_course or yaw_rate"),
         TextParameter("covariate", "speed", "what the shape is a function of"),

@@ -29,6 +29,8 @@ class VelocityLag(Effect):
     formula = "speed and course of t - lag_s stand beside the position of t"
     in_calibration = (("doppler_lag", "lag_s", "s"),)
     sentence = "the receiver's speed and course are older than its position"
+    noun = "a lag of the receiver's speed"
+    answers = ("the receiver's speed and course are {lag_s:size ms} {lag_s:older|younger} than its position",)
     telling_drive = "accelerate and brake firmly on a straight under the open sky, ten times"
     shows_in = ("gnss_speed", "accel_long")
     needs = ("gnss_speed", "gnss_position")

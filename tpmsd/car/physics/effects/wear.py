@@ -29,6 +29,8 @@ class Wear(Effect):
     name = "wear"
     formula = "delta_r = -rate * distance on all wheels"
     sentence = "the treads of all tyres wear off"
+    noun = "wear of the treads"
+    answers = ("the treads of all tyres wear off, by {rate:mm/km}",)
     telling_drive = "compare the radii of drives that lie thousands of kilometres apart"
     shows_in = ("wheel", "distance")
     needs = ("gnss",)

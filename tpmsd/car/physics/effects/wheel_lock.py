@@ -20,6 +20,8 @@ class WheelLock(SlipEvent):
     kind = Kind.EVENT
     formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
     sentence = "braked wheels turn slower than they roll for a while, or stand"
+    noun = "locked wheels"
+    answers = ("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",)
     telling_drive = "brake gently on the stretch, and look whether a brake drags"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True

@@ -20,6 +20,8 @@ class WheelSpin(SlipEvent):
     kind = Kind.EVENT
     formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
     sentence = "driven wheels spin for a while"
+    noun = "spinning wheels"
+    answers = ("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",)
     telling_drive = "drive the stretch again with less drive"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True

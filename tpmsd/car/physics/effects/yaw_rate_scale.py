@@ -23,6 +23,8 @@ class YawRateScale(Effect):
     beside_value = ("track_width_error",)
     in_calibration = (("gyro_gain", "scale_minus_one", "1"),)
     sentence = "the gyro's scale is off"
+    noun = "an error of the gyro's scale"
+    answers = ("your gyro reads {scale:just %} {scale:high|low} ({scale})",)
     telling_drive = "drive ten full circles to each side"
     shows_in = ("yaw_rate", "yaw_rate")
     parameters = (

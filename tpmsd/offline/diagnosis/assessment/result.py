@@ -161,6 +161,15 @@ class Remaining:
     replicates: int
 
 
+@dataclass(frozen=True)
+class NotDetectable:
+    """An effect that would have had to be larger than usual to be found for sure."""
+
+    effect: str
+    smallest: dict[str, tuple[float | None, str]]
+    """By parameter, difference from neutral and unit; None where nothing of it shows in the drive."""
+
+
 @brief
 @dataclass(frozen=True)
 class Diagnosis:
@@ -204,6 +213,8 @@ class Diagnosis:
     """By speed, the slowest first."""
     proposals: tuple[Proposal, ...] = ()
     """The best first; empty if not asked for, or if all has a name."""
+    not_detectable: tuple[NotDetectable, ...] = ()
+    """The nearest to its usual size first."""
     inner: Inner | None = field(default=None, repr=False)
 
 

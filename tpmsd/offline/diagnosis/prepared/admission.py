@@ -14,6 +14,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import RL, RR, WHEELS
 from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recounted
 from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.count_age import without_common_age
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
@@ -66,8 +67,9 @@ def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], 
 
 
 def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
-    """Its reader, once rings with plainly another number of teeth than configured are counted right."""
-    counted = one_recounted(recording)
+    """Its reader, once rings with plainly another number of teeth than configured are counted right, and less
+    an age that all counts share."""
+    counted = without_common_age(one_recounted(recording))
     first = reference(counted)
     right = all_recounted(counted, first.car.radius_m)
     return Reader(right, first if right is counted else reference(right), limit)

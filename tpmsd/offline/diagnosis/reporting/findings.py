@@ -33,6 +33,7 @@ from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
@@ -96,6 +97,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         down_weighted=down_weighted(study.examined),
         information=speed_ranges(study.examined),
         explanatory=explanatory(study, terms, evidence),
+        not_detectable=not_detectable(study, selection, selector),
         reach=reach(
             [
                 Seen(

@@ -40,7 +40,7 @@ Commit = Callable[[], None]
 
 
 class Reason(StrEnum):
-    """Why a frame has to go through the decoder by itself."""
+    """Reason for which a frame has to go through the decoder by itself."""
 
     NOT_STARTED = "message not yet received"
     ARRIVAL = "frame lost, late, repeated or of a second sender"
@@ -211,7 +211,7 @@ class _Attempt:
     # -- bits ------------------------------------------------------------------------------------------------
 
     def _present(self, selectors: tuple[tuple[BitField, frozenset[int]], ...], indices: Indices) -> Indices:
-        """The frames that hold a branch of the multiplexers."""
+        """Return the frames that hold a branch of the multiplexers."""
         for field, values in selectors:
             fits = self._frames.block.size[indices] >= field.min_bytes
             indices = indices[fits]
@@ -225,7 +225,7 @@ class _Attempt:
             return np.zeros(len(indices), dtype=np.uint64)
 
     def _compare(self, condition: ConditionPlan, indices: Indices) -> None:
-        """When a comparison held."""
+        """Evaluate a comparison at each of the frames, and note the result."""
         indices = self._present(condition.selectors, indices)
         indices = indices[self._frames.block.size[indices] >= condition.field.min_bytes]
         bit_values, back = np.unique(self._bits(condition.field, indices), return_inverse=True)
@@ -289,7 +289,8 @@ class _Attempt:
     def _unusable(
         self, group: Group, indices: Indices, raw: list[RawArray], values: list[FloatArray | None]
     ) -> NDArray[np.bool_]:
-        """Frames with a signal that is short, invalid, not qualified or no number, shape of `indices`."""
+        """Return frames with a signal that is short, invalid, not qualified or no number, shape of
+        `indices`."""
         if any(group.doubted) or group.watch.uneasy:
             return np.ones(len(indices), dtype=bool)
         found = np.zeros(len(indices), dtype=bool)
@@ -321,7 +322,7 @@ class _Attempt:
         return signed
 
     def _arrivals(self, group: Group, frames: Frames, values: list[FloatArray | None]) -> FloatArray:
-        """(n,) the message's period at each frame."""
+        """Return (n,) the message's period at each frame."""
         if group.arrival is None:
             raise _IrregularFrame(self._start, Reason.NOT_STARTED)
         arrival, watch = group.arrival.copied(), group.watch.copied()
@@ -349,7 +350,7 @@ class _Attempt:
     def _watch_silence(
         self, before: MessageArrival, indices: list[int], stamps: list[float], periods: list[float]
     ) -> None:
-        """The first frame of the range, of whatever message, at whose stamp this message is overdue.
+        """End the range at the first frame, of whatever message, at whose stamp this message is overdue.
 
         `before`: the arrival before the range; `indices`, `stamps`, `periods`: of the message's frames in it,
         up to the first irregular one.
@@ -373,7 +374,7 @@ class _Attempt:
         wheels: dict[WheelCounter | WheelSpeedIntegrator, RegularReadings],
         values: list[FloatArray | None],
     ) -> None:
-        """Speeds that all stay the same to the last bit."""
+        """End the range at the first speeds that all stay the same to the last bit."""
         assert group.frozen is not None
         frozen = group.frozen.copied()
         since = np.full(len(indices), -np.inf)

@@ -44,7 +44,7 @@ def none_regular(count: int) -> RegularReadings:
 
 
 def first_true(irregular: BoolArray) -> int:
-    """Index of the first True; the length if there is none."""
+    """Return the index of the first True; the length if there is none."""
     return int(np.argmax(irregular)) if irregular.any() else len(irregular)
 
 
@@ -62,5 +62,6 @@ def still_runs(same: BoolArray, before_s: FloatArray) -> tuple[IntArray, FloatAr
 
 
 def first_run_too_long(begin: IntArray, too_long: BoolArray) -> int:
-    """Index at which the first run of unchanged values begins that contains a True; n if there is none."""
+    """Return the index at which the first run of unchanged values begins that contains a True; n if there is
+    none."""
     return int(begin[too_long].min()) if too_long.any() else len(too_long)

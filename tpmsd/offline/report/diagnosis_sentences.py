@@ -1,0 +1,110 @@
+"""The answer of a diagnosis in sentences, which comes first in text, JSON and page.
+
+In: `Diagnosis`. Out: sentences. The words for an effect are its own (`tpmsd.car.physics.in_words`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from tpmsd.car.physics import in_words
+from tpmsd.car.physics.catalogue import FREE
+from tpmsd.offline.diagnosis.assessment.result import (
+    CONSISTENT,
+    FINDING,
+    INSUFFICIENT,
+    Diagnosis,
+    Finding,
+    NotDetectable,
+    Quantity,
+)
+from tpmsd.offline.report.simulation_text import baseline_name
+from tpmsd.offline.report.wording import covariate_name, wheel_name
+
+NEAREST = 3
+"""Effects that are named with their sizes in a sentence; the table has all."""
+
+
+def summary_sentences(diagnosis: Diagnosis) -> list[str]:
+    """Return what was found, what else was taken into account, and what may have stayed unseen."""
+    if diagnosis.verdict == INSUFFICIENT:
+        return [f"Nothing can be concluded: {diagnosis.reason}."]
+    out = [_sentence(one) for one in diagnosis.findings if one.status == FINDING]
+    if diagnosis.verdict == CONSISTENT:
+        out.append(f"The drive agrees with {baseline_name(diagnosis)} within the noise.")
+    for one in diagnosis.findings:
+        if one.status == FINDING and one.indistinguishable_from:
+            twins = _listed(
+                [in_words.noun(name.partition(":")[0]) for name in one.indistinguishable_from], "or"
+            )
+            out.append(f"This drive cannot tell {in_words.noun(one.effect)} from {twins}.")
+    out += [f"Suspected, not sure: {clause(one)}." for one in diagnosis.findings if one.status != FINDING]
+    out += [_capital(note.rstrip(".")) + "." for note in diagnosis.notes]
+    nothing = (
+        "" if diagnosis.verdict == CONSISTENT else f"Nothing else was found beside {baseline_name(diagnosis)}"
+    )
+    unseen = [one for one in diagnosis.not_detectable if _known(one)][:NEAREST]
+    if unseen:
+        may = f"{_listed([below(one) for one in unseen])} may have stayed unseen on this drive"
+        out.append(f"{nothing}; {may}." if nothing else f"{_capital(may)}.")
+    elif nothing:
+        out.append(f"{nothing}.")
+    return out
+
+
+def clause(finding: Finding) -> str:
+    """Return what was found, as a clause with its numbers."""
+    if finding.effect == FREE.name:
+        over = covariate_name(finding.where.covariate or "time")
+        on = _wheels(" ".join(finding.where.wheels)) or finding.where.channel.replace("_", " ")
+        return f"something without a name acts on {on} over {over}"
+    return in_words.clause(finding.effect, _values(finding.effect, finding.parameters))
+
+
+def below(one: NotDetectable) -> str:
+    """Return an effect with the size below which it may have stayed unseen, as part of a sentence."""
+    sizes = [
+        f"{in_words.rounded(value, 0.1 * value, with_std=False)} {unit if unit != '1' else ''}".rstrip()
+        for value, unit in one.smallest.values()
+        if value is not None
+    ]
+    return f"{in_words.noun(one.effect)} below {_listed(sizes, 'or')}"
+
+
+def _known(one: NotDetectable) -> bool:
+    return any(value is not None for value, _ in one.smallest.values())
+
+
+def _sentence(finding: Finding) -> str:
+    said = clause(finding)
+    if finding.held_by == "recording":
+        said = f"what your simulation lacks: {said}"
+    elif finding.held_by == "simulation":
+        said = f"what your simulation has and the recording has not (recording less simulation): {said}"
+    elif finding.held_by == "both":
+        said = f"what your simulation has at another size (recording less simulation): {said}"
+    if finding.drives:
+        said += f" (only in {_listed(list(finding.drives))})"
+    return f"{_capital(said)}."
+
+
+def _values(effect: str, parameters: Mapping[str, Quantity]) -> dict[str, in_words.Told | str]:
+    out: dict[str, in_words.Told | str] = {}
+    for name, one in parameters.items():
+        if isinstance(one.value, str):
+            out[name] = _wheels(one.value)
+        else:
+            out[name] = in_words.told(effect, name, one.value, one.std, one.unit)
+    return out
+
+
+def _wheels(words: str) -> str:
+    return _listed([wheel_name(word) for word in words.split()]) if words else ""
+
+
+def _listed(words: Sequence[str], last: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
