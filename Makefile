@@ -101,7 +101,7 @@ test-web: $(DEV)  ## the pages of tpmsd web in a real browser (Chromium and its 
 test-qemu: $(DEV)  ## smoke tests, one drive and instruction counts on aarch64 (installed: qemu-user mmdebstrap gcc)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.qemu.run
 
-soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
+soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1", --week)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)
 
 attacks: $(DEV)  ## the attacks of SECURITY.md on three drives with both filters, as a table, and its tests (ATTACKS_ARGS=...)

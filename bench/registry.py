@@ -154,5 +154,8 @@ CAMPAIGNS = {
             "offline", "proof", "effects of other worlds sealed, diagnosed, opened, scored", "proof.run"
         ),
         _campaign("offline", "dynamics", "baselines of vehicle dynamics: null drives, single effects, pairs"),
+        _campaign(
+            "offline", "dynamics-proof", "a multi-body car and a real one: errors after each effect found"
+        ),
     )
 }

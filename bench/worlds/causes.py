@@ -166,7 +166,22 @@ def _spare(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
     return np.asarray(np.ones((len(course.time_s), 1)) * p["size_m"] * (np.arange(4) == p["wheel"]))
 
 
+def _stuck_caliper(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
+    """What a brake that does not let go warms: a disc, and by it the tyre, each with a lag of its own."""
+    return np.asarray(
+        p["m_per_slip"] * p["slip"] * _stuck_warmth(course, p)[:, None] * (np.arange(4) == p["wheel"])
+    )
+
+
+def _stuck_warmth(course: Course, p: dict[str, Any]) -> Array:
+    """(n,) 1 at 20 m/s for long: the disc within 20 s, the rim slowly."""
+    step, tau = float(course.time_s[1] - course.time_s[0]), p["cooling_s"]
+    disc = accumulated(course.speed / 20.0 / 20.0, step, 1.0 / 20.0)
+    return accumulated(disc / tau, step, 1.0 / tau)
+
+
 RADII = {
+    "stuck_caliper": _stuck_caliper,
     "belt": _belt,
     "rolling_heat": _rolling_heat,
     "brake_discs": _brake_discs,
@@ -209,12 +224,54 @@ def slip(course: Course, spec: Spec) -> Array:
         shared = np.where(driven, np.maximum(force, 0.0)[:, None], 0.0)
         shared = shared + np.minimum(force, 0.0)[:, None] * p["brake_share"]
         out += shared / p["stiffness"] / carried
+    for name, act in SLIPS.items():
+        if name in spec.physics:
+            out += act(course, spec, spec.physics[name])
     if "dragging_brake" in spec.physics:  # a brake that holds an axle back for a while, on ice
         p = spec.physics["dragging_brake"]
         since = course.time_s - p["onset_s"]
         acting = np.clip(np.minimum(since, p["duration_s"] - since) / 0.3, 0.0, 1.0)
         out += p["slip"] * acting[:, None] * np.isin(np.arange(4), p["wheels"])
     return out
+
+
+def _viscous(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
+    """A viscous coupling holds the wheels of an axle together against the stiffness of the tyres."""
+    share = p["coupling"] / (1.0 + p["coupling"])
+    track = np.where(FRONT, spec.track_front_m, spec.track_rear_m)
+    apart = 0.5 * course.yaw[:, None] * track * LEFT
+    return np.asarray(share * apart / (np.maximum(course.speed, 0.5)[:, None] - apart) * DRIVEN[spec.driven])
+
+
+def _rolled_along(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
+    """Wheels that are turned roll the length of the path, not of the body's way."""
+    return np.asarray((np.hypot(1.0, np.tan(rear_angle(course, spec))) - 1.0)[:, None] * ~FRONT)
+
+
+def _airstream(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
+    """The drag in the wind, less that in calm air, on tyres of that stiffness."""
+    way = np.exp(1j * course.heading)
+    air = np.real((course.speed * way + p["east_mps"] + 1j * p["north_mps"]) * way.conj())
+    more = DRAG_PER_M * (np.sign(air) * air**2 - course.speed**2)
+    return grip_slip(more, p["stiffness"], 9.0)[:, None] * DRIVEN[spec.driven]
+
+
+def _stuck(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
+    """The force of the brake grows with the disc's warmth."""
+    grown = 1.0 + _stuck_warmth(course, p)
+    return np.asarray(-p["slip"] * grown[:, None] * (np.arange(4) == p["wheel"]))
+
+
+SLIPS = {"viscous": _viscous, "rear_rack": _rolled_along, "airstream": _airstream, "stuck_caliper": _stuck}
+
+
+def rear_angle(course: Course, spec: Spec) -> Array:
+    """(n,) angle of rear wheels that are steered: against the front ones when slow, with them when fast."""
+    if "rear_rack" not in spec.physics:
+        return np.zeros(len(course.time_s))
+    p = spec.physics["rear_rack"]
+    with_them = np.tanh(np.log(np.maximum(course.speed, 0.1) / p["straight_mps"]))
+    return np.asarray(p["share"] * with_them * np.arctan(spec.wheelbase_m * course.bend))
 
 
 def shown_rates(rates: Array, course: Course, spec: Spec) -> Array:
@@ -225,6 +282,9 @@ def shown_rates(rates: Array, course: Course, spec: Spec) -> Array:
         rates = rates.copy()
         for k in (0, 1):
             rates[:, k] = np.interp(then, course.time_s, rates[:, k])
+    if "dashboard" in physics:  # a filter of its own in front of what is sent
+        step = float(course.time_s[1] - course.time_s[0])
+        rates = np.stack([lagged(one, step, physics["dashboard"]["tau_s"]) for one in rates.T], axis=1)
     if "capture" in physics:  # a timer that reads each period between edges too short
         rates = rates / (1.0 - rates / pitch * physics["capture"]["short_s"])
     if "truncated" in physics:  # whole steps of the speed, what is over is left out

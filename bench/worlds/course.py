@@ -54,7 +54,8 @@ def value(spec: Spec, name: str, key: str, default: float = 0.0) -> float:
 
 def axle_course(course: Course, spec: Spec) -> Array:
     """The rear axle's course minus the heading."""
-    return np.asarray(course.beta - value(spec, "lateral_slip", "coefficient") * course.a_lat)
+    drift = course.beta - value(spec, "lateral_slip", "coefficient") * course.a_lat
+    return np.asarray(drift + causes.rear_angle(course, spec))
 
 
 def hub_speeds(course: Course, spec: Spec) -> Array:

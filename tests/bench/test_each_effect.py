@@ -32,7 +32,8 @@ ON_WHEELS = (
     *("brake_heat", "brake_slip", "camber_roll", "centrifugal_growth", "chains", "counter_extra_pulses"),
     *("counter_missed_pulses", "drive_split", "load_static", "load_transfer_lateral", "radius_change"),
     *("load_transfer_longitudinal", "longitudinal_slip", "sun_side", "thermal_growth", "wheel_lock"),
-    *("ambient_pressure", "drive_slip_curve", "inner_wheel_slip", "wheel_spin"),
+    *("ambient_pressure", "drive_slip_curve", "inner_wheel_slip", "wheel_spin", "brake_drag"),
+    *("head_wind", "locked_differential"),
 )
 READ = ("accelerometer_bias", "accelerometer_tilt", "compliance_steer", "road_bank", "steering_offset")
 SIDES = np.kron(np.eye(2), np.ones((2, 1)))
@@ -56,6 +57,8 @@ def by_the_catalogue(effect: str, drawn: Drawn, spec: Spec, course: Course) -> t
         values |= {"wheel": drawn.wheels[0], "onset_s": p["onset_s"], "duration_s": 2.0 * p["within_s"]}
     elif effect.startswith("counter_"):
         values["wheel"] = drawn.wheels[0]
+    elif effect == "brake_drag":
+        values |= {"wheel": drawn.wheels[0], "cooling_s": spec.physics["stuck_caliper"]["cooling_s"]}
     elif effect in ("brake_heat", "chains", "wheel_lock", "wheel_spin"):
         values["wheels"] = " ".join(drawn.wheels)
     elif effect == "brake_slip":

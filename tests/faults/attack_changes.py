@@ -146,6 +146,26 @@ def receiver_scaled(share: float) -> TickChange:
     return change
 
 
+def receiver_drifts(share: float) -> TickChange:
+    """Speeds and the ways between positions are scaled alike, by degrees from second 100 to second 300."""
+
+    def change(ticks: list[Tick], start_s: float) -> list[Tick]:
+        out, before, shown = [], None, np.zeros(2)
+        for tick in ticks:
+            by = 1.0 + share * min(max((tick.time_s - start_s - 100.0) / 200.0, 0.0), 1.0)
+            fixes = []
+            for fix in tick.fixes:
+                place = np.array([fix.east_m, fix.north_m])
+                shown = place if before is None else shown + by * (place - before)
+                before = place
+                east_m, north_m = shown.tolist()
+                fixes.append(replace(fix, speed_mps=fix.speed_mps * by, east_m=east_m, north_m=north_m))
+            out.append(replace(tick, fixes=tuple(fixes)))
+        return out
+
+    return change
+
+
 def speed_scaled(share: float) -> TickChange:
     """Speeds alone are scaled, by degrees from second 100 to second 300."""
 

@@ -143,6 +143,14 @@ ATTACKS = (
         Attack(f"speed and positions scaled by {p:+g} %", ticks=changes.receiver_scaled(0.01 * p))
         for p in (-0.3, 0.3)
     ),
+    *(
+        Attack(
+            f"speed and positions scaled by {p:+g} % within minutes",
+            ticks=changes.receiver_drifts(0.01 * p),
+            promised=False,
+        )
+        for p in (-0.5, 0.5)
+    ),
     Attack("positions frozen", changes.frozen_position),
     Attack("positions 10 km off for a while", changes.jumped_position),
     Attack("noise in place of sentences", changes.noise),

@@ -1,6 +1,6 @@
 """Start-up and run time kept short: modules imported on demand, cycle collection and freed memory controlled.
 
-In: nothing. Out: nothing; import system, collector or allocator are told. python-can imports asammdf
+In: nothing. Out: nothing; import system, collector or allocator are set. python-can imports asammdf
 wherever that is installed, and asammdf pandas: a second and 90 MB, of which only MF4 files make use. cantools
 imports python-can for its test bench, and SciPy asks NumPy for everything that it has.
 """

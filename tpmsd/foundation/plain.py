@@ -19,6 +19,11 @@ _SHORT_CHARS = 60
 Record = TypeVar("Record", bound=type)
 
 
+def with_unit(number: str, unit: str) -> str:
+    """Return a number's text with its unit; the unit of a pure number, `1`, is not printed."""
+    return f"{number} {unit}" if unit not in ("", "1") else number
+
+
 def brief(record: Record) -> Record:
     """Class decorator of a dataclass: its `repr` is one line in which arrays and collections are counted and
     further records are named."""

@@ -266,4 +266,4 @@ def _vehicle_state(config: Config) -> VehicleStateEstimator | None:
     check_vehicle_state(config)
     car = configured_car(config.dynamics, vehicle.track_front_m, vehicle.track_rear_m, vehicle.driven_axle)
     rng = np.random.default_rng((config.filter.seed, 1))  # apart from the draws of the radius filter
-    return VehicleStateEstimator(car, settings.method, rng, settings.particles)
+    return VehicleStateEstimator(car, settings.method, rng, settings.particles, means=True)

@@ -71,6 +71,8 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=int, default=1, help="drives of each kind (default: 1)")
     parser.add_argument("--nulls", type=int, default=10, help="null drives of each baseline (default: 10)")
     parser.add_argument("--duration", type=float, default=300.0, metavar="S", help="default: 300")
+    parser.add_argument("--baseline", choices=("single-track", "three-dof"), help="one alone (default: both)")
+    parser.add_argument("--first-seed", type=int, default=1000, help="default: 1000")
     parser.add_argument(
         "--only", default="", metavar="NAMES", help="effects, with commas between; null, pairs"
     )
@@ -81,6 +83,8 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     only = set(filter(None, args.only.split(",")))
     rows: list[dict[str, Any]] = []
     for model, forces in (("single-track", False), ("three-dof", True)):
+        if args.baseline not in (None, model):
+            continue
         cases: list[tuple[str, Effects]] = []
         if not only or "null" in only:
             cases += [("null", {})] * args.nulls
@@ -91,7 +95,7 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         if not only or "pairs" in only:
             cases += [("+".join(p), {n: SINGLE[n] for n in p}) for p in PAIRS for _ in range(args.seeds)]
         for number, (name, effects) in enumerate(cases):
-            row = case(name, effects, model, forces, 1000 + number, args.duration)
+            row = case(name, effects, model, forces, args.first_seed + number, args.duration)
             rows.append(row)
             print(f"{model:13}{name:46}{row['named']!s:60}{row['cpu_s']:6.1f} s  {row['sizes']}", flush=True)
     summary = summarised(rows)

@@ -118,6 +118,39 @@ def _inner_wheel_slip(rng: np.random.Generator) -> Drawn:
     )
 
 
+def _locked(rng: np.random.Generator) -> Drawn:
+    share, driven = float(rng.uniform(0.25, 0.9)), str(rng.choice(["front", "rear"]))
+    return Drawn(
+        {"viscous": {"coupling": share / (1.0 - share)}},
+        {"driven": driven},
+        {"coefficient": share},
+        wheels=WHEELS[:2] if driven == "front" else WHEELS[2:],
+    )
+
+
+def _rear_steering(rng: np.random.Generator) -> Drawn:
+    share, straight = float(rng.uniform(0.07, 0.25)), float(rng.uniform(13.0, 18.0))
+    truth = {"gain": share, "crossover_mps": straight}
+    return Drawn({"rear_rack": {"share": share, "straight_mps": straight}}, {"road": "mixed"}, truth)
+
+
+def _brake_drag(rng: np.random.Generator) -> Drawn:
+    k, name = _wheel(rng)
+    slip, cooling = float(rng.uniform(7e-4, 2.5e-3)), float(rng.uniform(120.0, 400.0))
+    return Drawn(
+        {"stuck_caliper": {"wheel": k, "slip": slip, "cooling_s": cooling, "m_per_slip": 0.5}},
+        truth={"slip": slip},
+        wheels=(name,),
+    )
+
+
+def _head_wind(rng: np.random.Generator) -> Drawn:
+    size, towards = float(rng.uniform(7.0, 14.0)), float(rng.uniform(-math.pi, math.pi))
+    wind = {"east_mps": size * math.cos(towards), "north_mps": size * math.sin(towards)}
+    driven = str(rng.choice(["front", "rear"]))
+    return Drawn({"airstream": {**wind, "stiffness": 250.0}}, {"driven": driven, "road": "motorway"}, wind)
+
+
 def _brake_heat(rng: np.random.Generator) -> Drawn:
     wheels, names = _axle(rng)
     if rng.random() < 0.3:
@@ -285,6 +318,7 @@ CASES: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "antenna_lever_arm": _simple(
         "antenna_lever_arm", {"forward_m": ("forward_m", 0.6), "left_m": ("left_m", 0.2)}
     ),
+    "brake_drag": _brake_drag,
     "brake_heat": _brake_heat,
     "brake_slip": _brake_slip,
     "camber_roll": _camber_roll,
@@ -325,6 +359,7 @@ CASES: dict[str, Callable[[np.random.Generator], Drawn]] = {
         also=("road_grade",),
     ),
     "gyro_temperature": _cold_gyro,
+    "head_wind": _head_wind,
     "inner_wheel_slip": _inner_wheel_slip,
     "lateral_slip": lambda rng: Drawn(
         {"lateral_slip": {"coefficient": (c := above(rng, 5e-3, 3e-3))}}, {}, {"coefficient": c}
@@ -332,9 +367,11 @@ CASES: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "load_static": _load_static,
     "load_transfer_lateral": lambda rng: _loads(rng, "n_per_lateral", effect_truth.load_lateral),
     "load_transfer_longitudinal": lambda rng: _loads(rng, "n_per_long", effect_truth.load_long),
+    "locked_differential": _locked,
     "longitudinal_slip": _longitudinal_slip,
     "message_delay": _simple("axle_messages", {"late_s": ("front_s", 0.012)}, with_accel=True),
     "radius_change": _radius_change,
+    "rear_axle_steering": _rear_steering,
     "road_bank": _positive("banked_bends", "share", "bank_share", 0.18, 0.4, **ACCEL),
     "road_grade": lambda rng: Drawn({}, {"hilly": 0.05, "road": "hills"}),
     "speed_rounding_offset": _truncated,
@@ -360,8 +397,9 @@ CASES: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "velocity_lag": _positive("late_doppler", "late_s", "lag_s", 0.12, 0.3, **DOPPLER),
     "wheel_lock": _wheel_lock,
     "wheel_spin": _wheel_spin,
+    "wheel_speed_filter": _positive("dashboard", "tau_s", "time_constant_s", 0.2, 0.6, wheel_signal="speeds"),
     "yaw_rate_bias": _simple("yaw_rate_bias", {"bias": ("bias", 3e-3)}, **GYRO),
     "yaw_rate_scale": _scaled("yaw_rate_scale", "scale", "scale", 0.025, **GYRO),
 }
-"""By the catalogue's names. Not here: `spare_or_mixed_tyre`, which calibration takes up, and `wear`, which
-acts between drives."""
+"""By the catalogue's names. Not here: `spare_or_mixed_tyre`, which calibration takes up, `wear`, which acts
+between drives, and `torque_slip`, for no world of these tells a torque."""

@@ -36,11 +36,15 @@ DRAWS = 3
 """Of each rival."""
 SPANNED = (
     *("accelerometer_bias", "accelerometer_tilt", "antenna_lever_arm", "doppler_heading_error"),
-    *("inner_wheel_slip", "longitudinal_slip", "sun_side", "track_width_error"),
+    *("head_wind", "inner_wheel_slip", "longitudinal_slip", "sun_side", "track_width_error"),
 )
 """Effects of several values that enter linearly, which the draws of a rival span; of others each draw is a
 rival by itself."""
-GIVES_WAY = {"longitudinal_slip": "drive_slip_curve", "load_transfer_longitudinal": "drive_split"}
+GIVES_WAY = {
+    "longitudinal_slip": "drive_slip_curve",
+    "load_transfer_longitudinal": "drive_split",
+    "track_width_error": "locked_differential",
+}
 """Effects and those that contain them as a limit, which are no rivals of them."""
 FORMULAS_SHARE = 1e-3
 """Of the gain: less beyond a rival is no more than what two formulas of one effect differ by."""

@@ -32,7 +32,7 @@ from tpmsd.offline.fleet.parameters import RADII
 from tpmsd.offline.fleet.report import report_document
 from tpmsd.offline.fleet.report_page import report_page
 from tpmsd.offline.fleet.store import DriveEntry, Store
-from tpmsd.offline.fleet.tables import rows_of, write_tables
+from tpmsd.offline.fleet.tables import kept_rows, rows_of, write_tables
 from tpmsd.offline.fleet.work import SCHEMA, STAGES, program
 
 BARS_S = {"joint": 60.0, "report": 30.0, "sql": 2.0}
@@ -106,8 +106,8 @@ def draw_store(path: Path, drives: int, cars: int, models: int, seed: int) -> St
         truth = offsets[car] + known * rng.standard_normal(len(known))
         statistics = {
             "names": list(PARAMETERS),
-            "information": [float(f"{value:.9g}") for value in matrix[rows, cols]],
-            "vector": [float(f"{value:.9g}") for value in matrix @ truth],
+            "information": matrix[rows, cols].tolist(),
+            "vector": (matrix @ truth).tolist(),
         }
         start = _FIRST_S + _DAY_S * (drive + car / cars)
         result = _result(start, 1e3 * 0.3 * truth[: len(WHEELS)], statistics, number % 20 == 7)
@@ -151,7 +151,7 @@ def joint(store: Store) -> None:
 
 def report(store: Store) -> None:
     """The report's document and page."""
-    tables = rows_of(store)
+    tables = kept_rows(store) or rows_of(store)
     document = report_document(tables)
     report_page({**document, "schema": "tpmsd.fleet.report/1"}, tables)
 

@@ -18,15 +18,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.campaigns.offline.calibrate_recording import recording_of
+from bench.campaigns.offline.fixed_design import (
+    Design,
+    DriveNoise,
+    Prepared,
+    design,
+    fit,
+    prepare,
+    redrawn,
+)
 from bench.worlds.kinematic import drive
 from bench.worlds.spec import Spec
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.inference.fit import DriveNoise, Fit, fit, redrawn
+from tpmsd.offline.inference.fit import Fit
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.noise_fit import Stage, fit_noise
-from tpmsd.offline.inference.prepared import Design, Prepared, design, prepare
 from tpmsd.offline.inference.recording import INERTIAL, Recording
 from tpmsd.offline.inference.replicate import replicate
 from tpmsd.offline.inference.windows import Reader
@@ -62,7 +70,7 @@ def fitted(minutes: float) -> Fitted:
 def refit(one: Fitted, count: int, rng: np.random.Generator) -> FloatArray:
     """(count,) values of the effect, design fixed."""
     many = redrawn(one.drive, one.design, one.fit.values[:, 0], one.noise, rng, count)
-    return fit([many], [one.design], [one.noise]).values[one.fit.keys.index(EFFECT)]
+    return np.asarray(fit([many], [one.design], [one.noise]).values[one.fit.keys.index(EFFECT)])
 
 
 def rerun(one: Fitted, count: int, rng: np.random.Generator) -> FloatArray:

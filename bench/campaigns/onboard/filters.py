@@ -126,22 +126,26 @@ def _seconds(value: float) -> str:
 
 
 def markdown(found: dict[str, Row]) -> str:
-    """Both filters side by side, and what the pairs that differ say."""
+    """Both filters side by side, as far as there is something to compare, and what the pairs that differ
+    say."""
     first, second = (found[method] for method in METHODS)
     lines = [f"| | {' | '.join(f'`{method}`' for method in METHODS)} |", "| --- | --- | --- |"]
 
     def line(title: str, told: Any) -> None:
         lines.append(f"| {title} | {told(first)} | {told(second)} |")
 
-    line("simulated losses found in time", lambda f: percent(f["detected"]))
-    line("of those announced, with a wrong wheel", lambda f: percent(f["wrong_wheel"]))
-    line("median of the driven delay, slow leaks left out", lambda f: _seconds(f["median_delay_s"]))
-    line("false `deflation`", lambda f: f"{f['false_deflation']} in {f['km']:.0f} km")
-    line("false `radius_deviation`", lambda f: f"{f['false_deviation']} in {f['km']:.0f} km")
-    line("`malfunction` on drives without a fault", lambda f: f"{f['malfunctions']} in {f['km']:.0f} km")
-    line("losses of 1.4 mm injected into real drives, found", lambda f: percent(f["losses"]))
-    line("median delay of these", lambda f: _seconds(f["median_loss_delay_s"]))
-    line("processor time, drives simulated included", lambda f: f"{f['cpu_s']:.0f} s")
+    if first["detected"]["of"]:
+        line("simulated losses found in time", lambda f: percent(f["detected"]))
+        line("of those announced, with a wrong wheel", lambda f: percent(f["wrong_wheel"]))
+        line("median of the driven delay, slow leaks left out", lambda f: _seconds(f["median_delay_s"]))
+    if first["km"]:
+        line("false `deflation`", lambda f: f"{f['false_deflation']} in {f['km']:.0f} km")
+        line("false `radius_deviation`", lambda f: f"{f['false_deviation']} in {f['km']:.0f} km")
+        line("`malfunction` on drives without a fault", lambda f: f"{f['malfunctions']} in {f['km']:.0f} km")
+        line("processor time of these, simulation included", lambda f: f"{f['cpu_s']:.0f} s")
+    if first["losses"]["of"]:
+        line("losses of 1.4 mm injected into real drives, found", lambda f: percent(f["losses"]))
+        line("median delay of these", lambda f: _seconds(f["median_loss_delay_s"]))
     one = pairs(found)
     lines += [
         "",

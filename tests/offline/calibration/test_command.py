@@ -88,8 +88,9 @@ def test_diagnose_takes_the_calibration(town: Path, written: Written, tmp_path: 
     report = tmp_path / "diagnosis.json"
     arguments = ["diagnose", str(town), "--config", str(written.vehicle), "--json", str(report)]
 
-    assert 0 == main([*arguments, "--model-out", str(tmp_path / "model.toml")])
+    code = main([*arguments, "--model-out", str(tmp_path / "model.toml")])
     found = json.loads(report.read_text())
+    assert (3 if found["verdict"] == "insufficient_data" else 0) == code
 
     assert found["verdict"] in ("consistent", "insufficient_data", "mismatch")
     assert [] == [f for f in found["findings"] if f["effect"] == "radius_change"]

@@ -11,7 +11,7 @@ from tests.offline.diagnosis.test_found_by_name import driven, smoothed
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
+from tpmsd.offline.diagnosis.refinement.beyond_linear import beyond_linear, needed_exactly
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
 from tpmsd.offline.inference.noise_fit import Stage
@@ -54,3 +54,26 @@ def test_a_long_lag_is_told_with_its_size() -> None:
     assert pytest.approx(0.4, abs=3.0 * lag.std) == lag.value
     assert lag.std < 0.01
     assert not diagnosis.notes
+
+
+def test_what_is_beyond_the_linear_is_what_the_forward_model_says() -> None:
+    """Of a lag that acts, its shift explains what its slope leaves; of a low-pass in its place, less."""
+    study = Study(admitted([late(0.4)])[0])
+    study = estimated(study, study.hypotheses.everything, Stage.FIRST)
+    evidence = study.evidence()
+    lag, smoothing = (
+        next(term for term in study.hypotheses.catalogue if term.effect == name) for name in (LAG, SMOOTHING)
+    )
+    selector = Selector(evidence, study.hypotheses)
+    exactly = {
+        term: selector.gain([term]) + beyond_linear(study, selector, [term]) for term in (lag, smoothing)
+    }
+    judged = [
+        Selector(evidence, study.hypotheses, beyond=more).judged([lag]).chosen[0]
+        for more in (lambda terms: 0.0, lambda terms: beyond_linear(study, selector, terms))
+    ]
+
+    assert beyond_linear(study, selector, []) == pytest.approx(0.0, abs=1e-6)
+    assert beyond_linear(study, selector, [lag]) > 20.0
+    assert exactly[lag] > exactly[smoothing] + 20.0
+    assert judged[0].confidence <= judged[1].confidence

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import gumbel_r, kstest
 
+from bench.worlds.instruments import Drive
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.car.physics.catalogue import make_effect
@@ -20,6 +21,7 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.robustness.chance import chance, discoveries, tail_probability
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
@@ -84,11 +86,7 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     """
     made = drive(Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96), 12)
     plain = recording_of(made)
-    ticks = slice(0, PER_TICK * len(plain.rotation_rad), PER_TICK)
-    change = 1.2e-4 * made.speed[ticks] ** 2 * made.yaw_rate[ticks] / plain.car.radius_m[0]
-    rotation = plain.rotation_rad.copy()
-    rotation[:, :2] *= 1.0 - change[:, None]
-    readers, notes = admitted([dataclasses.replace(plain, rotation_rad=rotation)])
+    readers, notes = admitted([_of_strange_tyres(made, plain)])
     study, selection, evidence = examine(Study(readers), lambda share: None)
     noisy = dataclasses.replace(report(study, selection, evidence, notes), model_rms=10.0)
     again = certified(study, selection, evidence, noisy, 7, np.random.default_rng(1)).findings[0]
@@ -96,6 +94,43 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     assert ("unknown", "finding") == (again.effect, again.status)
     assert again.p_value == pytest.approx(1.0 / 8.0)
     assert again.p_value_is_bound
+
+
+def _of_strange_tyres(made: Drive, plain: Recording) -> Recording:
+    """The recording with front tyres that change by 1.2e-4 s3/m * v * a_y."""
+    ticks = slice(0, PER_TICK * len(plain.rotation_rad), PER_TICK)
+    change = 1.2e-4 * made.speed[ticks] ** 2 * made.yaw_rate[ticks] / plain.car.radius_m[0]
+    rotation = plain.rotation_rad.copy()
+    rotation[:, :2] *= 1.0 - change[:, None]
+    return dataclasses.replace(plain, rotation_rad=rotation)
+
+
+def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fix that is 0.2 s old beside those tyres is a finding; where replicates that hold the tyres' spline
+    reach it, it is tested again in replicates without, which hold the latency alone."""
+    physics: dict[str, dict[str, object]] = {"gnss_latency": {"latency_s": 0.2}}
+    spec = Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96, physics=physics)
+    made = drive(spec, 12)
+    readers, notes = admitted([_of_strange_tyres(made, recording_of(made))])
+    study, selection, evidence = examine(Study(readers), lambda share: None)
+    before = report(study, selection, evidence, notes)
+    sure = certified(study, selection, evidence, before, 1, np.random.default_rng(1)).findings
+    models: list[ExtendedModel] = []
+
+    def seven(study: Study, drawn: list[ExtendedModel], statistics: list[object], *rest: object) -> object:
+        models.extend(drawn)
+        return [[0.0] * 7 for _ in statistics]
+
+    monkeypatch.setattr(certify, "_drawn", seven)
+    often = [chance(0.0, [1.0] * 7) for _ in before.findings]
+    again = certify._without_splines(
+        study, selection, evidence, before.findings, often, 1.0, 7, np.random.default_rng(1)
+    )
+    (late,) = (k for k, one in enumerate(before.findings) if one.effect == "gnss_latency")
+
+    assert ("finding", 0.5) == (sure[late].status, sure[late].p_value)
+    assert again[late].p_value == pytest.approx(1.0 / 8.0)
+    assert ["gnss_latency"] == [effect.name for effect in models[0]]
 
 
 def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:

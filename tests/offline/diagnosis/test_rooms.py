@@ -14,9 +14,11 @@ FLOORS = 6
 
 
 def imported(path: Path) -> set[str]:
-    """Modules that a file imports, in full."""
+    """Modules that a file imports, in full, and names that it imports from them."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    return {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    whole = {node.module or "" for node in found}
+    return whole | {f"{node.module}.{alias.name}" for node in found for alias in node.names}
 
 
 def room_of(module: str) -> str:

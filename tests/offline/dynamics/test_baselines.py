@@ -108,3 +108,26 @@ def test_a_car_at_walking_pace_is_not_singular() -> None:
 
     assert np.all(np.isfinite(rates))
     assert model.rates(np.array([[0.0, 0.0]]), held(0.1, LEAST_MPS), ()) == pytest.approx(rates)
+
+
+@pytest.mark.parametrize("delay_s", [0.03, 0.09, -0.05])
+def test_a_delayed_reading_is_the_earlier_one(delay_s: float) -> None:
+    """Against the undelayed reading of the same run at a tenth of the step, interpolated: to 0.6 %."""
+    readings = []
+    for step in (0.02, 0.002):
+        time = np.arange(0.0, 6.0, step)
+        steer = 0.03 * np.sin(2.0 * np.pi * 0.9 * time) + 0.01 * np.sin(2.0 * np.pi * 2.3 * time)
+        inputs = make_inputs(time, steer, np.full(len(time), 22.0), np.zeros(len(time)))
+        empty = {"yaw_rate": np.zeros(len(time)), "accel_lat": np.zeros(len(time))}
+        drive = DynamicsDrive("made", inputs, empty)
+        effects = [
+            make_dynamics_effect(name, delay_s=delay_s) for name in ("gyro_delay", "accelerometer_delay")
+        ]
+        readings.append((time, simulated_outputs(SingleTrack(CAR), drive, effects if step == 0.02 else ())))
+    (time, late), (fine, plain) = readings
+    inner = (time > 1.0) & (time < 5.0)
+
+    for name in ("yaw_rate", "accel_lat"):
+        wanted = np.interp(time - delay_s, fine, plain[name])
+        apart = np.abs(late[name] - wanted)[inner]
+        assert apart.max() < 0.006 * np.abs(wanted).max()

@@ -63,6 +63,36 @@ def test_a_diagnosis_answers_in_sentences_and_json(drive: Path, capsys: pytest.C
     ]
 
 
+def test_page_picture_certificate_and_proposal_are_written(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The options of the rolling baseline do the same here; the JSON is as its schema says."""
+    page, plot, document = tmp_path / "d.html", tmp_path / "d.svg", tmp_path / "d.json"
+    line = [
+        "diagnose",
+        str(drive),
+        "--baseline",
+        "single-track",
+        "--certify",
+        "7",
+        "--propose",
+        str(tmp_path),
+    ]
+    code = main([*line, "--html", str(page), "--plot", str(plot), "--json", str(document)])
+    said = capsys.readouterr()
+    found = json.loads(document.read_text())
+
+    assert code == 0
+    assert "yaw inertia" in page.read_text()
+    assert "<svg" in plot.read_text()
+    assert "7 replicates" in said.out
+    assert "nothing to propose" in said.err
+    jsonschema.validate(found, schema_of("tpmsd.diagnosis/2"))
+    assert found["certificate"]["replicates"] == 7
+    assert found["findings"][0]["p_value"] == pytest.approx(0.125)
+    assert found["findings"][0]["p_value_is_bound"] is True
+
+
 def test_a_simulation_on_the_inputs_comes_nearer_with_the_model(drive: Path, tmp_path: Path) -> None:
     """A folder of the same kind is written; with what was concealed its yaw rate is the recorded one."""
     model = tmp_path / "model.toml"
@@ -120,7 +150,13 @@ def test_a_term_over_time_stays_out_of_another_drive(
     ("words", "code", "said"),
     [
         (["diagnose", "{drive}", "--baseline", "rolling"], 2, "can"),
-        (["diagnose", "{drive}", "--baseline", "single-track", "--html", "x.html"], 2, "--html"),
+        (["diagnose", "{drive}", "--baseline", "single-track", "--plot", "x.gif"], 2, ".png"),
+        (["diagnose", "{drive}", "--baseline", "single-track", "--alarms"], 2, "--alarms"),
+        (
+            ["diagnose", "{drive}", "--baseline", "single-track", "--propose", "{drive}/vehicle.toml"],
+            2,
+            "a file",
+        ),
         (["diagnose", "{empty}", "--baseline", "single-track"], 3, "no table of signals"),
         (["simulate", "--baseline", "single-track", "out"], 2, "--inputs"),
         (["simulate", "--baseline", "single-track", "--inputs", "{drive}", "{drive}"], 2, "not empty"),

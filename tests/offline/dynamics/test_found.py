@@ -14,6 +14,7 @@ from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.terms import term_of
 
 SINGLE = {
     "mass_error": {"relative": 0.12},
@@ -71,8 +72,11 @@ def test_a_gust_is_found_with_its_span(root: str) -> None:
 
     assert [one.effect for one in found.findings] == ["side_wind"]
     (span,) = found.findings[0].where.time_spans
-    assert span[0] == pytest.approx(20.0, abs=3.0)
-    assert span[1] == pytest.approx(35.0, abs=3.0)
+    assert span[0] == pytest.approx(20.0, abs=1.5)
+    assert span[1] == pytest.approx(35.0, abs=1.5)
+    values = found.findings[0].parameters
+    for name, truth in (("speed_mps", 9.0), ("onset_s", 20.0), ("duration_s", 15.0)):
+        assert abs(values[name].value - truth) < 3.5 * values[name].std
 
 
 def test_two_effects_are_found_together(root: str) -> None:
@@ -132,6 +136,31 @@ def test_a_column_is_the_derivative_of_the_innovations_of_a_kalman_filter(tmp_pa
     assert found.gradient.sum() == pytest.approx(
         -0.5 * (high - low) / (2 * h), abs=0.05 * found.information.sum() * h
     )
+
+
+@pytest.mark.parametrize(("delay_s", "unusual"), [(0.03, False), (-0.05, False), (0.1, True)])
+def test_a_size_that_no_car_has_is_told(tmp_path: Path, delay_s: float, unusual: bool) -> None:
+    """Three prior standard deviations of a gyro's delay are 0.09 s."""
+    baseline, _ = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
+
+    assert term_of(make_dynamics_effect("gyro_delay", delay_s=delay_s), baseline).unusual is unusual
+
+
+def test_columns_that_act_in_different_blocks_are_shared(tmp_path: Path) -> None:
+    """Basis functions over time give the same statistics together as each in a model of its own."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=30.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
+    time = drive.time_s
+    boxes = [np.asarray((time >= k) & (time < k + 3.0), dtype=np.float64) for k in range(0, 30, 3)]
+
+    one = (make_dynamics_effect("side_wind", speed_mps=1.0),)
+    shared = [Probe(one, 1.0, box) for box in boxes]
+    apart = [Probe((make_dynamics_effect("side_wind", speed_mps=1.0),), 1.0, box) for box in boxes]
+    together, single = (gram(search.setup, (), search.at, search.noise, some) for some in (shared, apart))
+
+    assert len(together.gradient[0]) == len(boxes)
+    assert together.gradient == pytest.approx(single.gradient, rel=1e-9, abs=1e-9)
+    assert together.information == pytest.approx(single.information, rel=1e-9, abs=1e-9)
 
 
 def test_the_shares_of_the_real_car(recorded_dynamics: Path) -> None:

@@ -123,3 +123,23 @@ def test_a_drive_without_speed_or_steering_is_refused(tmp_path: Path) -> None:
         (where / "signals.csv").write_text(signals_text(columns))
         with pytest.raises(InputError, match=missing):
             loaded(where, "single-track")
+
+
+@pytest.mark.parametrize("missing", ["drive_force_n", "brake_force_n"])
+def test_one_force_without_the_other_leaves_speed_an_input(tmp_path: Path, missing: str) -> None:
+    """With both speed is an output; with one the other is unknown, not zero, and that is said."""
+    whole = folder(tmp_path / "both", duration_s=10.0, model="three-dof", forces=True)
+    table = read_signals(whole)
+    part = tmp_path / "one"
+    part.mkdir()
+    kept = {name: values for name, values in table.columns.items() if name != missing}
+    (part / "signals.csv").write_text(signals_text(kept), encoding="utf-8")
+    (part / "vehicle.toml").write_text((whole / "vehicle.toml").read_text(), encoding="utf-8")
+    both, of_both = loaded(whole, "three-dof")
+    one, of_one = loaded(part, "three-dof")
+
+    assert both.forces
+    assert of_both.notes == ()
+    assert not one.forces
+    assert "speed" not in of_one.outputs
+    assert f"without {missing.split('_')[0]} forces" in of_one.notes[0]

@@ -10,7 +10,7 @@ from tests.offline.fleet.test_hierarchy import P, drawn
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.fleet.discoveries import Discovery, controlled
 from tpmsd.offline.fleet.hierarchy import Stack
-from tpmsd.offline.fleet.losses import losses
+from tpmsd.offline.fleet.losses import losses, steps
 from tpmsd.offline.fleet.parameters import BACK, SCALES
 
 CARS = [f"car-{k}" for k in range(6)]
@@ -102,3 +102,24 @@ def test_a_tyre_that_was_inflated_is_no_loss() -> None:
         stack, days = fleet(seed)
         told = kept(changed(stack, days, 1, 20_003.0, np.array([1e-2, 0.0, 0.0, 0.0])), days)
         assert [] == [one.parameter for one in told]
+
+
+def test_steps_are_the_generalised_least_squares_of_each_moment() -> None:
+    """The change from each drive on equals that of a design with one more column, solved whole."""
+    stack, days = fleet(7, 5)
+    part = stack.parts()[2]
+    K, k = stack.information[part], stack.vector[part]
+    value, std = steps(K, k)
+
+    assert (4, 4) == value.shape
+    assert len(days) == sum(one.stop - one.start for one in stack.parts())
+    for moment in range(1, 5):
+        for wheel in range(4):
+            step = np.zeros(P)
+            step[:4] = np.linalg.solve(BACK, np.eye(4)[wheel]) / SCALES[:4]
+            design = np.array([np.column_stack([np.eye(P), step * (d >= moment)]) for d in range(5)])
+            normal = np.einsum("dpi,dpq,dqj->ij", design, K, design)
+            solved = np.linalg.solve(normal, np.einsum("dpi,dp->i", design, k))
+            assert value[moment - 1, wheel] == pytest.approx(solved[-1], rel=1e-6, abs=1e-12)
+            expected = np.sqrt(np.linalg.inv(normal)[-1, -1])
+            assert std[moment - 1, wheel] == pytest.approx(expected, rel=1e-6)

@@ -5,13 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import pyarrow.parquet as parquet
+import pytest
 
 import tpmsd
+from tpmsd.offline.drives.drive import Drive
+from tpmsd.offline.drives.playing import recording_of
 from tpmsd.offline.fleet.find import find_drives
 from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import write_tables
-from tpmsd.offline.fleet.work import STAGES, work_on
+from tpmsd.offline.fleet.work import STAGES, make_result, work_on
+from tpmsd.offline.inference.recording import Recording
 
 
 def test_a_drive_through_all_stages(tmp_path: Path) -> None:
@@ -40,3 +44,20 @@ def test_a_drive_through_all_stages(tmp_path: Path) -> None:
     # At 20 m/s here, at the drive's own speed there: what growth may make of that is in the deviation.
     relative = sum(radii) / 4 / 0.316 - 1.0
     assert abs(mean["value"] - relative) < 3.0 * mean["std"] + 1e-3
+
+
+def test_calibration_and_diagnosis_share_one_decoding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The drive is read twice in all: once in the daemon's steps for the replay, once as arrays."""
+    folder = tpmsd.simulate(duration_s=100.0, seed=5, route="rural").save(tmp_path / "van" / "monday")
+    read: list[str] = []
+
+    def counted(drive: Drive, name: str | None = None) -> Recording:
+        read.append(drive.name)
+        return recording_of(drive, name)
+
+    monkeypatch.setattr("tpmsd.offline.drives.playing.recording_of", counted)
+    result = make_result(str(folder))
+    assert (["monday"], "done") == (read, result["status"])
+    assert result["calibrate"]["statistics"] is not None

@@ -19,6 +19,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
     Finding,
     Ground,
     Inner,
+    NotDetectable,
     Quantity,
     RadiusDrift,
     Trace,
@@ -26,6 +27,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
 )
 from tpmsd.offline.report.diagnosis_document import diagnosis_document
 from tpmsd.offline.report.diagnosis_page import diagnosis_page
+from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 from tpmsd.offline.report.diagnosis_summary import diagnosis_summary, left_over, reached
 
 SHAPE = Finding(
@@ -95,6 +97,11 @@ def test_the_summary_says_where_a_shape_goes() -> None:
             replace(REACH, left=-1.25, left_std=3.0),
             "Of the held-out gain of a nonparametric model, 100 % was reached; "
             "beyond that it has no significant gain (-1.2 +- 3 nats).",
+        ),
+        (
+            replace(REACH, left=-1575.0, left_std=1100.0),
+            "Of the held-out gain of a nonparametric model, 100 % was reached; beyond that it has no "
+            "significant gain (-1575 +- 1.1e+03 nats: it fits noise, and predicts worse than the findings).",
         ),
         (
             replace(REACH, found=0.0, left=2.0, left_std=3.0),
@@ -220,3 +227,69 @@ def test_insufficient_data_have_a_page_too() -> None:
 
     assert "Insufficient data: the car stood." in page.text
     assert 0 == page.tags["table"]
+
+
+UNSEEN = (
+    NotDetectable("centrifugal_growth", {"coefficient": (1.5e-6, "s2/m")}),
+    NotDetectable("antenna_lever_arm", {"forward_m": (0.5, "m"), "left_m": (None, "m")}),
+    NotDetectable("drive_split", {"difference": (None, "s2/m")}),
+)
+
+
+def test_the_answer_comes_first() -> None:
+    """Findings in the words of their effects, notes, and what may have stayed unseen; then all else."""
+    found = replace(FOUND, not_detectable=UNSEEN)
+    answer = (
+        "Something without a name acts on rear left and rear right over speed. The fixes are 100 +- 4 ms"
+        " older than configured. This drive cannot tell age of the fixes from an antenna out of place."
+        " Tuesday: left out, for the drive is shorter than 90 s. Nothing else was found beside the rolling"
+        " model; growth with speed below 1.5e-6 s2/m and an antenna out of place below 0.50 m may have"
+        " stayed unseen on this drive."
+    )
+    text = diagnosis_summary(found, None)
+    page = diagnosis_page(found, ["monday"], ORIGIN)
+
+    assert text.startswith(answer + "\n\n1200 s of driving")
+    assert "centrifugal_growth          coefficient 1.5e-06 s2/m" in text
+    assert "Nothing of these shows on such a drive: drive_split." in text
+    assert diagnosis_document(found, None)["summary"] == answer
+    assert html.unescape(page).index(answer.replace("+-", "±")[:60]) < page.index("<h2>")
+    assert "Growth with height" not in page
+
+
+def test_what_may_be_unseen_is_a_table_in_the_document() -> None:
+    """Effects with value and unit by parameter; null where nothing of it shows."""
+    document = json.loads(json.dumps(diagnosis_document(replace(FOUND, not_detectable=UNSEEN), None)))
+    assert document["not_detectable"] == [
+        {"effect": "centrifugal_growth", "smallest": {"coefficient": {"value": 1.5e-6, "unit": "s2/m"}}},
+        {
+            "effect": "antenna_lever_arm",
+            "smallest": {"forward_m": {"value": 0.5, "unit": "m"}, "left_m": {"value": None, "unit": "m"}},
+        },
+        {"effect": "drive_split", "smallest": {"difference": {"value": None, "unit": "s2/m"}}},
+    ]
+
+
+def test_a_drive_that_agrees_says_so_first() -> None:
+    """And, too, what may have stayed unseen; insufficient data say their reason."""
+    agrees = replace(FOUND, verdict="consistent", findings=(), notes=(), not_detectable=UNSEEN[:1])
+    assert summary_sentences(agrees) == [
+        "The drive agrees with the rolling model within the noise.",
+        "Growth with speed below 1.5e-6 s2/m may have stayed unseen on this drive.",
+    ]
+    short = replace(FOUND, verdict="insufficient_data", reason="no drive")
+    assert summary_sentences(short) == ["Nothing can be concluded: no drive."]
+
+
+@pytest.mark.parametrize(
+    ("held_by", "begin"),
+    [
+        ("recording", "What your simulation lacks: the fixes are"),
+        ("simulation", "What your simulation has and the recording has not"),
+        ("both", "What your simulation has at another size"),
+    ],
+)
+def test_a_sentence_says_who_holds_an_effect(held_by: str, begin: str) -> None:
+    """Against a simulation a finding is of one of the two."""
+    found = replace(FOUND, findings=(replace(LATENCY, held_by=held_by),), baseline=("simulation",))
+    assert summary_sentences(found)[0].startswith(begin)

@@ -323,11 +323,16 @@ def test_colours_change_nothing_but_the_colour() -> None:
 
 
 def test_watching_redraws_in_place_on_a_terminal() -> None:
-    """The screen is cleared once; each update starts at the top and wipes what is left of the last."""
+    """A screen of its own; each update starts at the top and wipes the rest; the old one comes back."""
     out = Terminal()
     watch([DOCUMENT, DOCUMENT], out, {"NO_COLOR": "1"})
-    table = render_status(DOCUMENT, width=80).replace("\n", "\x1b[K\n") + "\x1b[J"
-    assert "\x1b[H\x1b[2J" + table + "\x1b[H" + table == out.getvalue()
+    first, *updates = out.getvalue().split("\x1b[H")
+    assert "\x1b[?1049h\x1b[?25l" == first
+    assert updates[-1].endswith("\x1b[J\x1b[?25h\x1b[?1049l")
+    assert 2 == len(updates)
+    for update in updates:
+        assert "rear right" in update
+        assert 24 >= update.count("\n") + 1
 
 
 def test_watching_on_a_dumb_terminal_moves_no_cursor() -> None:

@@ -317,7 +317,7 @@ class AlarmsConfig:
     status_id: int = 0x6F0
     alarm_id: int = 0x6F1
     reset_id: int | None = None
-    """Identifier under which the bus may ask to learn the tyres anew; None: it may not."""
+    """Identifier under which the bus may ask to learn the tyres again; None: it may not."""
     extended_ids: bool = False
     status_period_s: float = 1.0
     alarm_period_s: float = 0.5

@@ -1,7 +1,8 @@
 """The catalogue of effects of vehicle dynamics by name.
 
 In: an effect's name and its parameters. Out: the `DynamicsEffect`. To add one: write its file in
-`tpmsd/car/physics/dynamics_effects`; model files, simulation and diagnosis then know it.
+`tpmsd/car/physics/dynamics_effects`; model files, simulation and diagnosis then know it. Users bring files
+of their own with `--effects-path` (`own_dynamics`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import pkgutil
 
 from tpmsd.car.physics import dynamics_effects
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.own_dynamics import dynamics_effects_outside
 from tpmsd.foundation.errors import ConfigError
 
 
@@ -29,6 +31,15 @@ def _found() -> dict[str, type[DynamicsEffect]]:
 
 
 DYNAMICS_EFFECTS: dict[str, type[DynamicsEffect]] = _found()
+
+
+def register_outside() -> None:
+    """Take in the effects of folders and entry points; ConfigError with one line on a broken one."""
+    for effect in dynamics_effects_outside(DYNAMICS_EFFECTS):
+        DYNAMICS_EFFECTS[effect.name] = effect
+
+
+register_outside()
 
 
 def make_dynamics_effect(name: str, **values: object) -> DynamicsEffect:

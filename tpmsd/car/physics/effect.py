@@ -111,6 +111,8 @@ class Grid:
 
 ODD_SIGN = 4.0
 """Nats against a physically impossible sign, which a wrong configuration may show: odds of fifty."""
+RARE = 4.0
+"""Nats against what few drives show: odds of fifty."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +137,14 @@ class Effect:
     """What it does, in one line of plain text, for the reference."""
     one_sign: ClassVar[bool] = False
     """Whether only one sign is physically possible (positive) of its first parameter."""
+    common: ClassVar[bool] = False
+    """Whether every car has some of it, so that it is expected beside others of the kind."""
+    rare: ClassVar[bool] = False
+    """Whether few drives show it: it costs odds of fifty, and no noise is estimated beside it."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
-    `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`."""
+    `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`,
+    `torque`, `both_axles` (wheels of both)."""
     looks: ClassVar[Look] = Look.OTHER
     beside: ClassVar[tuple[str, ...]] = ()
     """Effects beside which it must be needed, where shapes act that no formula holds."""
@@ -224,7 +231,8 @@ class Effect:
     @classmethod
     def against(cls, value: float) -> float:
         """Nats against a first value (difference from neutral): rare values are penalised."""
-        return ODD_SIGN if cls.one_sign and value < 0.0 else 0.0
+        odd = ODD_SIGN if cls.one_sign and value < 0.0 else 0.0
+        return odd + (RARE if cls.rare else 0.0)
 
     @classmethod
     def goes_before(cls, value: float) -> bool:

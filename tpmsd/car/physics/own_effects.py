@@ -20,6 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +35,8 @@ GROUP = "tpmsd.effects"
 VARIABLE = "TPMSD_EFFECTS_PATH"
 """Folders, with the system's separator between them; processes that are started inherit them."""
 CATALOGUE = "tpmsd.car.physics.catalogue"
+DYNAMICS_CATALOGUE = "tpmsd.car.physics.dynamics_catalogue"
+DYNAMICS_BASE = "tpmsd.car.physics.dynamics_effect"
 NAME = re.compile(r"[a-z][a-z0-9_]{2,59}")
 RESERVED = (
     *("ramp", "span", "by_teeth", "at_walking_pace", "by_ripple", "shortens", "always_fitted"),
@@ -62,8 +65,9 @@ def use_folder(folder: Path) -> None:
     known = folders()
     if folder.resolve() not in known:
         os.environ[VARIABLE] = os.pathsep.join(str(one) for one in (*known, folder.resolve()))
-    if CATALOGUE in sys.modules:
-        sys.modules[CATALOGUE].register_outside()
+    for catalogue in (CATALOGUE, DYNAMICS_CATALOGUE):
+        if catalogue in sys.modules:
+            sys.modules[catalogue].register_outside()
 
 
 def folders() -> tuple[Path, ...]:
@@ -103,7 +107,33 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def effects_of_file(path: Path) -> list[type[Effect]]:
-    """The effects that a file defines, at least one; ConfigError with one line otherwise."""
+    """The effects on rolling wheels that a file defines; ConfigError where it defines no effect of any
+    kind."""
+    module = module_of_file(path)
+    made = _effects_of(module)
+    if not made and not dynamics_classes_of(module):
+        raise ConfigError(f"{path}: defines no effect (a frozen dataclass that is an Effect)")
+    return [checked(effect, str(path)) for effect in made]
+
+
+def dynamics_classes_of(module: ModuleType) -> list[type]:
+    """Return the effects of vehicle dynamics that a module defines; none where it cannot define any.
+
+    Their base class is looked up, not imported: commands that know rolling wheels alone do without it.
+    """
+    base = getattr(sys.modules.get(DYNAMICS_BASE), "DynamicsEffect", None)
+    if base is None:
+        return []
+    values: Iterable[object] = vars(module).values()
+    return [
+        value
+        for value in values
+        if isinstance(value, type) and issubclass(value, base) and value.__module__ == module.__name__
+    ]
+
+
+def module_of_file(path: Path) -> ModuleType:
+    """Return a file as a module, run once; ConfigError with one line if it cannot be run."""
     name = f"tpmsd_own_{path.stem}_{hashlib.sha256(str(path).encode()).hexdigest()[:8]}"
     module = sys.modules.get(name)
     if module is None:
@@ -118,24 +148,29 @@ def effects_of_file(path: Path) -> list[type[Effect]]:
             del sys.modules[name]
             if not isinstance(error, Exception | SystemExit):
                 raise
-            raise ConfigError(f"{path}: {_reason(error)}") from None
-    made = _effects_of(module)
-    if not made:
-        raise ConfigError(f"{path}: defines no effect (a frozen dataclass that is an Effect)")
-    return [checked(effect, str(path)) for effect in made]
+            raise ConfigError(f"{path}: {reason_of(error)}") from None
+    return module
 
 
 def effects_of_entry_point(point: EntryPoint) -> list[type[Effect]]:
     """The effects that an installed package brings under one name; ConfigError with one line otherwise."""
     where = f"entry point {point.name} ({point.value})"
-    try:
-        loaded = point.load()
-    except Exception as error:
-        raise ConfigError(f"{where}: {_reason(error)}") from None
+    loaded = loaded_entry_point(point)
     made = _effects_of(loaded) if isinstance(loaded, ModuleType) else [loaded]
+    others = dynamics_classes_of(loaded) if isinstance(loaded, ModuleType) else []
+    if not made and others:
+        return []
     if not made or not all(isinstance(one, type) and issubclass(one, Effect) for one in made):
         raise ConfigError(f"{where}: no effect and no module of effects")
     return [checked(effect, where) for effect in made]
+
+
+def loaded_entry_point(point: EntryPoint) -> Any:
+    """Return what an entry point names; ConfigError with one line if it cannot be loaded."""
+    try:
+        return point.load()
+    except Exception as error:
+        raise ConfigError(f"entry point {point.name} ({point.value}): {reason_of(error)}") from None
 
 
 def checked(effect: type[Effect], where: str) -> type[Effect]:
@@ -179,7 +214,7 @@ def _try_out(effect: type[Effect], where: str) -> None:
         hook = "clock_error_s"
         _check_shape(made.clock_error_s(time_s), (SAMPLES,))
     except Exception as error:
-        raise ConfigError(f"{where}: {hook}: {_reason(error)}") from None
+        raise ConfigError(f"{where}: {hook}: {reason_of(error)}") from None
 
 
 def _typical(one: object) -> object:
@@ -218,8 +253,8 @@ def _effects_of(module: ModuleType) -> list[type[Effect]]:
     ]
 
 
-def _reason(error: BaseException) -> str:
-    """An error in one line, with its line in the file where Python knows it."""
+def reason_of(error: BaseException) -> str:
+    """Return an error in one line, with its line in the file where Python knows it."""
     if isinstance(error, SyntaxError):
         return f"line {error.lineno}: {error.msg}"
     return " ".join(f"{type(error).__name__}: {error}".split())

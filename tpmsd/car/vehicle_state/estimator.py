@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
 from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
@@ -81,11 +82,13 @@ class VehicleStateEstimator:
         rng: np.random.Generator,
         particles: int = DEFAULT_PARTICLES,
         settings: EstimatorSettings = SETTINGS,
+        means: bool = False,
     ) -> None:
+        """`means`: readings are means over their tick, as those of the timeline, not values at its end."""
         if method not in FILTERS:
             raise ValueError(f"{method!r} is none of {' '.join(FILTERS)}")
         self._car, self._method, self._rng = car, method, rng
-        self._particles, self._settings = particles, settings
+        self._particles, self._settings, self._means = particles, settings, means
         self.reset()
 
     def reset(self) -> None:
@@ -94,6 +97,7 @@ class VehicleStateEstimator:
         self._deaf_s = np.zeros(3)
         self._steer_rad = self._ahead_mps2 = self._speed_mps = math.nan
         self._steer_age_s = self._ahead_age_s = 0.0
+        self._before: Inputs | None = None
 
     def step(
         self,
@@ -125,7 +129,7 @@ class VehicleStateEstimator:
         reading = np.array([accel_lat_mps2, yaw_rate_radps, speed_mps], dtype=np.float64)
         try:
             with np.errstate(all="ignore"):  # what overflows is found below
-                belief = self._filter.step(Inputs(dt_s, ahead_mps2, steer_rad), reading)
+                belief = self._belief(self._filter, Inputs(dt_s, ahead_mps2, steer_rad), reading)
         except np.linalg.LinAlgError:
             self.reset()
             return None
@@ -133,6 +137,21 @@ class VehicleStateEstimator:
             self.reset()
             return None
         return state_of(belief)
+
+    def _belief(self, filter_: StateFilter, now: Inputs, reading: FloatArray) -> Belief:
+        """Return the belief at the end of a tick.
+
+        Means over a tick are the readings of its middle: there the filter's belief holds, and the model takes
+        it half a tick on, with the steering angle that the change since the last tick lets expect there.
+        """
+        belief = filter_.step(now, reading)
+        if not self._means:
+            return belief
+        before, self._before = self._before or now, now
+        steer_rad = now.steer_rad + (now.steer_rad - before.steer_rad) / 4
+        half = Inputs(now.dt_s / 2, now.accel_long_mps2, steer_rad)
+        growth = self._settings.noise.process_covariance(half.dt_s)
+        return Belief(model.advance(self._car, belief.mean, half), belief.covariance + growth)
 
     def _started(self, dt_s: float, yaw_rate_radps: float, speed_mps: float) -> StateFilter:
         settings = self._settings

@@ -15,7 +15,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.model_file import save_model
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.palette import STYLES, line_style
-from tpmsd.foundation.plain import plain
+from tpmsd.foundation.plain import plain, with_unit
 from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.axes import own_axes
@@ -326,4 +326,5 @@ def _quantity(quantity: dict[str, Any]) -> str:
     value, std = quantity["value"], quantity["std"]
     if not isinstance(value, int | float):
         return str(value)
-    return f"{value:.4g}" + ("" if std is None else f" ± {std:.2g}") + f" {quantity['unit']}"
+    number = f"{value:.4g}" + ("" if std is None else f" ± {std:.2g}")
+    return with_unit(number, quantity["unit"])

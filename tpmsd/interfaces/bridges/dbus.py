@@ -1,9 +1,9 @@
 """`tpmsd bridge dbus`: alarms as signals on D-Bus, and the state on request.
 
 In: the status socket, a message bus. Out: signals `AlarmRaised`, `AlarmCleared`, `HealthChanged` of
-`org.tpmsd.Tpmsd1`, and answers to `GetState`. An alarm counts as told once the bus has taken its signal, so a
-bus that is restarted loses none. A bridge remembers nothing over its own end: a new one raises anew what
-stands. So who listens drops what it was told whenever the name gets another owner.
+`org.tpmsd.Tpmsd1`, and answers to `GetState`. An alarm counts as sent once the bus has taken its signal, so a
+bus that is restarted loses none. A bridge remembers nothing over its own end: a new one raises again what
+stands. So who listens drops what it received whenever the name gets another owner.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`tpmsd bridge prometheus`: /metrics over HTTP, on the loopback unless told otherwise.
+"""`tpmsd bridge prometheus`: /metrics over HTTP, on the loopback unless configured otherwise.
 
 In: the status socket, asked once per scrape. Out: the metrics of `metrics`. The daemon is asked when
 Prometheus asks, so nothing here can be stale.

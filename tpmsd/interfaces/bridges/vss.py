@@ -2,7 +2,7 @@
 
 In: the status socket, a databroker (gRPC, kuksa.val.v2). Out: `Tire.IsPressureLow` of each wheel
 (`vss_names.py`): true or false while the wheel is monitored, no value while nobody knows. A value counts as
-told once the databroker has taken it; after a failure all of them are told again, and every `period_s` in any
+sent once the databroker has taken it; after a failure all of them are sent again, and every `period_s` in any
 case, for a databroker that was restarted has forgotten them.
 """
 

@@ -43,6 +43,7 @@ examples:
   tpmsd diagnose drives/monday --simulation sims/monday    what your own simulator leaves out
   tpmsd diagnose drives/monday --alarms                    and what it means for the tyres
   tpmsd simulate drives/again --model model.toml           a drive that holds what was found
+  tpmsd diagnose drives/track --baseline three-dof --html track.html --certify 19
 
 Nothing is written but what was asked for: --model-out for the extended model, --json, --html, --plot.
 """
@@ -80,11 +81,10 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--certify",
         type=_count,
-        default=REPLICATES,
         metavar="N",
         help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
-        " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it; with"
-        " --simulation there are none)",
+        f" not sure enough is a suspicion and makes no mismatch (default: {REPLICATES}, and 0 with a baseline"
+        " of vehicle dynamics; 0 skips it; with --simulation of the rolling baseline there are none)",
     )
     parser.add_argument(
         "--baseline",
@@ -123,6 +123,11 @@ def _count(text: str) -> int:
     if not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r} is no number of replicates (0 or more)")
     return int(text)
+
+
+def _most(given: int | None) -> int:
+    """Return the most replicates of a certificate of the rolling baseline."""
+    return REPLICATES if given is None else given
 
 
 def run(args: argparse.Namespace) -> int:
@@ -165,7 +170,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
         with Progress(1.0, "diagnose", rate=False) as progress:
             if simulation is None:
-                certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
+                certify = Certification(_most(args.certify), np.random.default_rng(CERTIFY_SEED))
                 propose = args.propose is not None
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:

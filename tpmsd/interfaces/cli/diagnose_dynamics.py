@@ -1,18 +1,19 @@
 """`tpmsd diagnose DRIVE --baseline single-track | three-dof`: what a model of vehicle dynamics leaves out.
 
 In: a drive folder with a table of signals and the tables `[vehicle]` and `[dynamics]`. Out: a summary in
-sentences, JSON, the extended model.
+sentences, JSON, a page, a picture, the extended model, the file of a proposed effect.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, json_text
 from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
 
@@ -20,28 +21,38 @@ if TYPE_CHECKING:
     from tpmsd.car.physics.baselines.base import Baseline
     from tpmsd.car.physics.dynamics_effect import DynamicsEffect
     from tpmsd.offline.dynamics.drive import DynamicsDrive
+    from tpmsd.offline.dynamics.result import DynamicsDiagnosis
 
 SCHEMA = "tpmsd.diagnosis/2"
+CERTIFY_SEED = 0
+"""Of the replicates: the same drive gets the same certificate."""
 
 
 def run_dynamics(args: argparse.Namespace) -> int:
     """Diagnose one drive with a baseline of vehicle dynamics."""
+    import numpy as np
+
     from tpmsd.car.physics.dynamics_model import DynamicsModel, bound_to_time, format_dynamics_model
     from tpmsd.foundation.provenance import provenance
+    from tpmsd.offline.dynamics.certify import Replicates
     from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
     from tpmsd.offline.dynamics.document import dynamics_document
     from tpmsd.offline.dynamics.result import INSUFFICIENT
     from tpmsd.offline.dynamics.summary import dynamics_summary
 
-    outputs = Outputs(("--model-out", args.model_out), ("--json", args.json))
-    _refuse(args)
+    files = (("--model-out", args.model_out), ("--html", args.html), ("--plot", args.plot))
+    outputs = Outputs(*files, ("--json", args.json))
+    _check_options(args)
     folder = args.drives[0]
     baseline, drive = read_dynamics_drive(folder, args.config, args.baseline)
     given = model_effects(args.model, drive.key)
     if args.simulation is not None:
         drive = _against(args.simulation, baseline, drive, folder)
+    replicates = Replicates(args.certify or 0, np.random.default_rng(CERTIFY_SEED))
     with Progress(1.0, "diagnose") as progress:
-        diagnosis = diagnose_dynamics(baseline, drive, given, progress.update)
+        diagnosis = diagnose_dynamics(
+            baseline, drive, given, progress.update, replicates, args.propose is not None
+        )
     known = diagnosis.verdict != INSUFFICIENT
     model_file = str(args.model_out) if known and args.model_out is not None else None
     keys = tuple(drive.key if bound_to_time(effect) else "" for effect in diagnosis.effects)
@@ -53,19 +64,62 @@ def run_dynamics(args: argparse.Namespace) -> int:
     outputs.write(
         {
             "--model-out": lambda: format_dynamics_model(model, comment) if known else None,
+            "--plot": lambda: _picture(diagnosis, drive.name, args.plot.suffix),
+            "--html": lambda: _page(diagnosis, drive.name, origin()),
             "--json": lambda: json_text({**origin(), **dynamics_document(diagnosis, model_file)}),
         }
     )
+    if args.propose is not None and known:
+        _propose(args.propose, diagnosis, drive.name)
     return code
 
 
-def _refuse(args: argparse.Namespace) -> None:
-    """ConfigError on options that belong to the rolling baseline."""
+def _picture(diagnosis: DynamicsDiagnosis, name: str, suffix: str) -> bytes:
+    from tpmsd.offline.report.dynamics_plot import plot_dynamics
+
+    return plot_dynamics(diagnosis, name, suffix)
+
+
+def _page(diagnosis: DynamicsDiagnosis, name: str, origin: Mapping[str, Any]) -> str:
+    from tpmsd.offline.report.dynamics_page import dynamics_page
+    from tpmsd.offline.report.page import Origin
+
+    return dynamics_page(diagnosis, name, Origin.now(origin))
+
+
+def _check_options(args: argparse.Namespace) -> None:
+    """ConfigError on options that do not go together or lack a package, before anything is read."""
+    from tpmsd.offline.report.page import check_report_packages
+    from tpmsd.offline.report.replay_plot import check_plot_target
+
     if len(args.drives) > 1:
         raise ConfigError(f"--baseline {args.baseline} takes one DRIVE")
-    for option in ("html", "propose", "alarms"):
-        if getattr(args, option):
-            raise ConfigError(f"--{option} is not there for --baseline {args.baseline}")
+    if args.alarms:
+        raise ConfigError(f"--alarms is not there for --baseline {args.baseline}")
+    if args.plot is not None:
+        check_plot_target(args.plot)
+    if args.html is not None:
+        check_report_packages()
+    if args.propose is not None and args.propose.is_file():
+        raise ConfigError(f"--propose: {args.propose} is a file")
+
+
+def _propose(folder: Path, diagnosis: DynamicsDiagnosis, source: str) -> None:
+    """Write the file of the best closed form, or say that there is none; TpmsdError if it cannot be
+    written."""
+    from tpmsd.offline.dynamics.proposals import dynamics_effect_file
+
+    if not diagnosis.proposals:
+        print("tpmsd: nothing to propose: all that was found has a name", file=sys.stderr)
+        return
+    name, text = dynamics_effect_file(diagnosis.proposals[0], source)
+    path = folder / f"{name}.py"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
+    print(f"tpmsd: proposed {path}: review it, then name its folder with --effects-path", file=sys.stderr)
 
 
 def _against(simulation: Path, baseline: Baseline, drive: DynamicsDrive, recording: Path) -> DynamicsDrive:

@@ -173,6 +173,8 @@ def replace_file(path: Path, content: str | bytes) -> None:
 
 def summary(found: Discovery) -> list[str]:
     """What was found, for people."""
+    from tpmsd.offline.discovery.settings import SETTINGS
+
     lines = [f"{found.duration_s:.0f} s of driving with fixes, {found.frames} frames"]
     if found.car is not None:
         lines.append(f"The bus is that of {found.car} in the car library.")
@@ -186,10 +188,21 @@ def summary(found: Discovery) -> list[str]:
         sure = found.counts_probability
         by = f"{sure:.2f}" if sure > 0.0 else "by the rolling radius alone"
         lines.append(f"  counts per revolution {counts.value:g} +- {counts.std:.2g} ({by})")
-    if found.driven_axle is not None:
-        lines.append(f"  driven axle {found.driven_axle[0]} ({found.driven_axle[1]:.2f})")
+    axle = found.driven_axle
+    if axle is not None:
+        tends = f"not told ({axle[0]} {axle[1]:.2f})"
+        lines.append(
+            f"  driven axle {f'{axle[0]} ({axle[1]:.2f})' if axle[1] >= SETTINGS.decided else tends}"
+        )
     for key, one_estimate in {**found.geometry, **found.gnss}.items():
         lines.append(f"  {key} {one_estimate.value:.3f} +- {one_estimate.std:.3f}")
+    if found.candidates:
+        lines += ["", "candidates, none of them decided:"]
+        lines += [
+            f"  {one.field.signal}: a wheel's {one.kind} {one.any_wheel:.2f}, on the {one.side}"
+            f" {one.probability:.2f}"
+            for one in found.candidates
+        ]
     if found.contradictions:
         lines += ["", "contradicted:", *(f"  {said}." for said in found.contradictions)]
     if found.undecided:

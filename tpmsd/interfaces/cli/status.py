@@ -19,17 +19,13 @@ from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.output import Subparsers, dumps, write_json
 from tpmsd.interfaces.cli.outputs import Outputs
 from tpmsd.interfaces.cli.status_table import WIDTH, render_status
+from tpmsd.interfaces.cli.status_watch import watch_screen
 from tpmsd.onboard.sinks.status_client import read_status, watch_status
-
-_HOME_AND_CLEAR = "\x1b[H\x1b[2J"
-_HOME = "\x1b[H"
-_CLEAR_LINE = "\x1b[K"
-_CLEAR_BELOW = "\x1b[J"
 
 _EPILOG = """\
 examples:
   tpmsd status                         how are the tyres?
-  tpmsd status --watch                 live; Ctrl-C ends it
+  tpmsd status --watch                 live, with trends and rates; q or Ctrl-C ends it
   tpmsd status --json | jq .alarms     for programs; with --watch one JSON line per update
 """
 
@@ -85,17 +81,13 @@ def show(document: Mapping[str, Any], out: IO[str], environment: Mapping[str, st
 def watch(
     documents: Iterable[Mapping[str, Any]], out: IO[str], environment: Mapping[str, str] | None = None
 ) -> None:
-    """Write the table for each document: in place on a terminal, else one below the other."""
-    live = can_move(out, environment)
-    colour = colour_wanted(out, environment)
+    """Show each document: on a terminal as a screen of its own, else one table below the other."""
+    if can_move(out, environment):
+        watch_screen(documents, out, colour_wanted(out, environment))
+        return
     for number, document in enumerate(documents):
-        table = _encodable(render_status(document, colour=colour, width=terminal_width(out)), out)
-        if live:
-            # Line by line in place: clearing the whole screen each time would flicker.
-            table = table.replace("\n", f"{_CLEAR_LINE}\n") + _CLEAR_BELOW
-            out.write((_HOME if number else _HOME_AND_CLEAR) + table)
-        else:
-            out.write(("\n" if number else "") + table)
+        table = _encodable(render_status(document, width=terminal_width(out)), out)
+        out.write(("\n" if number else "") + table)
         out.flush()
 
 

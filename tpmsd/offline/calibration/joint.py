@@ -57,7 +57,7 @@ PRIOR = {
     **dict.fromkeys((*(f"radius_{wheel}" for wheel in WHEELS), "track_rear", "track_front"), (0.0, FREE)),
     **dict.fromkeys(CHANGES, (0.0, 1e-2)),
 }
-"""Mean and standard deviation of what is believed beforehand, by `equations.COLUMNS`. Radii, tracks and gyro
+"""Prior mean and standard deviation, by `equations.COLUMNS`. Radii, tracks and gyro
 gain are relative and refer to the configuration."""
 _NONE = 1e-9
 """Prior standard deviation of what is not let in."""
@@ -129,7 +129,7 @@ class JointFit:
 def fit(
     recordings: list[Recording], start: Vehicle, progress: Callable[[float], None] = lambda share: None
 ) -> JointFit:
-    """Estimate the car from its drives; `progress` is told the share of the work that is done."""
+    """Estimate the car from its drives; `progress` is given the share of the work that is done."""
     names = names_of(len(recordings))
     reference_mps = reference_speed(recordings, start)
     mean, wide = _priors(names)

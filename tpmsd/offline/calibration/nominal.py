@@ -1,6 +1,6 @@
 """The motion about which the calibration linearises: what rear wheels and receiver show, smoothed.
 
-In: `Recording`, `Vehicle` (radii and geometry believed so far). Out: `Nominal`, arrays at the ticks' edges.
+In: `Recording`, `Vehicle` (present radii and geometry). Out: `Nominal`, arrays at the ticks' edges.
 It need only be near the truth: its errors in speed, yaw rate, heading and position are estimated too.
 """
 
@@ -31,7 +31,7 @@ positions."""
 
 @dataclass(frozen=True)
 class Vehicle:
-    """The car as believed so far."""
+    """Present estimate of the car."""
 
     radius_m: FloatArray
     """(4,)"""

@@ -1,7 +1,7 @@
 """The method of [KF-WLS]: a Kalman filter and weighted least squares in turn, for the rear wheels.
 
 In: `Recording`s, `Vehicle`, `PaperSettings`. Out: `PaperFit`. Each iteration filters the pose of the
-two-wheel model with the circumferences believed so far (eqs 3-7), solves for the circumferences that carry
+two-wheel model with the present circumferences (eqs 3-7), solves for the circumferences that carry
 each filtered pose to the next reference pose (8, 9), takes a share alpha of the step (11), shrinks the
 covariances (10a, 10b) and judges what it has by the pose error of the un-fused odometry. The best iteration
 is the result; three worse ones in a row end the search.

@@ -1,7 +1,7 @@
 """Sufficient statistics of a calibration: the quadratic log-likelihood of the car's parameters on one drive.
 
 In: one `Recording` and the configured `Vehicle`. Out: `DriveStatistics`: information matrix and vector of the
-car's parameters, without what was believed beforehand, so that those of many drives may simply be added.
+car's parameters, without the prior, so that those of many drives may simply be added.
 """
 
 from __future__ import annotations

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.calibration.result import Calibration
 
 _NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
@@ -42,7 +43,7 @@ def summary(found: Calibration) -> str:
         names = {name: _of_effect(name, found.drives) for name in found.effects}
         width = max(map(len, names.values()))
         lines += [
-            f"  {names[name]:<{width}}  {effect.value:+.3g} +- {effect.std:.2g} {effect.unit}"
+            f"  {names[name]:<{width}}  " + with_unit(f"{effect.value:+.3g} +- {effect.std:.2g}", effect.unit)
             for name, effect in found.effects.items()
         ]
     lines += [

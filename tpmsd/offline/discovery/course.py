@@ -42,7 +42,7 @@ def course_fit(
 ) -> Fit | None:
     """Return coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
 
-    `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if it cannot be told.
+    `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if unknown.
     """
     made = _with_track(settings.track_m, speed, difference, reference, latency, settings)
     if made is None or made.value[0] <= 0.0:

@@ -13,6 +13,7 @@ from cantools.database.can import Database
 
 from tpmsd.car.config.units import UNITS, canonical_unit
 from tpmsd.offline.discovery.assign import Assignment, assign
+from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
 from tpmsd.offline.discovery.library import Car, Match, match_car
@@ -86,8 +87,7 @@ def decide(
     match = None if database is None else match_car(cars, dbc_fields(database, material.logs))
     best = _best_assignment(material, match, settings)
     if best is None:
-        why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
-        return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with many bends"))
+        return _with_candidates(nothing, material, settings)
     assignment = best
     car = None if match is None or not _as_matched(assignment, match) else match.car
     undecided: list[Undecided] = []
@@ -194,9 +194,7 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
     """Return the assignment of the best cluster: one with four wheels, counts before speeds, then the most
     probable."""
     reference = material.reference
-    found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
-    if not material.has_dbc:
-        found = _disjoint(found)
+    found = _followers(material, settings)
     ranked = []
     for group in clusters(found, settings):
         if len(group) < 2:
@@ -214,6 +212,22 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
     if not ranked:
         return None
     return max(ranked, key=lambda entry: entry[0])[1]
+
+
+def _with_candidates(nothing: Discovery, material: Material, settings: Settings) -> Discovery:
+    """Return what is left where no wheels were found: signals that may be one."""
+    why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
+    likely = candidates(_followers(material, settings), material.reference, settings)
+    kind = likely[0].kind if likely else "count"
+    undecided = _no_wheels(why, "10 min of mixed driving with many bends", kind)
+    return replace(nothing, undecided=undecided, candidates=likely)
+
+
+def _followers(material: Material, settings: Settings) -> list[Follower]:
+    """Signals that follow the receiver's speed; of readings of raw frames that share bits the best one."""
+    reference = material.reference
+    found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
+    return found if material.has_dbc else _disjoint(found)
 
 
 def _as_matched(assignment: Assignment, match: Match) -> bool:
@@ -356,8 +370,8 @@ def _in_unit(key: str, one: Follower, probability: float, rivals: tuple[tuple[st
     return FoundRole(key, known, probability, rivals, unit="km/h", scale=scale, offset=base)
 
 
-def _no_wheels(why: str, drive: str) -> tuple[Undecided, ...]:
-    return (Undecided("can.signals.wheel_count_rl", why, drive),)
+def _no_wheels(why: str, drive: str, kind: str = "count") -> tuple[Undecided, ...]:
+    return (Undecided(f"can.signals.wheel_{kind}_rl", why, drive),)
 
 
 def _unknown_measures(

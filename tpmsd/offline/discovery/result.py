@@ -10,6 +10,7 @@ from typing import Any
 
 from tpmsd.foundation.plain import brief
 from tpmsd.offline.discovery.assign import Assignment
+from tpmsd.offline.discovery.candidates import Candidate
 from tpmsd.offline.discovery.series import Field
 from tpmsd.onboard.sources.signal_plan import BUS_SHIFT
 
@@ -98,6 +99,8 @@ class Discovery:
     assignment: Assignment | None = None
     car: str | None = None
     """The entry of the car library that fits."""
+    candidates: tuple[Candidate, ...] = ()
+    """Signals that may be a wheel where no wheels were found, the most probable first."""
     duration_s: float = 0.0
     frames: int = 0
     has_dbc: bool = True
@@ -150,6 +153,7 @@ class Discovery:
             "driven_axle": None if axle is None else {"value": axle[0], "probability": axle[1]},
             "geometry": {key: one.document() for key, one in self.geometry.items()},
             "gnss": {key: one.document() for key, one in self.gnss.items()},
+            "candidates": [one.document() for one in self.candidates],
             "undecided": [one.document() for one in self.undecided],
             "contradictions": list(self.contradictions),
             "car": self.car,

@@ -54,8 +54,8 @@ class Settings:
     ripple_least_hz: float = 4.0
     """Revolutions per second below which the ripple is as slow as the car's own changes of speed."""
     ripple_block_s: float = 120.0
-    """Length of the stretches in which the ripple is coherent: with 48 counts, numbers 1/16 apart are told
-    apart, and a counter that loses counts spoils one stretch alone."""
+    """Length of the stretches in which the ripple is coherent: with 48 counts, numbers 1/16 apart are
+    distinguished, and a counter that loses counts spoils one stretch alone."""
     ripple_least_rows: int = 200
     """Samples of a stretch; fewer show no line."""
     other_lines: float = 0.5
@@ -155,11 +155,11 @@ class Settings:
     slip_floor_s2pm: float = 0.0007
     """Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
     antenna_widest_m: float = 2.0
-    """Antennas are on the car; what is farther to the side, or as uncertain, is not told, ..."""
+    """Antennas are on the car; what is farther to the side, or as uncertain, is not reported, ..."""
     antenna_farthest_m: float = 8.0
     """... nor what is farther along it."""
     track_floor: float = 0.004
-    """Relative: what steering geometry and unequal slip do to a track told by the wheels."""
+    """Relative: what steering geometry and unequal slip do to a track measured by the wheels."""
 
     # -- `other_roles` --
 
@@ -228,7 +228,7 @@ class Settings:
     odd_count: float = 0.07
     """... and of an odd one. Assumed."""
     most_whole: float = 300.0
-    """More counts than this come from an encoder, not from teeth, and are told as a number, not to the
+    """More counts than this come from an encoder, not from teeth, and are reported as a number, not to the
     count."""
     grid_per_line: float = 8.0
     """Trial numbers per width of a line, for encoders."""

@@ -44,8 +44,11 @@ def _vehicle_table(found: Discovery) -> list[str]:
             measured = found.geometry.get("track_rear_m")
         note = "" if measured is not None else "   # a usual value: not measured"
         lines.append(f"{key} = {measured.value if measured else usual:.3f}{note}")
-    if found.driven_axle is not None:
-        lines.append(f'driven_axle = "{found.driven_axle[0]}"   # probability {found.driven_axle[1]:.2f}')
+    axle = found.driven_axle
+    if axle is not None and axle[1] >= SETTINGS.decided:
+        lines.append(f'driven_axle = "{axle[0]}"   # probability {axle[1]:.2f}')
+    elif axle is not None:
+        lines.append('# driven_axle = "front"   # or "rear", "all": this drive does not tell')
     if found.counts_per_rev is not None:
         probability, spread = found.counts_probability, found.counts_per_rev.std
         by_radius = f"+- {spread:.0f}, by the rolling radius alone" if spread > 0.0 else "a usual value"

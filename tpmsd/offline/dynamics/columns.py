@@ -15,6 +15,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.noise import Noise
 from tpmsd.offline.dynamics.path import Linear, Setup, Weighted
 
@@ -92,39 +93,81 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[
     if not probes:
         blocks = len(drive.starts)
         return Gram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
-    by_rate, by_output = changes(setup, theta, at, probes)
-    count, total = by_rate.shape[2], at.path.shape[1]
-    step = step_changes(setup, at, by_rate)
+    merged, places = _merged(probes, drive.starts)
+    inner = _gram(setup, theta, at, noise, merged)
+    if len(merged) == len(probes):
+        return inner
+    information = np.zeros((len(drive.starts), len(probes), len(probes)))
+    gradient = np.zeros((len(drive.starts), len(probes)))
+    for block, index in enumerate(places.T):
+        used = np.flatnonzero(index >= 0)
+        own = index[used]
+        information[block][np.ix_(own, own)] = inner.information[block][np.ix_(used, used)]
+        gradient[block, own] = inner.gradient[block, used]
+    return Gram(information, gradient)
+
+
+def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], IntArray]:
+    """Return fewer probes, and (p, B) which of the given ones each of them is in each block; -1: none.
+
+    Basis functions of one model that act in different blocks share a column: nothing links blocks.
+    """
+    blocks = len(starts)
+    out: list[Probe] = []
+    places: list[IntArray] = []
+    for k, probe in enumerate(probes):
+        if probe.weights is None:
+            out.append(probe)
+            places.append(np.full(blocks, k))
+            continue
+        acts = np.logical_or.reduceat(probe.weights != 0.0, starts)
+        for j in range(len(out) - 1, -1, -1):
+            other, weights = out[j], out[j].weights
+            if other.theta is not probe.theta or weights is None:
+                continue
+            if not np.any(acts & (places[j] >= 0)):
+                out[j] = Probe(probe.theta, probe.size, weights + probe.weights)
+                places[j] = np.where(acts, k, places[j])
+                break
+        else:
+            out.append(probe)
+            places.append(np.where(acts, k, -1))
+    return out, np.array(places)
+
+
+def _gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> Gram:
+    """Return the statistics of all blocks, each probe a column of its own; arrays are (n, p, ...)."""
+    drive = setup.drive
+    by_rate, by_output = (
+        np.ascontiguousarray(np.moveaxis(one, 0, 1)) for one in changes(setup, theta, at, probes)
+    )
+    count = by_rate.shape[2]
+    dt = np.where(drive.linked, np.diff(drive.time_s), 0.0)[:, None, None]
+    own_states = np.swapaxes(at.by_state[:, :count, :count], 1, 2)
+    step = 0.5 * dt * (by_rate[1:] + by_rate[:-1] @ own_states)
     weighted = Weighted(setup, at, noise)
-    by_output *= np.isfinite(at.reading_residual)
-    cross = np.zeros((len(probes), len(at.path), total))
-    pulled = weighted.step_weight[:, :count] * step
-    cross[:, 1:, :count] -= pulled
-    trusted = weighted.reading_weight * by_output
-    for j in range(total):
-        for i in range(count):
-            cross[:, :-1, j] += at.by_state[:, i, j] * pulled[:, :, i]
-        for i in range(by_output.shape[2]):
-            cross[:, :, j] += at.outputs_by_state[:, i, j] * trusted[:, :, i]
+    by_output *= np.isfinite(at.reading_residual)[:, None, :]
+    pulled = weighted.step_weight[:, None, :count] * step
+    trusted = weighted.reading_weight[:, None, :] * by_output
+    cross = trusted @ at.outputs_by_state
+    cross[:-1] += pulled @ at.by_state[:, :count, :]
+    cross[1:, :, :count] -= pulled
+    cross = np.ascontiguousarray(np.swapaxes(cross, 0, 1))
     eliminated = weighted.factor.solve_rows(cross)
     left = weighted.gradient()
     residual = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
     information, gradient = [], []
     for first, last in zip(drive.starts, drive.ends, strict=True):
         rows, steps = slice(first, last), slice(first, max(last - 1, first))
-        own = _product(step[:, steps], pulled[:, steps]) + _product(by_output[:, rows], trusted[:, rows])
-        gone = _flat(eliminated[:, rows])
-        information.append(own - _flat(cross[:, rows]) @ gone.T)
-        pull = _flat(pulled[:, steps]) @ at.step_residual[steps, :count].reshape(-1)
-        pull += _flat(trusted[:, rows]) @ residual[rows].reshape(-1)
+        pulls, trusts = _by_probe(pulled[steps]), _by_probe(trusted[rows])
+        own = _by_probe(step[steps]) @ pulls.T + _by_probe(by_output[rows]) @ trusts.T
+        gone = eliminated[:, rows].reshape(len(probes), -1)
+        information.append(own - cross[:, rows].reshape(len(probes), -1) @ gone.T)
+        pull = pulls @ at.step_residual[steps, :count].reshape(-1) + trusts @ residual[rows].reshape(-1)
         gradient.append(pull - gone @ left[rows].reshape(-1))
     return Gram(np.array(information), np.array(gradient))
 
 
-def _flat(values: FloatArray) -> FloatArray:
-    return values.reshape(len(values), -1)
-
-
-def _product(left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the sum over rows and components, (p, p)."""
-    return _flat(left) @ _flat(right).T
+def _by_probe(values: FloatArray) -> FloatArray:
+    """Return values (n, p, s) as (p, n s)."""
+    return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1)

@@ -13,18 +13,22 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import UNITS, Baseline
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.certify import Replicates, certified
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.findings import findings_of, not_detectable
-from tpmsd.offline.dynamics.look import fold_blocks, threshold_of
+from tpmsd.offline.dynamics.look import Look, fold_blocks, threshold_of
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
+from tpmsd.offline.dynamics.proposals import proposals
 from tpmsd.offline.dynamics.rating import rating
 from tpmsd.offline.dynamics.result import (
     CONSISTENT,
     FINDING,
     INSUFFICIENT,
     MISMATCH,
+    Curves,
     DynamicsDiagnosis,
+    DynamicsFinding,
     OutputFit,
     Step,
 )
@@ -42,12 +46,20 @@ def diagnose_dynamics(
     drive: DynamicsDrive,
     given: Sequence[DynamicsEffect] = (),
     say: Callable[[float], None] = _silent,
+    replicates: Replicates | None = None,
+    propose: bool = False,
 ) -> DynamicsDiagnosis:
-    """Return what the drive holds that the baseline with the given effects leaves out."""
+    """Return what the drive holds that the baseline with the given effects leaves out.
+
+    With `replicates` each finding has a p-value that is counted; `propose` looks for a closed form of what
+    has no name.
+    """
     names = tuple(effect.name for effect in given)
     moving = float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
     if reason := _too_little(drive, moving):
-        return DynamicsDiagnosis(INSUFFICIENT, reason, baseline.name, baseline.forces, names, moving)
+        return DynamicsDiagnosis(
+            INSUFFICIENT, reason, baseline.name, baseline.forces, names, moving, notes=drive.notes
+        )
     channels = tuple(
         name for name in UNITS if name in drive.outputs and name in baseline.outputs(tuple(given))
     )
@@ -55,14 +67,13 @@ def diagnose_dynamics(
     search = searched(setup, tuple(given), say)
     look = search.look([term for term in search.offered() if term.name not in search.rejected])
     found = findings_of(search, look)
-    say(0.8)
     threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
-    steps, outputs = _compared(search)
+    steps, outputs, curves = _compared(search)
+    certificate = None
+    if replicates is not None and replicates.most > 0:
+        found, certificate = certified(search, found, replicates, lambda share: say(0.7 + 0.3 * share))
     verdict = MISMATCH if any(one.status == FINDING for one in found) else CONSISTENT
-    stds: list[dict[str, float]] = [{} for _ in given]
-    for k, term in enumerate(search.terms):
-        pairs = zip(term.free, map(float, look.slot(k).std), strict=True)
-        stds.append({name: std for name, std in pairs if not name.startswith("heights[")})
+    effects, stds = _model(search, look, found)
     return DynamicsDiagnosis(
         verdict,
         "",
@@ -74,11 +85,30 @@ def diagnose_dynamics(
         outputs,
         steps,
         not_detectable(search, look, threshold),
-        search.theta,
-        tuple(stds),
+        effects,
+        stds,
         dict(zip(channels, map(float, search.noise.outputs), strict=True)),
         sum(one.loglik_gain for one in found) / max(moving, 1.0),
+        drive.notes,
+        drive.time_s,
+        curves,
+        proposals(search) if propose else (),
+        certificate,
     )
+
+
+def _model(
+    search: Search, look: Look, found: Sequence[DynamicsFinding]
+) -> tuple[tuple[DynamicsEffect, ...], tuple[dict[str, float], ...]]:
+    """Return the effects of the extended model with their standard deviations; suspicions stay out of it."""
+    effects, stds = list(search.fixed), [dict[str, float]() for _ in search.fixed]
+    sure = {one.term for one in found if one.status == FINDING}
+    for k, term in enumerate(search.terms):
+        if k in sure:
+            pairs = zip(term.free, map(float, look.slot(k).std), strict=True)
+            effects.append(term.effect)
+            stds.append({name: std for name, std in pairs if not name.startswith("heights[")})
+    return tuple(effects), tuple(stds)
 
 
 def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
@@ -93,9 +123,9 @@ def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
     return ""
 
 
-def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit]]:
-    """Return errors of the outputs after each step and for the whole, parameters fitted on the other
-    folds."""
+def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit], dict[str, Curves]]:
+    """Return errors of the outputs after each step and for the whole, and the outputs themselves, parameters
+    fitted on the other folds."""
     setup = search.setup
     readings = setup.readings()
     guesses = [heldout(setup, stage) for stage in search.stages]
@@ -103,6 +133,7 @@ def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit]]:
         Step(
             tuple(dict.fromkeys(term.name for term in stage.terms)),
             {name: _rms(readings[:, k] - guess[:, k]) for k, name in enumerate(setup.channels)},
+            (*search.fixed, *(term.effect for term in stage.terms)),
         )
         for stage, guess in zip(search.stages, guesses, strict=True)
     ]
@@ -111,12 +142,28 @@ def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit]]:
             UNITS[name],
             steps[0].rms[name],
             steps[-1].rms[name],
-            curve_rating(setup.drive.time_s, readings[:, k], guesses[0][:, k]),
-            curve_rating(setup.drive.time_s, readings[:, k], guesses[-1][:, k]),
+            *_ratings(
+                setup.drive.time_s,
+                readings[:, k],
+                before := guesses[0][:, k],
+                before if len(guesses) == 1 else guesses[-1][:, k],
+            ),
         )
         for k, name in enumerate(setup.channels)
     }
-    return tuple(steps), outputs
+    curves = {
+        name: Curves(readings[:, k], guesses[0][:, k], guesses[-1][:, k])
+        for k, name in enumerate(setup.channels)
+    }
+    return tuple(steps), outputs, curves
+
+
+def _ratings(
+    time_s: FloatArray, recorded: FloatArray, before: FloatArray, after: FloatArray
+) -> tuple[float, float]:
+    """Return the ratings of a curve before and after; one where both are the same."""
+    first = curve_rating(time_s, recorded, before)
+    return first, first if after is before else curve_rating(time_s, recorded, after)
 
 
 def heldout(setup: Setup, stage: Stage) -> FloatArray:

@@ -6,6 +6,7 @@ the public formats.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from tpmsd.offline.dynamics.result import FINDING, DynamicsDiagnosis, DynamicsFinding
@@ -52,7 +53,7 @@ def dynamics_document(diagnosis: DynamicsDiagnosis, model_file: str | None) -> d
             }
             for one in diagnosis.not_detectable
         ],
-        "certificate": None,
+        "certificate": _certificate(diagnosis),
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {
@@ -61,7 +62,23 @@ def dynamics_document(diagnosis: DynamicsDiagnosis, model_file: str | None) -> d
             "loglik_gain_per_s": diagnosis.loglik_gain_per_s,
             "noise": dict(diagnosis.noise),
         },
+        **({"proposals": [asdict(one) for one in diagnosis.proposals]} if diagnosis.proposals else {}),
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
+    }
+
+
+def _certificate(diagnosis: DynamicsDiagnosis) -> dict[str, Any] | None:
+    one = diagnosis.certificate
+    if one is None:
+        return None
+    return {
+        "replicates": one.replicates,
+        "remaining": {
+            "gain": one.remaining_gain,
+            "p_value": one.remaining_p_value,
+            "exceeded": one.remaining_exceeded,
+            "replicates": one.remaining_replicates,
+        },
     }
 
 
@@ -82,6 +99,7 @@ def _finding(finding: DynamicsFinding) -> dict[str, Any]:
         "status": finding.status,
         "confidence": finding.confidence,
         "p_value": finding.p_value,
+        **({"p_value_is_bound": True} if finding.p_value_is_bound else {}),
         "parameters": {
             name: {"value": one.value, "std": one.std, "unit": one.unit}
             for name, one in finding.parameters.items()

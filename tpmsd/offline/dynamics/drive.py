@@ -34,6 +34,8 @@ class DynamicsDrive:
     """Time of the drive's start on the recording's own clock."""
     key: str = ""
     """What parts this drive from others, for terms that belong to its own time."""
+    notes: tuple[str, ...] = ()
+    """What a reader should know of how the recording was read."""
 
     @property
     def time_s(self) -> FloatArray:
@@ -88,7 +90,9 @@ class DynamicsDrive:
         """Return rows first to last (excluded), times as they are."""
         rows = slice(first, last)
         outputs = {name: values[rows] for name, values in self.outputs.items()}
-        return DynamicsDrive(self.name, self.inputs.take(rows), outputs, self.forces, self.start_s, self.key)
+        return DynamicsDrive(
+            self.name, self.inputs.take(rows), outputs, self.forces, self.start_s, self.key, self.notes
+        )
 
 
 def filled(time_s: FloatArray, values: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
@@ -167,7 +167,7 @@ class Addition:
         ratio = self.overdispersion
         covariance = np.linalg.inv(_firm(self.information)) * ratio
         size = np.abs(covariance @ self.gradient / ratio) / np.sqrt(np.diag(covariance))
-        tail = 2.0 * student.sf(float(size.max()), max(len(self.scores) - 1, 1))
+        tail = 2.0 * float(stdtr(max(len(self.scores) - 1, 1), -float(size.max())))
         return float(min(tail * len(size), 1.0))
 
     def smallest(self, nats: float) -> FloatArray:

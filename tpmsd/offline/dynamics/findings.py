@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,13 +20,25 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.look import Look, Slot
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
-from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, NotDetectable, Place, Quantity
+from tpmsd.offline.dynamics.result import (
+    FINDING,
+    SUSPICION,
+    DynamicsFinding,
+    NotDetectable,
+    Place,
+    Quantity,
+    Residuals,
+)
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import usual_sizes
 
 SURE = 0.05
 """Largest p-value, all alternatives counted, of a finding; beyond it is a suspicion."""
+
+
+BINS = 12
+"""Bins of a covariate in which residuals are shown."""
 
 
 def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
@@ -39,7 +52,8 @@ def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
     found = []
     for k, slot in enumerate(slots):
         without = _without(few, k)
-        found.append(_finding(search, few, slot, with_all, without, alternatives))
+        one = _finding(search, few, slot, with_all, without, alternatives)
+        found.append(replace(one, term=k))
     return tuple(sorted(found, key=lambda one: -one.loglik_gain))
 
 
@@ -73,7 +87,7 @@ def _finding(
     rivals = [(rival.name, value) for rival, value in slot.rivals]
     twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
-    stand_in = search.stand_in and term.name != "unknown"
+    stand_in = (search.stand_in and term.name != "unknown") or term.unusual
     confidence = 1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0)))
     return DynamicsFinding(
         effect=term.name,
@@ -92,7 +106,36 @@ def _finding(
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
         stand_in=stand_in,
+        unusual=term.unusual,
+        residuals=_residuals(few, slot, readings[:, place], without[:, place], with_all[:, place]),
     )
+
+
+def _residuals(
+    few: Search, slot: Slot, reading: FloatArray, without: FloatArray, with_all: FloatArray
+) -> Residuals | None:
+    """Return mean residuals of an output over the finding's covariate; None where there are too few rows."""
+    covariate = _covariate(slot.term.effect)
+    along = few.covariates[covariate]
+    known = np.isfinite(reading)
+    if known.sum() < 20 * BINS:
+        return None
+    edges = np.quantile(along[known], np.linspace(0.0, 1.0, BINS + 1)[1:-1])
+    which = np.searchsorted(edges, along[known])
+    count = np.maximum(np.bincount(which, minlength=BINS), 1)
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(np.bincount(which, values, minlength=BINS) / count)
+
+    after = reading[known] - with_all[known]
+    size = float(np.std(after)) / np.sqrt(count)
+    before = mean(reading[known] - without[known]) / size
+    return Residuals(covariate, mean(along[known]), before, mean(after) / size)
+
+
+def _covariate(effect: DynamicsEffect) -> str:
+    """Return the covariate that an effect depends on; time where it has none."""
+    return getattr(effect, "over", effect.covariate) or "time"
 
 
 def _quantities(slot: Slot) -> dict[str, Quantity]:
@@ -110,7 +153,8 @@ def _quantities(slot: Slot) -> dict[str, Quantity]:
     }
     for name, value in term.effect.values().items():
         if name not in out and name in ("onset_s", "duration_s") and isinstance(value, float):
-            out[name] = Quantity(value, SETTINGS.wind_box_s / math.sqrt(12.0), "s")
+            std = term.spread.get(name, SETTINGS.wind_box_s / math.sqrt(12.0))
+            out[name] = Quantity(value, std, "s")
     return out
 
 
@@ -136,7 +180,7 @@ def _place(setup: Setup, few: Search, slot: Slot, channel: str, change: FloatArr
     if effect.kind == EVENT:
         onset, duration = (float(getattr(effect, name)) for name in ("onset_s", "duration_s"))
         return Place(channel, None, None, ((onset, onset + duration),))
-    covariate = getattr(effect, "over", effect.covariate) or "time"
+    covariate = _covariate(effect)
     along = few.covariates[covariate]
     order = np.argsort(along)
     mass = np.cumsum(change[order] ** 2)

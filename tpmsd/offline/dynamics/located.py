@@ -13,11 +13,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, RoadBank, RoadGrade, Unknown
 from tpmsd.car.physics.dynamics_effects.winds import HeadWind, SideWind
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import Addition, Columns, Statistics, joined
 from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -102,25 +103,77 @@ def _winds(search: Search) -> list[Place]:
         scores = row_scores(search, Probe(moved, 1.0))
         if largest_span(search, scores, SETTINGS.wind_box_s) < SETTINGS.span_sizes:
             continue
-        columns, probes = search.own(0)
-        boxes = [
-            Probe(moved, 1.0, np.asarray((time >= first) & (time < last), dtype=np.float64))
-            for first, last in pairwise(edges)
-        ]
-        statistics = Statistics(gram(search.setup, search.theta, search.at, search.noise, [*probes, *boxes]))
-        count = len(boxes)
         prior = next(p.prior for p in kind.numbers() if p.prior is not None)
-        added = Columns(
-            tuple(range(len(probes), len(probes) + count)), np.zeros(count), np.full(count, prior.std**-2)
-        )
-        addition = statistics.addition(joined(columns), added)
-        first, last, evidence = _best_span(
-            addition.information, addition.gradient, prior.std, _ratio(addition.scores, addition.information)
-        )
-        effect = kind(0.0, float(max(edges[first], 0.0)), float(edges[last] - edges[first]))
-        term = Term(effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0})
+        addition = _boxes(search, moved, edges, prior.std)
+        ratio = _ratio(addition.scores, addition.information)
+        first, last, evidence = _best_span(addition.information, addition.gradient, prior.std, ratio)
+        span = _edges(search, moved, (float(edges[first]), float(edges[last])), prior.std, ratio)
+        effect = kind(0.0, span.onset_s, span.duration_s)
+        term = Term(effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0}, spread=span.spread)
         out.append(Place(term, evidence))
     return out
+
+
+def _boxes(search: Search, moved: Theta, edges: FloatArray, std: float) -> Addition:
+    """Return what a wind in each span between neighbouring edges adds to the model."""
+    time = search.setup.drive.time_s
+    columns, probes = search.own(0)
+    boxes = [
+        Probe(moved, 1.0, np.asarray((time >= first) & (time < last), dtype=np.float64))
+        for first, last in pairwise(edges)
+    ]
+    statistics = Statistics(gram(search.setup, search.theta, search.at, search.noise, [*probes, *boxes]))
+    count = len(boxes)
+    index = tuple(range(len(probes), len(probes) + count))
+    added = Columns(index, np.zeros(count), np.full(count, std**-2))
+    return statistics.addition(joined(columns), added)
+
+
+@dataclass(frozen=True)
+class Span:
+    """A span of time with wind."""
+
+    onset_s: float
+    duration_s: float
+    spread: dict[str, float]
+    """Standard deviations by doubt about the span: of onset, duration and the wind's speed."""
+
+
+def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float, ratio: float) -> Span:
+    """Return the likeliest begin and end near those of a coarse span, with the spread of their posterior."""
+    time, reach, step = search.setup.drive.time_s, SETTINGS.wind_box_s, SETTINGS.wind_edge_s
+    offsets = np.arange(-reach, reach + 0.5 * step, step)
+    middle = 0.5 * (coarse[0] + coarse[1])
+    begins = coarse[0] + offsets
+    begins = begins[(begins >= time[0]) & (begins < middle)]
+    ends = coarse[1] + offsets
+    ends = ends[(ends > middle) & (ends <= time[-1] + step)]
+    begins = begins if len(begins) else np.array([max(coarse[0], float(time[0]))])
+    ends = ends if len(ends) else np.array([coarse[1]])
+    addition = _boxes(search, moved, np.concatenate([begins, ends]), std)
+    total = np.zeros((len(begins) + len(ends),) * 2)
+    total[1:, 1:] = np.cumsum(np.cumsum(addition.information, axis=0), axis=1) / ratio
+    pull = np.concatenate([[0.0], np.cumsum(addition.gradient)]) / ratio
+    i, j = np.meshgrid(np.arange(len(begins)), np.arange(len(ends)) + len(begins), indexing="ij")
+    inside = np.maximum(total[j, j] - total[i, j] - total[j, i] + total[i, i], 0.0)
+    speed = (pull[j] - pull[i]) / (inside + std**-2)
+    gain = 0.5 * (pull[j] - pull[i]) * speed - 0.5 * np.log1p(inside * std**2)
+    weight = np.exp(gain - gain.max())
+    weight /= weight.sum()
+    onset, duration = begins[i], ends[j - len(begins)] - begins[i]
+    best = np.unravel_index(int(np.argmax(gain)), gain.shape)
+
+    def deviation(values: FloatArray) -> float:
+        about = float(np.sum(weight * values))
+        return math.sqrt(float(np.sum(weight * (values - about) ** 2)))
+
+    half = step / math.sqrt(12.0)
+    spread = {
+        "onset_s": math.hypot(deviation(onset), half),
+        "duration_s": math.hypot(deviation(duration), math.sqrt(2.0) * half),
+        "speed_mps": deviation(speed),
+    }
+    return Span(max(float(onset[best]), 0.0), float(duration[best]), spread)
 
 
 def _ratio(scores: FloatArray, information: FloatArray) -> float:
@@ -152,10 +205,7 @@ def _best_span(
 def nameless(search: Search) -> list[Place]:
     """Return terms without a name, each equation and output over each covariate."""
     values = search.covariates
-    equations = ("force_y", "moment", *(("force_x",) if search.setup.baseline.forces else ()))
-    sizes = {on: SIZES[on] for on in equations}
-    noise = dict(zip(search.setup.channels, search.noise.outputs, strict=True))
-    sizes |= {on: OUTPUT_SIZES * std for on, std in noise.items()}
+    sizes = _sizes(search)
     taken = {(effect.on, effect.over) for effect in search.theta if isinstance(effect, Unknown)}
     terms = []
     for on, size in sizes.items():
@@ -166,7 +216,7 @@ def nameless(search: Search) -> list[Place]:
             if len(knots) >= 3:
                 flat = Unknown(knots=knots, heights=(0.0,) * len(knots), on=on, over=over)
                 terms.append(spline_term(flat, size))
-    penalty = NAMELESS_NATS + math.log(max(len(terms), 1))
+    penalty = nameless_penalty(search)
     found = []
     scores: dict[str, FloatArray] = {}
     for k, term in enumerate(terms):
@@ -184,6 +234,18 @@ def nameless(search: Search) -> list[Place]:
     found.sort()
     likely = [terms[k] for p_value, k in found[:3] if p_value < SETTINGS.screen_p]
     return sorted(_scored(search, likely, penalty), key=lambda place: -place.evidence)
+
+
+def _sizes(search: Search) -> dict[str, float]:
+    """Return the prior standard deviation of a term without a name, by equation and output."""
+    equations = ("force_y", "moment", *(("force_x",) if search.setup.baseline.forces else ()))
+    noise = zip(search.setup.channels, search.noise.outputs, strict=True)
+    return {on: SIZES[on] for on in equations} | {on: OUTPUT_SIZES * std for on, std in noise}
+
+
+def nameless_penalty(search: Search) -> float:
+    """Return the nats against a term without a name: the odds that physics has one, and their number."""
+    return NAMELESS_NATS + math.log(len(_sizes(search)) * len(COVARIATES))
 
 
 def _knots(values: FloatArray, over: str) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
@@ -125,13 +125,14 @@ class Look:
         variance = np.diag(covariance)[first : first + len(self.columns[k].index)]
         term = self.terms[k]
         away = np.array([term.value(name) - term.neutral.get(name, 0.0) for name in term.free])
-        std = np.sqrt(variance * own.overdispersion + (SETTINGS.relative_std * away) ** 2)
+        spread = np.array([term.spread.get(name, 0.0) for name in term.free])
+        std = np.sqrt(variance * own.overdispersion + (SETTINGS.relative_std * away) ** 2 + spread**2)
         return Slot(
             term,
             self.evidence(k),
             own.overdispersion,
             std,
-            p_value_of(away / std, len(self.statistics.blocks.gradient)),
+            p_value_of(away / np.sqrt(std**2 - spread**2), len(self.statistics.blocks.gradient)),
             tuple(self.rivals(k)),
             self.heldout(k),
         )
@@ -139,7 +140,7 @@ class Look:
 
 def p_value_of(sizes: FloatArray, blocks: int) -> float:
     """Return the two-sided p-value of the largest of some standardised values, by Student's t over blocks."""
-    tail = 2.0 * student.sf(float(np.abs(sizes).max()), max(blocks - 1, 1))
+    tail = 2.0 * float(stdtr(max(blocks - 1, 1), -float(np.abs(sizes).max())))
     return float(min(tail * len(sizes), 1.0))
 
 

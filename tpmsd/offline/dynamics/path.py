@@ -23,8 +23,8 @@ from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
 from tpmsd.offline.dynamics.noise import Noise
 from tpmsd.offline.dynamics.settings import SETTINGS
 
-_STEPS = {"v": 1e-3, "r": 1e-4, "u": 1e-3}
-_OTHER_STEP = 1e-4
+_STEP = 1e-6
+"""One-sided difference of a state: its own error and that of rounding stay below 1e-6 of a derivative."""
 
 
 @dataclass(frozen=True)
@@ -129,18 +129,15 @@ def linear(setup: Setup, theta: Theta, path: FloatArray) -> Linear:
     count, total = len(names), path.shape[1]
     dt = np.diff(drive.time_s)
     dt = np.where(drive.linked, dt, 1e-6)
-    _, predicted = setup.evaluate(path, inputs, theta)
+    rates, predicted = setup.evaluate(path, inputs, theta)
     jacobian = np.zeros((len(path), total, total))
     outputs_by = np.empty((len(path), len(setup.channels), total))
     for k in range(total):
-        h = _STEPS.get(names[k], _OTHER_STEP) if k < count else _OTHER_STEP
         moved = path.copy()
-        moved[:, k] += h
+        moved[:, k] += _STEP
         up, out_up = setup.evaluate(moved, inputs, theta)
-        moved[:, k] -= 2.0 * h
-        down, out_down = setup.evaluate(moved, inputs, theta)
-        jacobian[:, :count, k] = (up - down) / (2.0 * h)
-        outputs_by[:, :, k] = (out_up - out_down) / (2.0 * h)
+        jacobian[:, :count, k] = (up - rates) / _STEP
+        outputs_by[:, :, k] = (out_up - predicted) / _STEP
     by_state = transition(setup, theta, inputs, jacobian, dt, count)
     ahead = stepped(setup, theta, path, inputs, dt)
     residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
@@ -152,15 +149,39 @@ def transition(
 ) -> FloatArray:
     """Return the derivatives of the steps, (n - 1, t, t): the exponential of the mean Jacobian."""
     substeps = setup.baseline.substeps(inputs, float(np.median(dt)), theta)
-    matrix = 0.5 * (jacobian[:-1] + jacobian[1:]) * (dt / substeps)[:, None, None]
-    eye = np.eye(matrix.shape[1])
-    out = eye + matrix / 4.0
-    for order in (3.0, 2.0, 1.0):
-        out = eye + matrix @ out / order
+    mean = np.moveaxis(0.5 * (jacobian[:-1, :count] + jacobian[1:, :count]), 0, -1) * (dt / substeps)
+    own, driven = np.ascontiguousarray(mean[:, :count]), np.ascontiguousarray(mean[:, count:])
+    # exp [A B; 0 0] = [exp A, P B; 0 1] with P = 1 + A / 2 + A^2 / 6 + A^3 / 24 and exp A = 1 + A P
+    series = own / 4.0
+    for order in (3.0, 2.0):
+        series = _times(own, _plus_one(series)) / order
+    series = _plus_one(series)
+    by_own, by_driven = _plus_one(_times(own, series)), _times(series, driven)
     for _ in range(int(np.log2(substeps))):
-        out = out @ out
-    for k in range(count, matrix.shape[1]):
+        by_own, by_driven = _times(by_own, by_own), _times(by_own, by_driven) + by_driven
+    out = np.zeros((len(dt), len(jacobian[0]), len(jacobian[0])))
+    out[:, :count, :count] = np.moveaxis(by_own, -1, 0)
+    out[:, :count, count:] = np.moveaxis(by_driven, -1, 0)
+    for k in range(count, out.shape[1]):
         out[:, k, k] = np.exp(-dt / SETTINGS.disturbance_time_s)
+    return out
+
+
+def _plus_one(matrix: FloatArray) -> FloatArray:
+    """Return matrices (s, s, n) with one added on the diagonal."""
+    for k in range(len(matrix)):
+        matrix[k, k] += 1.0
+    return matrix
+
+
+def _times(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return products of small matrices (i, k, n) and (k, j, n), over time at once."""
+    out = np.empty((left.shape[0], right.shape[1], left.shape[2]))
+    for i in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            out[i, j] = left[i, 0] * right[0, j]
+            for k in range(1, left.shape[1]):
+                out[i, j] += left[i, k] * right[k, j]
     return out
 
 
@@ -218,13 +239,19 @@ def _start_information(setup: Setup, noise: Noise, total: int) -> FloatArray:
     return 1.0 / np.concatenate([wide, noise.disturbance]) ** 2
 
 
-def smoothed(setup: Setup, theta: Theta, path: FloatArray, noise: Noise) -> Linear:
-    """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton."""
-    at = linear(setup, theta, path)
+def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: Noise) -> Linear:
+    """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton.
+
+    `start` is a path, or what is known at one for the same effects.
+    """
+    at = start if isinstance(start, Linear) else linear(setup, theta, start)
     cost = path_cost(setup, at, noise)
     for _ in range(SETTINGS.path_rounds):
         step = Weighted(setup, at, noise)
-        move = step.factor.solve(step.gradient())
+        gradient = step.gradient()
+        move = step.factor.solve(gradient)
+        if float(np.vdot(gradient, move)) < SETTINGS.path_tolerance * max(1.0, 1e-4 * cost):
+            break
         for share in (1.0, 0.3, 0.1, 0.03):
             tried = linear(setup, theta, at.path + share * move)
             new = path_cost(setup, tried, noise)

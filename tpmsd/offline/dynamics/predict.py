@@ -21,13 +21,25 @@ ROUNDS = 12
 TOLERANCE = 1e-6
 
 
-def free_run(setup: Setup, theta: Theta, path: FloatArray) -> FloatArray:
-    """Return states (n, s) that start each block where `path` does, without any disturbance."""
+def free_run(
+    setup: Setup,
+    theta: Theta,
+    path: FloatArray,
+    disturbances: FloatArray | None = None,
+    kicks: FloatArray | None = None,
+) -> FloatArray:
+    """Return states (n, s) that start each block where `path` does.
+
+    `disturbances` (n, d) act on them, and `kicks` (n - 1, s) are added at the end of each step; none unless
+    given. Kicks and disturbances are left out where the steps have to be taken one after the other.
+    """
     count = len(setup.states(theta))
-    extended = np.concatenate([path[:, :count], np.zeros((len(path), len(setup.disturbances)))], axis=1)
+    free = np.zeros((len(path), len(setup.disturbances))) if disturbances is None else disturbances
+    pushed = np.zeros((len(path) - 1, count)) if kicks is None else kicks
+    extended = np.concatenate([path[:, :count], free], axis=1)
     for _ in range(ROUNDS):
         at = linear(setup, theta, extended)
-        move = _forward(setup, at.by_state[:, :count, :count], -at.step_residual[:, :count])
+        move = _forward(setup, at.by_state[:, :count, :count], pushed - at.step_residual[:, :count])
         if not np.all(np.isfinite(move)) or np.abs(move).max() > 1e3:
             return _abreast(setup, theta, path[:, :count])
         extended[:, :count] += move
@@ -64,9 +76,19 @@ def _abreast(setup: Setup, theta: Theta, path: FloatArray) -> FloatArray:
     return out
 
 
-def outputs_along(setup: Setup, theta: Theta, states: FloatArray, names: Sequence[str]) -> FloatArray:
-    """Return outputs at states (n, s), (n, m)."""
-    frame = setup.baseline.frame(states, setup.inputs(theta), theta)
+def outputs_along(
+    setup: Setup,
+    theta: Theta,
+    states: FloatArray,
+    names: Sequence[str],
+    disturbances: FloatArray | None = None,
+) -> FloatArray:
+    """Return outputs at states (n, s), (n, m), with disturbances (n, d) where they are given."""
+    whole = theta
+    if disturbances is not None:
+        _, free = setup.held(np.concatenate([states, disturbances], axis=1), states.shape[1])
+        whole = (*theta, free)
+    frame = setup.baseline.frame(states, setup.inputs(theta), whole)
     return np.stack([np.broadcast_to(frame.outputs[name], states.shape[:1]) for name in names], axis=1)
 
 

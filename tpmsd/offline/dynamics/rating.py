@@ -108,14 +108,17 @@ def _warping(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     width = int(np.ceil(WARP * n)) - 1
     total = np.full((n + 1, n + 1), np.inf)
     total[0, 0] = 0.0
+    flat = total.reshape(-1)
     for d in range(2 * n - 1):
         low, high = max(0, d - n + 1, (d - width + 1) // 2), min(n - 1, d, (d + width) // 2)
         if low > high:
             continue
-        i = np.arange(low, high + 1)
-        j = d - i
-        before = np.minimum(np.minimum(total[i, j + 1], total[i + 1, j]), total[i, j])
-        total[i + 1, j + 1] = (x[i] - y[j]) ** 2 + before
+        first_cell = n + d + 2 + low * n  # of (low + 1, d - low + 1) in the flat table; the next is n further
+        cells = [
+            slice(first_cell - by, first_cell - by + (high - low) * n + 1, n) for by in (0, n + 1, 1, n + 2)
+        ]
+        before = np.minimum(np.minimum(flat[cells[1]], flat[cells[2]]), flat[cells[3]])
+        flat[cells[0]] = (x[low : high + 1] - y[d - high : d - low + 1][::-1]) ** 2 + before
     row = column = n - 1
     first, second = [row], [column]
     while row > 0 or column > 0:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.foundation.wheels import FloatArray
 
 CONSISTENT, MISMATCH, INSUFFICIENT = "consistent", "mismatch", "insufficient_data"
 FINDING, SUSPICION = "finding", "suspicion"
@@ -31,6 +32,18 @@ class Place:
     covariate: str | None
     range: tuple[float, float] | None
     time_spans: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Residuals:
+    """Mean residual of one output per bin of a covariate, in standard deviations of its mean."""
+
+    covariate: str
+    middle: FloatArray
+    """(b,) of the bins, as `before` and `after`."""
+    before: FloatArray
+    """Predicted without the finding."""
+    after: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +70,58 @@ class DynamicsFinding:
     acts_on: str = ""
     stand_in: bool = False
     """Whether it may stand in for a term without a name."""
+    unusual: bool = False
+    """True if its size is one that hardly any car has."""
+    term: int = 0
+    """Position of its term in the selection."""
+    p_value_is_bound: bool = False
+    """True if no replicate of the certificate showed as much: the p-value is 1 / (n + 1)."""
+    residuals: Residuals | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Curves:
+    """One output over the drive, (n,) each; predictions with parameters fitted on the other folds."""
+
+    recorded: FloatArray
+    before: FloatArray
+    """Predicted by the baseline."""
+    after: FloatArray
+    """Predicted by the extended model."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A closed form for a term without a name."""
+
+    name: str
+    formula: str
+    """In Python, of variables that are called as the covariates are."""
+    covariates: tuple[str, ...]
+    unit: str
+    """Of the formula's value."""
+    on: str
+    """Equation or output to which it is added."""
+    on_unit: str
+    coefficient: float
+    std: float
+    gain: float
+    """Nats in sample."""
+    heldout_gain: float
+    """Nats on held-out blocks, in the place of the term without a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """How often replicates of the drive, drawn from the fitted model, show as much."""
+
+    replicates: int
+    """Drawn at most for one question."""
+    remaining_gain: float
+    """Largest log evidence of anything that was not found."""
+    remaining_p_value: float
+    remaining_exceeded: int
+    remaining_replicates: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +141,8 @@ class Step:
 
     effects: tuple[str, ...]
     rms: Mapping[str, float]
+    model: tuple[DynamicsEffect, ...] = ()
+    """The effects as they were fitted to the whole drive in this step, those of the baseline included."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,3 +176,9 @@ class DynamicsDiagnosis:
     """Standard deviation of a reading of each output."""
     loglik_gain_per_s: float = 0.0
     notes: tuple[str, ...] = ()
+    time_s: FloatArray | None = None
+    """(n,) of the curves, since the drive's start."""
+    curves: Mapping[str, Curves] = field(default_factory=dict)
+    """By output; recorded rows alone."""
+    proposals: tuple[Proposal, ...] = ()
+    certificate: Certificate | None = None

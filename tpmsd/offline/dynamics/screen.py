@@ -7,7 +7,7 @@ likeliest path the gradient of the log-likelihood by a term is the sum of its ro
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtrc
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, changes, step_changes
@@ -67,4 +67,4 @@ def block_test(search: Search, scores: FloatArray, basis: list[FloatArray]) -> f
     mean = table.mean(axis=0)
     spread = np.cov(table.T) + 1e-12 * np.eye(size) * max(float(np.trace(np.cov(table.T))), 1e-300)
     squared = count * mean @ np.linalg.solve(spread, mean)
-    return float(fisher.sf(squared * (count - size) / (size * (count - 1)), size, count - size))
+    return float(fdtrc(size, count - size, squared * (count - size) / (size * (count - 1))))

@@ -60,7 +60,7 @@ class Search:
 
     def __post_init__(self) -> None:
         setup = self.setup
-        states = setup.states(self.fixed)
+        states = setup.states(self.theta)
         readings = setup.readings()
         self.noise = first_guess(states, setup.disturbances, list(readings.T))
         white, free = least(states, setup.disturbances)
@@ -92,7 +92,7 @@ class Search:
 
     def _refit_noise(self, rounds: int) -> None:
         self.noise = fitted_noise(self.setup, self.at, self.noise, rounds, self.floor)
-        self.at = smoothed(self.setup, self.theta, self.at.path, self.noise)
+        self.at = smoothed(self.setup, self.theta, self.at, self.noise)
 
     def fit(self, rounds: int = 3) -> None:
         """Fit parameters, path and noise again."""
@@ -136,8 +136,9 @@ class Search:
     def own(self, first: int) -> tuple[list[Columns], list[Probe]]:
         """Return the columns of the model's own terms, counted from `first`, and their probes."""
         columns, probes = [], []
+        covariates = self.covariates if self.terms else {}
         for k, term in enumerate(self.terms):
-            own = term.probes(self.without(k), self.covariates)
+            own = term.probes(self.without(k), covariates)
             offset, precision = term.prior()
             columns.append(Columns(tuple(range(first, first + len(own))), offset, precision))
             probes += own
@@ -165,8 +166,9 @@ class Search:
                 removal.append(((len(probes),), (1.0,)))
                 probes.append(Probe(self.without(k), 1.0))
         added = []
+        theta, covariates = self.theta, self.covariates if offered else {}
         for term in offered:
-            own = term.probes(self.theta, self.covariates)
+            own = term.probes(theta, covariates)
             offset, precision = term.prior()
             added.append(Columns(tuple(range(len(probes), len(probes) + len(own))), offset, precision))
             probes += own

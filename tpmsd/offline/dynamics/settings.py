@@ -47,14 +47,18 @@ class DynamicsSettings:
     """Rows from which noise is estimated: standard deviations to 2 %."""
     path_rounds: int = 8
     """Of Gauss-Newton for the path, at most."""
-    path_tolerance: float = 1e-3
-    """Largest remaining step of the path in its start's standard deviations."""
+    path_tolerance: float = 1e-2
+    """Decrease of the sum of squares that is left aside, per unit of it or per ten thousand residuals: 0.005
+    nats of log-likelihood, far below what any decision asks."""
     false_discovery: float = 0.02
     """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
     alternatives: the bar is one in fifty."""
     most_prior_stds: float = 4.0
     """A fit stays within this many standard deviations of a prior: where a model lacks much, its terms would
     otherwise run to sizes that no car has."""
+    unusual_prior_stds: float = 3.0
+    """A value farther from its prior than that is one that a car in 400 has: its effect may stand in for
+    something else."""
     most_worse: float = 0.003
     """Largest increase of the mean log error of the prediction, over outputs and blocks, that a step may
     cost: what explains how readings follow each other but predicts them worse is a property of the noise."""
@@ -79,6 +83,8 @@ class DynamicsSettings:
     """Slopes along the road: 3 to 7 % on rural roads (AASHTO 2018, ch. 3)."""
     wind_box_s: float = 5.0
     """Resolution of the spans in which wind is looked for."""
+    wind_edge_s: float = 0.5
+    """Resolution of begin and end of the likeliest span: a gust builds up in about a second."""
     slow_share: float = 1.6
     """Variance of slow sums of scores over that of white ones, from which slopes are looked at: with 25
     sums its standard deviation is 0.3 where nothing acts."""

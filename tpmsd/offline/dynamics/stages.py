@@ -35,7 +35,8 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     if other is None:
         return search
     base, first, best = (total(one, search) for one in (plain, other, search))
-    if first > best + SETTINGS.twin_nats:
+    predicts = other.error <= search.error + SETTINGS.most_worse
+    if first > best + SETTINGS.twin_nats and predicts:
         return other
     nameless_there = len(named) < len(search.terms)
     search.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * (best - base)

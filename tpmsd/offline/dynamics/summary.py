@@ -14,7 +14,7 @@ from tpmsd.offline.dynamics.result import (
     DynamicsFinding,
 )
 
-_NAMES = {
+OUTPUT_NAMES = {
     "yaw_rate": "yaw rate",
     "accel_lat": "lateral acceleration",
     "accel_long": "longitudinal acceleration",
@@ -23,6 +23,7 @@ _NAMES = {
     "speed": "speed",
     "roll": "roll",
 }
+"""Outputs in words."""
 
 
 def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
@@ -41,19 +42,28 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
         more = "this" if len(clauses) == 1 else f"{len(clauses)} things"
         out.append(f"{base[:1].upper()}{base[1:]} leaves out {more}: {'; '.join(clauses)}.")
         out += [_fit(diagnosis)] if diagnosis.outputs else []
-    for one in sure:
-        if one.indistinguishable_from:
-            twins = _listed(list(one.indistinguishable_from), "or")
-            out.append(
-                f"This drive cannot tell {one.effect} from {twins}; to part them, {one.telling_drive}."
-            )
-    if doubtful := [one.effect for one in sure if one.stand_in]:
-        out.append(
-            f"What has no name may be the cause of {_listed(doubtful)} as well, which stand in for it then."
-        )
+    out += _doubts(sure)
     for one in diagnosis.findings:
         if one.status == SUSPICION:
             out.append(f"Suspected, not sure: {clause(one)}.")
+    return out
+
+
+def _doubts(sure: list[DynamicsFinding]) -> list[str]:
+    """Return what the findings may be confounded with, or stand in for."""
+    out = []
+    for one in sure:
+        if one.indistinguishable_from:
+            twins = _listed(list(one.indistinguishable_from), "or")
+            advice = f"; to part them, {one.telling_drive}" if one.telling_drive else ""
+            out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
+    if large := [one.effect for one in sure if one.unusual]:
+        are, they = ("is", "it") if len(large) == 1 else ("are", "they")
+        out.append(f"{_listed(large)} {are} larger than cars have: {they} may stand in for something else.")
+    if doubtful := [one.effect for one in sure if one.stand_in and not one.unusual]:
+        out.append(
+            f"What has no name may be the cause of {_listed(doubtful)} as well, which stand in for it then."
+        )
     return out
 
 
@@ -64,9 +74,7 @@ def clause(finding: DynamicsFinding) -> str:
         over = f"over {(where.covariate or 'time').replace('_', ' ')}"
         if where.range is not None:
             over += f" from {where.range[0]:.3g} to {where.range[1]:.3g}"
-        acts = {"force_x": "longitudinal force", "force_y": "lateral force", "moment": "yaw moment"}
-        on = acts.get(finding.acts_on) or _NAMES.get(finding.acts_on, finding.acts_on)
-        return f"something without a name in the {on} {over}"
+        return f"something without a name in the {_place(finding.acts_on)} {over}"
     sentence = DYNAMICS_EFFECTS[finding.effect].sentence
     numbers = ", ".join(
         f"{name} {one.value:.4g} +- {one.std:.2g}{' ' + one.unit if one.unit and one.unit != '1' else ''}"
@@ -75,9 +83,41 @@ def clause(finding: DynamicsFinding) -> str:
     return f"{sentence} ({finding.effect}: {numbers})"
 
 
+def _place(on: str) -> str:
+    """Return an equation or an output in words."""
+    acts = {"force_x": "longitudinal force", "force_y": "lateral force", "moment": "yaw moment"}
+    return acts.get(on) or OUTPUT_NAMES.get(on, on)
+
+
+def finding_title(finding: DynamicsFinding) -> str:
+    """Return what was found, in words and without numbers, for a heading."""
+    sentence = DYNAMICS_EFFECTS[finding.effect].sentence
+    return f"{sentence[:1].upper()}{sentence[1:]}"
+
+
+def p_text(finding: DynamicsFinding) -> str:
+    """Return a p-value in one digit; as a bound where no replicate showed as much."""
+    return f"<= {finding.p_value:.1g}" if finding.p_value_is_bound else f"{finding.p_value:.1g}"
+
+
+def certificate_sentence(diagnosis: DynamicsDiagnosis) -> str:
+    """Return how the p-values were counted, and what they say of what was not found; empty without any."""
+    one = diagnosis.certificate
+    if one is None:
+        return ""
+    counted = "Each p-value is counted" if diagnosis.findings else "Checked"
+    without = "without the finding " if diagnosis.findings else ""
+    return (
+        f"{counted} in up to {one.replicates} replicates of the drive, drawn from the fitted model {without}"
+        "and analysed alike. Of what was not found, the strongest has p"
+        f" {one.remaining_p_value:.1g}: {one.remaining_exceeded} of {one.remaining_replicates} show"
+        " as much."
+    )
+
+
 def _fit(diagnosis: DynamicsDiagnosis) -> str:
     parts = [
-        f"of {_NAMES[name]} from {fit.rms_before:.3g} to {fit.rms_after:.3g} {fit.unit}"
+        f"of {OUTPUT_NAMES[name]} from {fit.rms_before:.3g} to {fit.rms_after:.3g} {fit.unit}"
         for name, fit in diagnosis.outputs.items()
     ]
     with_what = "it" if len(diagnosis.findings) == 1 else "them"
@@ -91,6 +131,7 @@ def _listed(words: list[str], last: str = "and") -> str:
 def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> str:
     """Return the whole report for people."""
     lines = list(summary_sentences(diagnosis))
+    lines += [f"Note: {note}." for note in diagnosis.notes]
     if diagnosis.verdict == INSUFFICIENT:
         return "\n".join(lines)
     if diagnosis.findings:
@@ -98,9 +139,11 @@ def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> st
         for one in diagnosis.findings:
             over = f" over {one.where.covariate}" if one.where.covariate else ""
             lines.append(
-                f"{one.effect:28}{one.confidence:10.3f}{one.p_value:9.1g}{one.loglik_gain:11.1f} nats"
-                f"   {_NAMES[one.where.channel]}{over}"
+                f"{one.effect:28}{one.confidence:10.3f}{p_text(one):>9}{one.loglik_gain:11.1f} nats"
+                f"   {OUTPUT_NAMES[one.where.channel]}{over}"
             )
+    if certificate := certificate_sentence(diagnosis):
+        lines += ["", certificate]
     if diagnosis.outputs:
         lines += [
             "",
@@ -108,7 +151,7 @@ def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> st
         ]
         for name, fit in diagnosis.outputs.items():
             lines.append(
-                f"{_NAMES[name] + ', ' + fit.unit:28}{fit.rms_before:12.4g}{fit.rms_after:10.4g}"
+                f"{OUTPUT_NAMES[name] + ', ' + fit.unit:28}{fit.rms_before:12.4g}{fit.rms_after:10.4g}"
                 f"{fit.rating_before:15.3f}{fit.rating_after:8.3f}"
             )
         lines.append(
@@ -117,6 +160,13 @@ def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> st
     if diagnosis.not_detectable:
         names = _listed([one.effect for one in diagnosis.not_detectable])
         lines += ["", f"This drive could not have shown at a usual size: {names}."]
+    for form in diagnosis.proposals[:1]:
+        lines += [
+            "",
+            f"What has no name is described by {form.formula} in the {_place(form.on)}: coefficient"
+            f" {form.coefficient:.4g} +- {form.std:.2g} {form.on_unit} per {form.unit},"
+            f" {form.heldout_gain:.1f} nats on held-out blocks.",
+        ]
     if model_file is not None:
         lines += ["", f"The extended model is in {model_file}."]
     return "\n".join(lines)

@@ -6,7 +6,7 @@ In: a baseline. Out: `Term`s, one per effect, or one per value of its grid where
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -35,6 +35,8 @@ class Term:
     """Whether it is looked for as a whole, at a value of its grid, by one column of size one."""
     alternatives: int = 1
     """Terms of this effect among which is chosen."""
+    spread: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviations by doubt about the span of time, beside those of the fit, by parameter."""
 
     @property
     def name(self) -> str:
@@ -116,6 +118,14 @@ class Term:
         rows = [self.free.index(name) for name in free]
         means, stds = (tuple(values[k] for k in rows) for values in (self.prior_mean, self.prior_std))
         return replace(self, free=free, prior_mean=means, prior_std=stds)
+
+    @property
+    def unusual(self) -> bool:
+        """Return True if a value is one that hardly any car has."""
+        if self.free[0].startswith("heights["):
+            return False
+        away = np.abs(self.values() - np.array(self.prior_mean)) / np.array(self.prior_std)
+        return bool(np.any(away > SETTINGS.unusual_prior_stds))
 
     @property
     def columns(self) -> int:

@@ -131,8 +131,7 @@ def trends(
     found: list[Discovery] = []
     K, k = shrunken(stack.information, stack.vector, drive_variance)
     p = k.shape[1]
-    for c, car in enumerate(cars):
-        mine = stack.car == c
+    for car, mine in zip(cars, stack.parts(), strict=True):
         t = days[mine]
         known = np.isfinite(t)
         if known.sum() < settings.min_drives_trend or np.ptp(t[known]) < settings.min_span_days:

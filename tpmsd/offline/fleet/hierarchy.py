@@ -16,6 +16,7 @@ Empirical Bayes after Efron and Morris (J. Am. Stat. Assoc. 70, 1975); degrees o
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Any
 
@@ -41,6 +42,11 @@ class Stack:
     def cars(self) -> int:
         """m."""
         return int(self.car[-1]) + 1 if len(self.car) else 0
+
+    def parts(self) -> list[slice]:
+        """Where each car's drives are, for they are sorted by car."""
+        ends = np.searchsorted(self.car, np.arange(self.cars + 1))
+        return [slice(int(first), int(end)) for first, end in itertools.pairwise(ends)]
 
     def of(self, cars: NDArray[np.bool_]) -> Stack:
         """The drives of some cars, renumbered."""

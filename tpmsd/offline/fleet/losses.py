@@ -41,19 +41,17 @@ def losses(
     variance[:4] = between_drives(stack, days, settings)
     K, k = shrunken(stack.information, stack.vector, variance)
     found = []
-    for c, car in enumerate(cars):
-        mine = np.flatnonzero((stack.car == c) & np.isfinite(days))
+    for car, part in zip(cars, stack.parts(), strict=True):
+        mine = part.start + np.flatnonzero(np.isfinite(days[part]))
         mine = mine[np.argsort(days[mine], kind="stable")]
         if len(mine) < 2:
             continue
-        steps = [_steps(K[mine], k[mine], first) for first in range(1, len(mine))]
-        value = np.array([one for one, _ in steps])
-        std = np.array([one for _, one in steps])
+        value, std = steps(K[mine], k[mine])
         score = value / std
         grown = 0.5 * np.square(np.maximum(score.max(), 0.0)) - settings.grown_nats
         for wheel in np.flatnonzero(0.5 * np.square(np.minimum(score.min(axis=0), 0.0)) > grown):
             at = int(np.argmin(score[:, wheel]))
-            p_value = min(1.0, len(steps) * float(stats.norm.cdf(score[at, wheel])))
+            p_value = min(1.0, len(score) * float(stats.norm.cdf(score[at, wheel])))
             size = (100.0 * float(value[at, wheel]), 100.0 * float(std[at, wheel]))
             since_s = float(days[mine[at + 1]]) * DAY_S
             where = ("loss", FAULT.name, WHEELS[wheel])
@@ -81,23 +79,32 @@ def between_drives(stack: Stack, days: FloatArray, settings: FleetSettings = SET
     return np.asarray(np.maximum(least, 0.5 * (median - by_noise)), dtype=np.float64)
 
 
-def _steps(K: FloatArray, k: FloatArray, first: int) -> tuple[FloatArray, FloatArray]:
-    """(4,) each radius's change from drive `first` on, and its standard deviation, in parts of the radius."""
+def steps(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Each radius's change from each drive on, the first left out, and its standard deviation.
+
+    The step's coefficient by the Schur complement of the constants, with sums over later drives that are
+    kept from one moment to the next: n drives take n steps of work.
+
+    Args:
+        K: (n, p, p) information of a car's drives in order of time.
+        k: (n, p) information vectors.
+
+    Returns:
+        (n - 1, 4) changes and (n - 1, 4) standard deviations, both in parts of the radius.
+    """
     p = k.shape[1]
-    value, std = np.empty(4), np.empty(4)
-    for wheel in range(4):
-        step = np.zeros(p)
-        step[:4] = _TO_CONTRASTS[:, wheel]
-        later = K[first:].sum(axis=0)
-        total = np.zeros((p + 1, p + 1))
-        total[:p, :p] = K.sum(axis=0)
-        total[:p, p] = total[p, :p] = later @ step
-        total[p, p] = step @ later @ step
-        total += SETTINGS.ridge * np.eye(p + 1)
-        right = np.append(k.sum(axis=0), k[first:].sum(axis=0) @ step)
-        covariance = np.linalg.inv(total)
-        value[wheel], std[wheel] = (covariance @ right)[p], np.sqrt(covariance[p, p])
-    return value, std
+    direction = np.zeros((p, 4))
+    direction[:4] = _TO_CONTRASTS
+    later = np.cumsum(K[:0:-1], axis=0)[::-1]
+    later_k = np.cumsum(k[:0:-1], axis=0)[::-1]
+    total = np.linalg.inv(K.sum(axis=0) + SETTINGS.ridge * np.eye(p))
+    level = total @ k.sum(axis=0)
+    moved = later @ direction
+    information = np.einsum("pw,npw->nw", direction, moved) + SETTINGS.ridge
+    information = information - np.einsum("npw,pq,nqw->nw", moved, total, moved, optimize=True)
+    right = later_k @ direction - np.einsum("npw,p->nw", moved, level)
+    information = np.maximum(information, SETTINGS.ridge)
+    return np.asarray(right / information), np.asarray(1.0 / np.sqrt(information))
 
 
 def _best_of_each_car(found: list[Discovery]) -> list[Discovery]:

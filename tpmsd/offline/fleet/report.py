@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.fleet.settings import SETTINGS
 
 Row = dict[str, Any]
@@ -114,7 +115,7 @@ def _joint(findings: Iterable[Row]) -> list[Row]:
     for row in findings:
         if row["level"] != "car":
             continue
-        size = f"{row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
+        size = with_unit(f"{row['value']:+.3g} ± {row['std']:.2g}", row["unit"])
         if row["effect"] == "slow_leak":
             why, kind = f"slow leak {_WHEELS[row['parameter']]}: {size} of radius", "slow_leak"
         elif row["kind"] == "loss":
@@ -230,8 +231,9 @@ def report_text(document: dict[str, Any]) -> str:
     for model in document["models"]:
         lines += ["", f"model {model_title(model['model'])}: {drives_of_cars(model)}"]
         lines += [
-            f"  {row['effect']} {row['parameter']}: {row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
-            f" (p {row['p_value']:.1g})"
+            f"  {row['effect']} {row['parameter']}: "
+            + with_unit(f"{row['value']:+.3g} ± {row['std']:.2g}", row["unit"])
+            + f" (p {row['p_value']:.1g})"
             for row in model["findings"]
         ]
         lines += [f"  {row['effect']}: named in {drives_of_cars(row)}" for row in model["named_in_drives"]]

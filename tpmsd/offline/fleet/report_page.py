@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.foundation.plain import with_unit
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc
 from tpmsd.offline.fleet.settings import SETTINGS
@@ -45,6 +46,8 @@ class CarView:
     note: str
     figure: Drawn | None
     drives: Table
+    is_open: bool
+    """Whether its drives are shown at once: those of cars that need attention."""
 
 
 def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) -> str:
@@ -86,14 +89,14 @@ def _attention(rows: Sequence[Row]) -> Table:
 
 
 def _model(model: Row) -> ModelView:
-    findings = tuple((*_effect(row), *_numbers(row), Cell(row["unit"]), _p(row)) for row in model["findings"])
+    findings = tuple((*_effect(row), *_numbers(row), _unit(row), _p(row)) for row in model["findings"])
     differing = tuple(
         (
             Cell(str(row["car"]), link=_anchor(row["car"])),
             Cell(str(row["kind"])),
             *_effect(row),
             *_numbers(row),
-            Cell(row["unit"]),
+            _unit(row),
             _p(row),
         )
         for row in model["differing"]
@@ -108,7 +111,7 @@ def _model(model: Row) -> ModelView:
             *_numbers(row),
             _number(row["spread_cars"]),
             _number(row["spread_drives"]),
-            Cell(row["unit"]),
+            _unit(row),
         )
         for row in model["parameters"]
     )
@@ -144,7 +147,8 @@ def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[Car
     for car, drives in sorted(cars.items()):
         drives.sort(key=lambda row: (row["start"] or 0.0, row["key"]))
         shown = drives[-each:]
-        chart = _chart([wheels[row["key"]] for row in shown])
+        dated = [row for row in shown if utc(row["start"]) is not None]
+        chart = _chart([row["start"] for row in dated], [wheels[row["key"]] for row in dated])
         anchor = _anchor(car)
         yield CarView(
             anchor,
@@ -152,6 +156,7 @@ def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[Car
             f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
             None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
             Table(heads, tuple(_drive(row, wheels[row["key"]], alarms[row["key"]]) for row in shown)),
+            car in first,
         )
 
 
@@ -177,8 +182,8 @@ def _radius(one: Row | None) -> Cell:
     return Cell(f"{one['deviation_mm']:+.2f}{std}", one["deviation_mm"], number=True)
 
 
-def _chart(drives: Sequence[Mapping[str, Row]]) -> Chart | None:
-    """Radius minus nominal of each wheel, drive by drive, with two standard deviations; or None."""
+def _chart(starts_s: Sequence[float], drives: Sequence[Mapping[str, Row]]) -> Chart | None:
+    """Radius minus nominal of each wheel over the date, with two standard deviations; or None."""
     values = {
         wheel: np.array([_millimetres(one.get(wheel), "deviation_mm") for one in drives]) for wheel in WHEELS
     }
@@ -197,9 +202,13 @@ def _chart(drives: Sequence[Mapping[str, Row]]) -> Chart | None:
     )
     if len(drives) < 2 or not curves:
         return None
-    number = np.arange(1.0, len(drives) + 1.0)
     return Chart(
-        "Radii drive by drive", "drive, in order of time", "radius minus nominal (mm)", number, curves
+        "Radii over the date",
+        "start of the drive (UTC)",
+        "radius minus nominal (mm)",
+        np.array(starts_s, dtype=np.float64),
+        curves,
+        date=True,
     )
 
 
@@ -220,6 +229,10 @@ def _numbers(row: Row) -> tuple[Cell, Cell]:
         return _number(value), Cell("", number=True)
     low, high = value - 1.96 * std, value + 1.96 * std
     return _number(value), Cell(f"{low:.4g} to {high:.4g}", std, number=True)
+
+
+def _unit(row: Row) -> Cell:
+    return Cell(with_unit("", row["unit"]).strip())
 
 
 def _p(row: Row) -> Cell:

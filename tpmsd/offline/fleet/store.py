@@ -163,7 +163,8 @@ def _read(file: Path) -> Any:
     if len(content) > SETTINGS.result_bytes:
         raise ValueError(f"more than {SETTINGS.result_bytes >> 20} MB")
     found = json.loads(content.decode("utf-8"), parse_constant=_no_number)
-    json.dumps(found, ensure_ascii=False).encode("utf-8")  # a lone surrogate is a ValueError
+    if b"\\u" in content:  # only an escape makes a lone surrogate, which is a ValueError
+        json.dumps(found, ensure_ascii=False).encode("utf-8")
     return found
 
 

@@ -9,6 +9,7 @@ worked on.
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     from tpmsd.offline.report.replay_document import replay_document
 
     drive = load(folder)
+    heard = cache(lambda: recording_of(drive, "the drive"))  # decoded once for what follows the replay
     parts: dict[str, Any] = {}
     if "replay" in stages:
         result, _ = replayed(drive)
@@ -101,7 +103,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.offline.calibration.statistics import drive_statistics
 
         try:
-            statistics = drive_statistics(recording_of(drive), vehicle_of(drive.config.vehicle))
+            statistics = drive_statistics(heard(), vehicle_of(drive.config.vehicle))
         except (RefusedError, TpmsdError) as error:
             parts["calibrate"] = {"reason": str(error).replace(str(folder), "DRIVE"), "statistics": None}
         else:
@@ -110,7 +112,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.offline.diagnosis.diagnose import diagnose
         from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
-        found = diagnose([recording_of(drive, "the drive")], known=known_effects([drive]))
+        found = diagnose([heard()], known=known_effects([drive]))
         document = diagnosis_document(found, None)
         kept = ("verdict", "reason", "findings", "driving_s")
         parts["diagnose"] = _rounded(plain({name: document[name] for name in kept}))

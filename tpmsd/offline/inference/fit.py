@@ -1,31 +1,18 @@
 """Least squares over drives, as pure functions: the same arguments give the same bits.
 
-In: `Prepared` drives, the columns of a model in each (`Design`), the noise of each. Out: `Fit`. Columns of
-one key are one value whatever the drive. Residuals may have a trailing axis of r replicates (a bootstrap):
-gains and columns are computed once for all of them.
+In: innovations and columns of each drive (`Gram`), priors. Out: `Fit`. Columns of one key are one value
+whatever the drive. Data may have r replicates (a bootstrap): gains and columns are computed once for all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.inference.prepared import Design, Prepared, read_only
-from tpmsd.offline.inference.whitening import Whitener
-
-
-@dataclass(frozen=True)
-class DriveNoise:
-    """The noise of one drive."""
-
-    noise: Noise
-    inflation: FloatArray | None = None
-    """(w, 9) factors on the variances of single readings."""
 
 
 @dataclass(frozen=True)
@@ -68,27 +55,6 @@ Prior = Mapping[str, tuple[float, float]]
 """Mean and standard deviation by key; a key that is not there is free."""
 
 
-def fit(
-    drives: Sequence[Prepared],
-    model: Sequence[Design],
-    noise: Sequence[DriveNoise],
-    prior: Prior | None = None,
-) -> Fit:
-    """Fit a model to drives under their noise. ValueError where the three do not go together, or where the
-    drives do not determine a value."""
-    grams = [gram_of(drive, design, one) for drive, design, one in zip(drives, model, noise, strict=True)]
-    return solved(grams, prior or {})
-
-
-def gram_of(drive: Prepared, design: Design, noise: DriveNoise) -> Gram:
-    """A drive's Gram matrices under its noise."""
-    made = Whitener.of(drive.windows, noise.noise, drive.mask, noise.inflation)
-    y = drive.y if drive.y.ndim == 3 else drive.y[:, :, None]
-    replicates = y.shape[2]
-    white = made.apply(np.concatenate([y, design.columns], axis=2)).reshape(-1, y.shape[2] + len(design.keys))
-    return gram(design.keys, white[:, :replicates], white[:, replicates:], made.logdet)
-
-
 def gram(keys: Sequence[str], y: FloatArray, X: FloatArray, logdet: float = 0.0) -> Gram:
     """Of innovations: data (n, r) and columns (n, p)."""
     XX, XY, YY = read_only(X.T @ X, X.T @ y, (y * y).sum(axis=0))
@@ -128,17 +94,8 @@ def solved(grams: Sequence[Gram], prior: Prior) -> Fit:
     return Fit(keys, values, covariance, likelihood)
 
 
-def redrawn(
-    drive: Prepared,
-    design: Design,
-    values: FloatArray,
-    noise: DriveNoise,
-    rng: np.random.Generator,
-    count: int,
-) -> Prepared:
-    """The drive with residuals (w, 9, count) drawn from the noise about a model's values (p,): replicates
-    whose design is fixed (parametric bootstrap; Davison and Hinkley 1997, section 2.2)."""
-    made = Whitener.of(drive.windows, noise.noise, drive.mask, noise.inflation)
-    expected = (design.columns @ values)[:, :, None]
-    y = np.where(drive.mask[:, :, None], made.simulate(rng, count) + expected, np.nan)
-    return replace(drive, y=read_only(y)[0])
+def read_only(*arrays: FloatArray) -> tuple[FloatArray, ...]:
+    """The arrays, which nobody can change any more."""
+    for array in arrays:
+        array.flags.writeable = False
+    return arrays

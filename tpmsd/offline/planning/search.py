@@ -5,7 +5,7 @@ of Optimal Experiments, 1972; Atkinson, Donev and Tobias, Optimum Experimental D
 chapters 10 and 12): manoeuvres are added one by one, each time the one that raises the criterion most per
 second, then those are taken out that are not needed. The criterion is a compound one of c-optimality: the sum
 over the effects of the logarithm of their conditional expected gain, each up to what is wanted, so that
-the effect that is told worst counts most.
+the effect that is identified worst counts most.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from tpmsd.car.physics.catalogue import sentence_of
 from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.diagnosis.assessment.reach import Reach
 from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
@@ -90,18 +91,21 @@ def _rest(diagnosis: Diagnosis) -> str:
 
 
 def _unseen(diagnosis: Diagnosis) -> str:
-    """Sizes below which effects may have stayed unseen, a line each."""
-    if not diagnosis.not_detectable:
-        return ""
-    lines = ["\nBelow these sizes, or at all, effects may have stayed unseen on this drive:"]
+    """Sizes below which effects may have stayed unseen, a line each, and those that do not show at all."""
+    lines, hidden = [], []
     for one in diagnosis.not_detectable:
         sizes = [
             f"{name} {value:.2g} {unit if unit != '1' else ''}".rstrip()
             for name, (value, unit) in one.smallest.items()
             if value is not None
         ]
-        lines.append(f"  {one.effect:28}{', '.join(sizes) or 'nothing of it shows'}")
-    return "\n".join(lines)
+        if sizes:
+            lines.append(f"\n  {one.effect:28}{', '.join(sizes)}")
+        else:
+            hidden.append(one.effect)
+    text = "\nBelow these sizes effects may have stayed unseen on this drive:" if lines else ""
+    text += "".join(lines)
+    return text + (f"\nNothing of these shows on such a drive: {', '.join(hidden)}." if hidden else "")
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
@@ -131,7 +135,10 @@ def reached(reach: Reach) -> str:
         return f"A nonparametric model has no significant held-out gain either ({left})."
     share = f"Of the held-out gain of a nonparametric model, {100 * reach.share:.0f} % was reached"
     if not reach.structured:
-        return f"{share}; beyond that it has no significant gain ({left})."
+        worse = (
+            ": it fits noise, and predicts worse than the findings" if reach.left < -reach.left_std else ""
+        )
+        return f"{share}; beyond that it has no significant gain ({left}{worse})."
     most = max(reach.channels, key=lambda name: reach.channels[name].left)
     return f"{share}; {left} are left, most of them in {CHANNELS[most]}."
 
@@ -184,7 +191,7 @@ def quantity_text(quantity: Quantity) -> str:
     if isinstance(quantity.value, str):
         return quantity.value
     std = "" if quantity.std is None else f" +- {quantity.std:.1g}"
-    return f"{quantity.value:.4g}{std} {quantity.unit}".strip()
+    return with_unit(f"{quantity.value:.4g}{std}", quantity.unit)
 
 
 def shape_text(finding: Finding) -> str:

@@ -220,9 +220,9 @@ def _looked_for_in(effect: type[Effect], windows: bool) -> str:
 OPEN = (
     "- temperature of each tyre: without a sensor in it, warm-up, sun and brakes are one number each",
     "- toe and camber as they are set: constants, which calibration takes up",
-    "- wind: it is in the drag, and so in the part of the slip that goes with the speed squared",
+    "- gusts and crosswind: the wind of a whole drive is one vector, and shows beside free wheels alone",
     "- grip used up by braking and cornering together: the slips of axles are taken as independent of a_y",
-    "- roll and bump steer, differential locks, torque vectoring, brakes of a stability program",
+    "- roll and bump steer, locks that close for a while, torque vectoring, brakes of a stability program",
     "- trailers that sway, and wheels out of balance: faster than a window of a second",
 )
 """What a car has that no effect holds, and why."""

@@ -10,6 +10,8 @@ import json
 import math
 from typing import Any
 
+import numpy as np
+
 from tpmsd.foundation.palette import STYLES
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.report.figures import Bars, Chart, Figure
@@ -45,10 +47,11 @@ def _chart(chart: Chart) -> dict[str, Any]:
         "kind": "chart",
         "group": chart.group,
         "time": chart.time,
+        "date": chart.date,
         "xLabel": chart.x_label,
         "yLabel": chart.y_label,
         "yRange": [low, high],
-        "x": _numbers(chart.x),
+        "x": np.round(chart.x).tolist() if chart.date else _numbers(chart.x),
         "curves": [
             {
                 "name": curve.name,

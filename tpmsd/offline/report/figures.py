@@ -78,6 +78,8 @@ class Chart:
     """Charts of one group are zoomed together."""
     time: bool = False
     """Whether x is seconds since the start of a drive."""
+    date: bool = False
+    """Whether x is a host time, shown as a date (UTC)."""
 
     def legend_spans(self) -> tuple[tuple[str, str], ...]:
         """(style, meaning) of shaded spans and of the band of noise."""

@@ -5,6 +5,7 @@ In: `Diagnosis`, `Finding`. Out: words.
 
 from __future__ import annotations
 
+from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Quantity
 
 
@@ -45,4 +46,4 @@ def held_lines(finding: Finding) -> list[str]:
 
 
 def _text(quantity: Quantity) -> str:
-    return f"{quantity.value:.4g} +- {quantity.std:.1g} {quantity.unit}".strip()
+    return with_unit(f"{quantity.value:.4g} +- {quantity.std:.1g}", quantity.unit)

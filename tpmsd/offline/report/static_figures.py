@@ -7,6 +7,7 @@ policy may forbid others.
 
 from __future__ import annotations
 
+import datetime
 import io
 import math
 import re
@@ -37,6 +38,8 @@ DPI = 72
 """That of SVG files: one pixel is one point."""
 HEAT_STEPS = 16
 BAND_ALPHA = 0.2
+DAY_S = 86_400.0
+_DAY_STEPS = (1, 2, 3, 7, 14, 30, 61, 91, 183, 365, 1826)
 _RC: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "tpmsd",
@@ -118,14 +121,32 @@ def _chart(chart: Chart) -> Canvas:
         )
     axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
     axes.set_ylim(*chart.extent())
+    _time_axis(axes, chart)
+    place_labels(axes, [(one.at, one.name, one.style) for one in chart.moments], fontsize=8.5)
+    return canvas
+
+
+def _time_axis(axes: Axes, chart: Chart) -> None:
+    """Marks at whole seconds of a drive or whole days, where x is one of these."""
     known = chart.x[np.isfinite(chart.x)]
     if chart.time and len(known):
         span_s = max(float(known[-1]), 1.0)
         axes.set_xlim(0.0, span_s)
         axes.xaxis.set_major_locator(MultipleLocator(time_step(span_s, 7)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: drive_time(value)))
-    place_labels(axes, [(one.at, one.name, one.style) for one in chart.moments], fontsize=8.5)
-    return canvas
+    if chart.date and len(known):
+        axes.xaxis.set_major_locator(MultipleLocator(_days_step(float(np.ptp(known))) * DAY_S))
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: utc_day(value)))
+
+
+def utc_day(time_s: float) -> str:
+    """The date of a host time (UTC)."""
+    return datetime.datetime.fromtimestamp(time_s, tz=datetime.UTC).strftime("%Y-%m-%d")
+
+
+def _days_step(span_s: float) -> int:
+    """Whole days between the marks of an axis of dates, at most seven of them."""
+    return next((step for step in _DAY_STEPS if span_s <= 7 * step * DAY_S), _DAY_STEPS[-1])
 
 
 def _level_name(axes: Axes, at: float, name: str, style: str) -> None:

@@ -71,7 +71,8 @@ def make_drive(
     columns = _thinned(table)
     time = columns["time_s"] - columns["time_s"][0]
     steer, ratio = _steering(table, columns, tables, time)
-    forces = BASELINES[baseline].nonlinear and _has_forces(columns) and _has(columns, OUTPUTS["speed"])
+    given = _forces_given(columns)
+    forces = BASELINES[baseline].nonlinear and len(given) == 2 and _has(columns, OUTPUTS["speed"])
     model = BASELINES[baseline](car_of(tables, ratio), forces)
     speed = _speed(table, columns, tables, time)
     inputs = make_inputs(
@@ -90,7 +91,14 @@ def make_drive(
     if "velocity_lat" in outputs:
         outputs.pop("side_slip", None)  # both say the same, mostly from one instrument
     key = hashlib.sha256(np.ascontiguousarray(np.stack([time, steer])).tobytes()).hexdigest()[:12]
-    return model, DynamicsDrive(name, inputs, outputs, forces, float(columns["time_s"][0]), key)
+    notes: tuple[str, ...] = ()
+    if BASELINES[baseline].nonlinear and len(given) == 1:
+        other = "brake" if given == ["drive"] else "drive"
+        notes = (
+            f"{given[0]} forces are recorded without {other} forces, so speed is an input and the wheels"
+            " carry m a_x",
+        )
+    return model, DynamicsDrive(name, inputs, outputs, forces, float(columns["time_s"][0]), key, notes)
 
 
 def _thinned(table: SignalTable) -> dict[str, FloatArray]:
@@ -115,8 +123,10 @@ def _has(columns: dict[str, FloatArray], name: str) -> bool:
     return name in columns and int(np.isfinite(columns[name]).sum()) >= 10
 
 
-def _has_forces(columns: dict[str, FloatArray]) -> bool:
-    return any(_has(columns, name) for name in (DRIVE, BRAKE, DRIVE_TORQUE))
+def _forces_given(columns: dict[str, FloatArray]) -> list[str]:
+    """Return which of the two sums of forces are recorded: with one alone the other is unknown, not 0."""
+    driven = any(_has(columns, name) for name in (DRIVE, DRIVE_TORQUE))
+    return [name for name, known in (("drive", driven), ("brake", _has(columns, BRAKE))) if known]
 
 
 def _input(columns: dict[str, FloatArray], name: str, time: FloatArray) -> FloatArray | None:

@@ -11,6 +11,7 @@ its own; that keeps a broken one from doing harm, not a malicious one.
 from __future__ import annotations
 
 import json
+import resource
 import stat
 import tempfile
 import threading
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.foundation.apart import Apart, ApartError, Send, installed, limit
+from tpmsd.foundation.apart import Apart, ApartError, Send, installed
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
@@ -34,6 +35,13 @@ MOST_BYTES = 1 << 30
 MOST_DESCRIPTION_BYTES = 32 << 20
 WALL_S = 300.0
 """An FMU that takes longer is ended."""
+CPU_S = 300
+MEMORY_BYTES = 8 << 30
+FILE_BYTES = 1 << 30
+"""Processor time, address space and largest file of the child."""
+COMMUNICATION_S = 0.005
+"""An FMU holds its inputs over a communication step, so that its outputs are late by up to one: 5 ms are
+little against the delays of sensors (20 to 100 ms)."""
 DESCRIPTION = "modelDescription.xml"
 
 
@@ -139,7 +147,7 @@ def run_fmu(path: Path, requests: Iterator[str], send: Send) -> None:
     """Simulate in the child: sends the names of the outputs, then their values, time first."""
     import fmpy
 
-    limit(path)
+    _limit()
     request = json.loads(next(requests))
     inputs = dict(zip(request["names"], np.load(request["inputs"]), strict=True))
     description = fmpy.read_model_description(request["folder"], validate=False)
@@ -161,13 +169,12 @@ def run_fmu(path: Path, requests: Iterator[str], send: Send) -> None:
     rows["time"] = time_s
     for name in wanted:
         rows[name] = inputs[name]
-    step_s = float(np.median(np.diff(time_s)))
     result = fmpy.simulate_fmu(
         request["folder"],
         validate=False,
         start_time=0.0,
         stop_time=float(time_s[-1]),
-        output_interval=step_s,
+        output_interval=_communication_s(time_s, description.defaultExperiment),
         fmi_type="CoSimulation",
         input=rows if wanted else None,
         output=outputs,
@@ -175,3 +182,25 @@ def run_fmu(path: Path, requests: Iterator[str], send: Send) -> None:
     send(json.dumps([TIME, *outputs]).encode())
     table = np.stack([np.asarray(result[name], dtype=np.float64) for name in ("time", *outputs)])
     send(np.ascontiguousarray(table).tobytes())
+
+
+def _limit() -> None:
+    """Bound processor time, memory and files of this process."""
+    for what, most in (
+        (resource.RLIMIT_CPU, CPU_S),
+        (resource.RLIMIT_AS, MEMORY_BYTES),
+        (resource.RLIMIT_FSIZE, FILE_BYTES),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(what)[1]
+        resource.setrlimit(what, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def _communication_s(time_s: FloatArray, experiment: Any) -> float:
+    """Return the communication step: the FMU's own where it is finer than the rows, else a whole part of the
+    rows' step of at most `COMMUNICATION_S`."""
+    rows_s = float(np.median(np.diff(time_s)))
+    own_s = float(getattr(experiment, "stepSize", None) or 0.0)
+    if 0.0 < own_s <= rows_s:
+        return own_s
+    return rows_s / float(np.ceil(rows_s / COMMUNICATION_S - 1e-9))

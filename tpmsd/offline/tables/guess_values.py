@@ -8,6 +8,7 @@ sign of the yaw rate, and wheel turns per way the rolling radius.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,10 +63,11 @@ def way_of(
     east, north, times = east_m[known], north_m[known], time_s[known]
     fresh = np.concatenate([[True], (np.diff(east) != 0.0) | (np.diff(north) != 0.0)])
     east, north, times = east[fresh], north[fresh], times[fresh]
-    picked = [0]
+    kept = [0]
     for at in range(1, len(times)):
-        if times[at] - times[picked[-1]] >= least_step_s:
-            picked.append(at)
+        if times[at] - times[kept[-1]] >= least_step_s:
+            kept.append(at)
+    picked = np.array(kept)
     if len(picked) < 10:
         return None
     east, north, times = east[picked], north[picked], times[picked]
@@ -109,15 +111,16 @@ def modulus_of(values: FloatArray) -> int | None:
     """
     known = values[np.isfinite(values)]
     steps = np.diff(known)
-    at = np.flatnonzero(steps < 0.0)
-    if not len(at):
+    at = np.flatnonzero(steps < 0.0).tolist()
+    if not at:
         return None
     top, rising = float(known.max()), steps[steps > 0.0]
-    power = float(2 ** int(np.ceil(np.log2(top + 1.0))))
+    power = 2 ** math.ceil(math.log2(top + 1.0))
     if power - top <= 2.0 * float(rising.max()) + 1.0:
         return int(power)
     around = [0.5 * (steps[max(k - 1, 0)] + steps[min(k + 1, len(steps) - 1)]) for k in at]
-    return max(round(float(np.median(np.asarray(around) - steps[at]))), int(top) + 1)
+    over = [one - steps[k] for one, k in zip(around, at, strict=True)]
+    return max(round(float(np.median(over))), int(top) + 1)
 
 
 def rate_of(time_s: FloatArray, values: FloatArray, modulus: int | None = None) -> FloatArray:

@@ -147,8 +147,9 @@ class _Reader:
         line = self._document.line("columns", role)
         entry = value if isinstance(value, dict) else {"column": value}
         for key, shown in (("column", role), ("time", f"{role}.time")):
-            if isinstance(entry.get(key), str):
-                self._named.append((entry[key], f"[columns] {shown}", line))
+            name = entry.get(key)
+            if isinstance(name, str):
+                self._named.append((name, f"[columns] {shown}", line))
 
     def _column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
         before = len(self._problems)

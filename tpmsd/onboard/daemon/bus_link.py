@@ -90,7 +90,7 @@ class BusLink(Link):
     """One channel.
 
     `counts`: `frames` read, `error_frames`, `sent`, `tx_full` (queue full) and `tx_down` (bus down) not sent.
-    `error_counts`: what the error frames told, by the names of `can_errors`.
+    `error_counts`: errors in the error frames, by the names of `can_errors`.
     """
 
     def __init__(

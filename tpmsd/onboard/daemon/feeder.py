@@ -3,10 +3,10 @@
 In: inputs in the queue, the clock's readings. Out: the pipeline's steps; what was fed goes to the
 recorder.
 
-Inputs are handed over in the order of their stamps up to `grace_s` ago, then the pipeline is told that
+Inputs are handed over in the order of their stamps up to `grace_s` ago, then the pipeline is informed that
 time has come that far. The last is what a replay lacks: it knows stamps alone. So it must not change what
 a tick holds (the pipeline sees to that), and where stamps are more than `MARK_S` apart, the recorder is
-told.
+informed.
 """
 
 from __future__ import annotations

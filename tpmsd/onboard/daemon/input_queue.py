@@ -40,7 +40,7 @@ def rounded(stamp_s: float) -> float:
 class InputQueue:
     """Inputs that wait for those which may still come before them.
 
-    `counts`: `overflow` dropped for want of room, `late` dropped as too old, `bad_stamp` stamped anew.
+    `counts`: `overflow` dropped for want of room, `late` dropped as too old, `bad_stamp` stamped again.
     """
 
     def __init__(self, capacity: int = CAPACITY) -> None:

@@ -4,7 +4,7 @@ In: for each wheel the resonance's likelihood now and when the tyre was known to
 `ResonanceEvidence`: log likelihood ratios per wheel and per set of wheels, to be added to those of the radii.
 
     L_i(x)  = sum over f, z of L_then(f, z) L_now(f e^x, z)    x: change of ln f of wheel i, z: damping
-    x_i     = c + u_i + s_i                                    c, u: harmless, common and own; s: of a soft
+    x_i     = c + u_i + s_i                                    c, u: nuisance, common and own; s: of a soft
     tyre L(S)    = average over c of  prod over S of E[L_i | s soft] * prod over the others of L_i(c + u)
 
 c is what warmth does to all tyres alike, so four frequencies that fall together say little, and one that

@@ -3,7 +3,7 @@
 In: `RotationSample`s as they come. Out: a `SpeedBlock` for every ten seconds without a gap.
 
 A control unit samples evenly; the stamps jitter by up to a period, for they are of the bus and the
-host. So the samples' order is believed, and of the stamps only their mean rate.
+host. So the samples' order is trusted, and of the stamps only their mean rate.
 
 Counters give the mean speed between two samples, which passes a frequency f by sinc(f / rate). Of speed
 signals the samples bear the integral by the trapezoid, (w_k + w_k-1) / 2 times the interval; from these

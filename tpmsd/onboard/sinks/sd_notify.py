@@ -72,7 +72,7 @@ class Notifier:
         return self._send([f"EXTEND_TIMEOUT_USEC={usec}"])
 
     def close(self) -> None:
-        """Give the socket back; later calls open it anew."""
+        """Give the socket back; later calls open it again."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

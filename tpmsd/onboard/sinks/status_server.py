@@ -89,7 +89,7 @@ class StatusServer:
     ) -> None:
         """Prepare the server; nothing is opened yet. `document` is called whenever a client is answered.
 
-        `reset` takes a request to learn the tyres anew, with the name of the set if one is given; it answers
+        `reset` takes a request to learn the tyres again, with the name of the set if one is given; it answers
         with why it cannot be taken, or with nothing. `explain` makes the document of `tpmsd explain`.
         """
         self._explain = explain

@@ -136,7 +136,7 @@ class MessageArrival:
         regular: late, repeated, after a loss, a time-out or a step."""
         periods: list[float] = []
         while (at := len(periods)) < len(times_s):
-            # As a rule there is nothing to say before the period is learned anew.
+            # As a rule there is nothing to say before the period is learned again.
             some = times_s[at : at + self._to_learn]
             intervals = [after - before for before, after in pairwise((self.last_s, *some))]
             usual = min(intervals) > 0.0 and max(intervals) <= min(self._lost_after_s, self.timeout_s)

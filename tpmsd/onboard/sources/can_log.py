@@ -1,6 +1,6 @@
 """Recordings of a CAN bus, frame by frame.
 
-In: the path of a log. Out: an iterator of `CanFrame`; what cannot be read is told to a callback with its line
+In: the path of a log. Out: an iterator of `CanFrame`; what cannot be read goes to a callback with its line
 and skipped. `InputError` only where there is nothing to read at all.
 
     .log .log.gz           candump -L lines, by our own parser (`can_log_candump`)

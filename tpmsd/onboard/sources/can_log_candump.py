@@ -1,6 +1,6 @@
 """Logs as `candump -L` writes them, also compressed with gzip.
 
-In: the path of a `.log` or `.log.gz`. Out: blocks of frames; each line that is none is told to `note` and
+In: the path of a `.log` or `.log.gz`. Out: blocks of frames; each line that is none is reported to `note` and
 skipped. Own parser, because python-can's stops at the first damaged line and takes forty times as long.
 """
 

@@ -1,6 +1,6 @@
 """Logs in the formats of other tools, by python-can's readers: ASC, BLF, TRC and MF4.
 
-In: a path. Out: frames (MF4 is read in a process of its own); what a reader cannot take is told to `note`.
+In: a path. Out: frames (MF4 is read in a process of its own); what a reader cannot take goes to `note`.
 The text formats are read on after a bad line, which python-can's readers alone would not do; a binary file
 ends where it is damaged.
 """

@@ -1,13 +1,13 @@
 """Detection of a second sender of a message.
 
 In: the stamp of each frame that is used, the values of its wheels, and whether they jumped. Out: why the
-message, or one wheel of it, is not to be believed. Pure: the only clock is the frames' own.
+message, or one wheel of it, is not to be trusted. Pure: the only clock is the frames' own.
 
-A node that sends frames under a foreign identifier can be told by two things, and neither needs a key:
+A node that sends frames under a foreign identifier can be detected by two things, and neither needs a key:
 
     rate          the true sender goes on, so there are more frames than it ever sent. Each frame takes a
                   token; tokens come at the known rate and a quarter more; without a token the message is
-                  doubted. A sender that became faster itself is believed after `ACCEPT_S` in which its values
+                  doubted. A sender that became faster itself is accepted after `ACCEPT_S` in which its values
                   ran on as evenly as before.
     plausibility  two values in turn: a counter that jumps in every few frames is doubted by itself, whatever
                   the rate, for nobody knows which of the two is the wheel's.

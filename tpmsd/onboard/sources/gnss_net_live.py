@@ -125,7 +125,7 @@ class TcpReceiver:
         return data
 
     def close(self) -> None:
-        """Hang up; harmless if that has happened."""
+        """Hang up; does nothing if that has happened."""
         connection, self._socket = self._socket, None
         self._connected = False
         if connection is not None:
@@ -192,7 +192,7 @@ class UdpReceiver:
         return data + b"\r\n"
 
     def close(self) -> None:
-        """Stop listening; harmless if that has happened."""
+        """Stop listening; does nothing if that has happened."""
         listener, self._socket = self._socket, None
         if listener is not None:
             listener.close()

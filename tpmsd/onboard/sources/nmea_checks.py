@@ -88,7 +88,7 @@ class FrozenPosition:
 class Leap:
     """Detects a position that no car could have reached since the last one.
 
-    One damaged sentence in 256 passes its checksum. A leap is believed when REACH_COUNT fixes in a row,
+    One damaged sentence in 256 passes its checksum. A leap is accepted when REACH_COUNT fixes in a row,
     within reach of one another, say so: then the positions before were the wrong ones.
     """
 

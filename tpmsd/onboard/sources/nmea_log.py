@@ -2,7 +2,7 @@
 
 In: a file with lines as `candump` writes them, `(1719820800.112233) $GNRMC,...*hh`, or plain sentences; `.gz`
 as well. Out: (time, sentence, line number). Only a file without any usable line is an error; bad lines are
-told to a callback.
+reported to a callback.
 
 In a plain file the sentences' own UTC is the clock: all lines of an epoch bear its Unix time.
 """

@@ -19,7 +19,7 @@ KMH_MPS = 1.0 / 3.6
 MAX_SPEED_MPS = 150.0
 _UNIX_DAY_0 = datetime.date(1970, 1, 1).toordinal()
 
-# Fields that a sentence without a checksum must have: a line cut short is then told from a complete one.
+# Fields that a sentence without a checksum must have: a line cut short then differs from a complete one.
 _FULL_LENGTH = {"RMC": 11, "GGA": 14, "VTG": 8, "ZDA": 4, "GST": 8, "GNS": 12, "GLL": 6}
 COLUMNS: dict[str, dict[str, int]] = {
     kind: {name: column for column, name in enumerate(names.split())}

@@ -89,7 +89,7 @@ class SerialReceiver:
             raise ReceiverGone(self.device, "closed") from None
 
     def close(self) -> None:
-        """Give the line back; harmless if it is closed or gone."""
+        """Give the line back; does nothing if it is closed or gone."""
         port, self._port = self._port, None
         if port is not None:
             with contextlib.suppress(OSError):  # gone already

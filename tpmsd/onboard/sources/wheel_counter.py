@@ -6,7 +6,7 @@ the log.
     angle = (counts since the segment began) * 2 pi / teeth per revolution        ([Lundquist 2013], eq. 37)
 
 The count is an integer and is never rounded, so a segment's angle is exact however long it is. A reading is
-believed if the wheel can have turned so far since the last one. What it can do follows from its speed before:
+accepted if the wheel can have turned so far since the last one. What it can do follows from its speed before:
 it may lock at any time, it gains speed by no more than MAX_ACCEL_MPS2, and the time stamp may be off by a
 period. Of all counts that the raw value may stand for (it rolls over at its modulus) one may be possible:
 

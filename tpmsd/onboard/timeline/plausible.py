@@ -1,6 +1,6 @@
 """Plausibility of wheel readings as rotations of the wheels of one car.
 
-In: the rotations of one tick. Out: the wheels that are not to be believed. Pure.
+In: the rotations of one tick. Out: the wheels that are implausible. Pure.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ def implausible_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
     low, high = valid[(len(valid) - 1) // 2], valid[len(valid) // 2]
     least, most = (low + high) / 2 / PLAUSIBLE_RATIO, (low + high) / 2 * PLAUSIBLE_RATIO
     if len(valid) == 2 and valid[0] < valid[-1] / PLAUSIBLE_RATIO:
-        least = most = math.nan  # of two that disagree, neither can be told to be right
+        least = most = math.nan  # of two that disagree, neither can be found right
     return [
         wheel
         for wheel, turned in enumerate(rotation_rad)

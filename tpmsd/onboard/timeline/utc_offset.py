@@ -40,7 +40,7 @@ class UtcOffsetTracker:
 
     After each `update`: `offset_s` (host minus UTC), `lag_s` (arrival minus validity), `step_s` (size of the
     step that was just taken, else 0) and `status`: `ok`; `step`: a new level was taken up with this fix;
-    `outlier`: far off the level, not (yet) believed; `repeated`, `backwards`: UTC stood still or went back;
+    `outlier`: far off the level, not (yet) accepted; `repeated`, `backwards`: UTC stood still or went back;
     `no_utc`: placed by its arrival and the usual lag.
     """
 

@@ -40,7 +40,10 @@ class Inputs:
         return Inputs(*(getattr(self, name)[rows] for name in FIELDS))
 
     def shifted(self, by_s: float | FloatArray) -> Inputs:
-        """Return the inputs a time later, steering alone extrapolated by its rate."""
+        """Return the inputs a time later: those of a recording interpolated, others extrapolated by the
+        steering's rate."""
+        if self.time_s.ndim == 1 and len(self.time_s) > 3 and np.ndim(by_s) == 0:
+            return self._interpolated(float(by_s))
         steer = self.steer_rad + by_s * self.steer_rate_radps
         return Inputs(
             self.time_s + by_s,
@@ -52,7 +55,37 @@ class Inputs:
             self.brake_n,
         )
 
+    def _interpolated(self, by_s: float) -> Inputs:
+        """Return the inputs of n rows at times between them: steering by a cubic, the others linear.
 
+        Beyond the ends and in pauses the nearest row is held, its steering extrapolated by its rate.
+        """
+        time, at = self.time_s, self.time_s + by_s
+        row = np.clip(np.searchsorted(time, at, "right") - 1, 0, len(time) - 2)
+        h = time[row + 1] - time[row]
+        part = (at - time[row]) / h
+        near = (part >= 0.0) & (part <= 1.0) & (h <= PAUSE_STEPS * float(np.median(np.diff(time))))
+        part = np.clip(part, 0.0, 1.0)
+
+        def mixed(values: FloatArray) -> FloatArray:
+            return np.where(near, values[row] + part * (values[row + 1] - values[row]), values)
+
+        steer, rate = self.steer_rad, self.steer_rate_radps
+        slope = (steer[row + 1] - steer[row]) / h
+        bend = h * part * (1.0 - part) * ((1.0 - part) * (rate[row] - slope) - part * (rate[row + 1] - slope))
+        return Inputs(
+            at,
+            np.where(near, mixed(steer) + bend, steer + by_s * rate),
+            mixed(rate),
+            mixed(self.speed_mps),
+            mixed(self.accel_long_mps2),
+            mixed(self.drive_n),
+            mixed(self.brake_n),
+        )
+
+
+PAUSE_STEPS = 5.0
+"""Usual steps of a recording from which a longer one is a pause, over which nothing is interpolated."""
 FIELDS = tuple(Inputs.__slots__)
 """Names of the arrays."""
 

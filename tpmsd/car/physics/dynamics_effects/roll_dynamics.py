@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import lapack
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
@@ -88,4 +88,9 @@ def _swing(accel: FloatArray, time_s: FloatArray, w: float, damping: float) -> F
         [k * k + 2 * damping * w * k + w * w, 2 * (w * w - k * k), k * k - 2 * damping * w * k + w * w]
     )
     above = w * w * k * k * np.array([1.0, -2.0, 1.0])
-    return np.asarray(lfilter(above / below[0], below / below[0], accel, axis=-1))
+    driven = above[0] * accel
+    driven[..., 1:] += above[1] * accel[..., :-1]
+    driven[..., 2:] += above[2] * accel[..., :-2]
+    band = np.repeat(below[:, None], accel.shape[-1], axis=1)
+    out, _ = lapack.dtbtrs(band, driven.reshape(-1, accel.shape[-1]).T, uplo="L")
+    return np.ascontiguousarray(out.T).reshape(accel.shape)

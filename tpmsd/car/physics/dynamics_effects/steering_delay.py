@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter, Prior
@@ -42,9 +40,5 @@ class SteeringDelay(DynamicsEffect):
 
     def shift_series(self, inputs: Inputs) -> Inputs:
         """Interpolate angle and rate at the earlier time."""
-        at = inputs.time_s - self.delay_s
-        return replace(
-            inputs,
-            steer_rad=np.interp(at, inputs.time_s, inputs.steer_rad),
-            steer_rate_radps=np.interp(at, inputs.time_s, inputs.steer_rate_radps),
-        )
+        then = inputs.shifted(-self.delay_s)
+        return replace(inputs, steer_rad=then.steer_rad, steer_rate_radps=then.steer_rate_radps)

@@ -26,6 +26,7 @@ class BrakeSlip(Effect):
     """
 
     name = "brake_slip"
+    common = True
     formula = "omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c = front or rear"
     sentence = "all wheels slip under the brakes"
     noun = "slip under the brakes"

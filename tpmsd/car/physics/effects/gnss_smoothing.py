@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.car.physics.first_order import accumulated
+from tpmsd.car.physics.first_order import low_passed
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -72,16 +69,3 @@ class GnssSmoothing(Effect):
     def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) smoothed minus true course, by that of the body."""
         return low_passed(motion.heading_rad, motion.time_s, self.time_constant_s) - motion.heading_rad
-
-
-def low_passed(values: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
-    """(n,) after a first-order low-pass that has settled at the first value; evenly spaced times."""
-    if len(values) < 2 or time_constant_s <= 0.0:
-        return values.copy()
-    step = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
-    kept = math.exp(-step / time_constant_s)
-    # Exact for values that are linear between the samples.
-    new = 1.0 - (1.0 - kept) * time_constant_s / step
-    old = (1.0 - kept) - new
-    fresh = new * values + old * np.concatenate([values[:1], values[:-1]])
-    return accumulated(fresh, kept, float(values[0]))

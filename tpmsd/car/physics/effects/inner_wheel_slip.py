@@ -30,6 +30,7 @@ class InnerWheelSlip(Effect):
     """
 
     name = "inner_wheel_slip"
+    common = True
     formula = (
         "omega * r = v * (1 +- q * f * a_y), + left, - right, f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2, "
         "q = driven (f > 0), braked, free"

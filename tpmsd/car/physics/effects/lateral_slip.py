@@ -19,6 +19,7 @@ class LateralSlip(Effect):
     """
 
     name = "lateral_slip"
+    common = True
     formula = "beta = -c * a_y at the rear axle"
     needs = ("gnss",)
     in_calibration = (("slip_lateral", "coefficient", "rad.s2/m"),)

@@ -22,6 +22,7 @@ class LoadTransferLateral(Effect):
     """
 
     name = "load_transfer_lateral"
+    common = True
     formula = "delta_r = +c * a_y left, -c * a_y right"
     contrast = True
     in_calibration = (("load_lateral", "coefficient", "s2"),)

@@ -27,6 +27,7 @@ class LoadTransferLongitudinal(Effect):
     """
 
     name = "load_transfer_longitudinal"
+    common = True
     formula = "delta_r = +c * a_x front, -c * a_x rear"
     contrast = True
     sentence = "driving and braking shift load between the axles and change the radii"

@@ -25,6 +25,7 @@ class LongitudinalSlip(DriveSlip):
     """
 
     name = "longitudinal_slip"
+    common = True
     formula = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
     in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
     sentence = "driven wheels slip under drive force"

@@ -48,9 +48,11 @@ export function changeRow(document_) {
 /** `radius_deviation` as words. */
 export const plain = (identifier) => identifier.replaceAll("_", " ");
 
+/** The axis of a drive's time; without a label its marks alone, for all but the last of stacked charts. */
 export function timeAxis(label) {
   const seconds = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200];
-  return axis(label, { values: (_, values) => values.map(clock), incrs: seconds, space: 62 });
+  const values = label ? (_, ticks) => ticks.map(clock) : (_, ticks) => ticks.map(() => "");
+  return axis(label, { values, incrs: seconds, space: 62, ...(label ? {} : { size: 8 }) });
 }
 
 /** The series of one wheel with its band, for uPlot. */

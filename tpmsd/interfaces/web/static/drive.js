@@ -31,7 +31,7 @@ table(byId("wheels"), ["wheel", "state", "minus nominal (mm)", "change (mm)"],
     wheel.change_mm === null ? "–" : `${signed(wheel.change_mm, 2)} ± ${wheel.change_std_mm.toFixed(2)}`]));
 if (drive.alarms.length)
   table(byId("alarms"), ["time", "alarm", "wheel", "state", "reason"],
-    drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, alarm.reason ?? ""]));
+    drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, (alarm.reason ?? "").replaceAll("+-", "±")]));
 else byId("alarms").replaceChildren(element("caption", "No alarms."));
 byId("notes").replaceChildren(...drive.notes.map((note) => element("li", note)));
 
@@ -53,11 +53,35 @@ function dataOf(panel, found, scale) {
   return out;
 }
 
-function makePlot(panel, found) {
+/** Why a panel has nothing to show, in words: faults that never came, fixes that never stayed away; "" else. */
+function nothingIn(panel, found) {
+  const most = Math.max(...panel.series.flatMap((name) => found[name].map((value) => Math.abs(value ?? 0))));
+  if (most === 0) return `${panel.title}: zero throughout.`;
+  return panel.series[0] === "gnss_age_s" && most < 1 ? `${panel.title}: at most ${most.toFixed(1)} s.` : "";
+}
+
+/** The y range of a panel with bands: where these are at most four times their median, so that the start-up, in
+ * which little is known, does not set the scale; null for the range of all. */
+function settledRange(panel, found, scale) {
+  if (!panel.banded) return null;
+  const widths = panel.series.flatMap((name) => found[`${name}:high`].map((high, k) => (high === null ? null : high - found[`${name}:low`][k]))).filter((width) => width !== null).sort((a, b) => a - b);
+  const limit = 4 * (widths[Math.floor(widths.length / 2)] ?? 0);
+  let low = Infinity, high = -Infinity;
+  for (const name of panel.series)
+    found[`${name}:high`].forEach((top, k) => {
+      const bottom = found[`${name}:low`][k];
+      if (top !== null && top - bottom <= limit) [low, high] = [Math.min(low, bottom), Math.max(high, top)];
+    });
+  const margin = 0.06 * (high - low);
+  return low < high ? [scale * (low - margin), scale * (high + margin)] : null;
+}
+
+function makePlot(panel, found, last) {
   const unit = columns.get(panel.series[0]).unit;
   const radius = unit === "m" && wheelOf(panel.series[0]);
   const [shown, scale] = radius ? SHOWN.m : [unit, 1];
   panel.banded = panel.series.every((name) => `${name}:low` in found);
+  panel.settled = settledRange(panel, found, scale);
   const series = [{ label: "time", value: (_, value) => clock(value) }], bands = [];
   const other = ["fl", "fr", "rl", "rr"];
   for (const [k, name] of panel.series.entries()) {
@@ -73,8 +97,8 @@ function makePlot(panel, found) {
   byId("plots").append(box);
   const plot = new uPlot({
     title: panel.title, width: Math.max(box.clientWidth, 200), height: 200, series, bands,
-    scales: { x: { time: false } },
-    axes: [timeAxis("time since the start (h:min:s)"), axis(shown === "1" || shown === "" ? "" : `(${shown})`, { size: 60 })],
+    scales: { x: { time: false }, y: { range: (_, low, high) => panel.settled ?? uPlot.rangeNum(low, high, 0.1, true) } },
+    axes: [timeAxis(last ? "time since the start (h:min:s)" : ""), axis(shown === "1" || shown === "" ? "" : `(${shown})`, { size: 60 })],
     cursor: { sync: { key: "drive" }, drag: { x: true, y: false, setScale: false } },
     legend: { show: true, live: false },
     plugins: [alarmLines(() => drive.alarms, (alarm) => alarm.drive_time_s)],
@@ -88,7 +112,9 @@ async function zoom(from, to) {
   span = [Math.max(0, from), Math.min(drive.duration_s, to)];
   if (!(span[1] - span[0] > 0.5)) return;
   await Promise.all(plots.map(async ([, plot, panel, scale]) => {
-    plot.setData(dataOf(panel, await seriesOf(panel), scale), false);
+    const found = await seriesOf(panel);
+    panel.settled = settledRange(panel, found, scale);
+    plot.setData(dataOf(panel, found, scale), false);
     plot.setScale("x", { min: span[0], max: span[1] });
     plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
   }));
@@ -161,7 +187,9 @@ function drawMap() {
   ctx.fillText(metres >= 1000 ? `${metres / 1000} km` : `${metres} m`, margin, height - margin / 2 - 6 * devicePixelRatio);
   ctx.fillText("N ↑", width - margin, margin / 2 + 6 * devicePixelRatio);
   const column = columns.get(byId("colour").value);
-  byId("legend").textContent = `dark ${low.toPrecision(3)} to bright ${high.toPrecision(3)} ${column.unit === "1" ? "" : column.unit}`;
+  const bar = element("span", "", { class: "bar" });
+  bar.style.background = `linear-gradient(to right, ${STOPS.map((stop) => `rgb(${stop.join(" ")})`).join(", ")})`;
+  byId("legend").replaceChildren(low.toPrecision(3), bar, `${high.toPrecision(3)} ${column.unit === "1" ? "" : column.unit}`.trim());
 }
 
 const select = byId("colour");
@@ -178,5 +206,8 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawMap);
 keepFitting(() => plots);
 await recolour();
 const found = await Promise.all(drive.panels.map(seriesOf));
-drive.panels.forEach((panel, k) => makePlot(panel, found[k]));
+const told = drive.panels.map((panel, k) => [panel, found[k], nothingIn(panel, found[k])]);
+const full = told.filter(([, , why]) => !why);
+full.forEach(([panel, values], k) => makePlot(panel, values, k === full.length - 1));
+for (const [, , why] of told) if (why) byId("plots").append(element("p", why, { class: "hint" }));
 document.body.dataset.ready = "1";

@@ -2,8 +2,9 @@
 import { NAMES, WHEELS, alarmLines, axis, band, byId, changeRow, duration, edge, element, keepFitting, signed, wheelSeries } from "./common.js";
 
 const MM_PER_INCH = 25.4;
-const units = byId("units");
+const units = byId("units"), range = byId("range");
 try { units.value = localStorage.getItem("units") ?? "metric"; } catch { /* no storage, no memory */ }
+try { range.value = localStorage.getItem("range") ?? "21600"; } catch { range.value = "21600"; }
 let newest = null;
 let alarms = [];
 const rows = [];
@@ -24,6 +25,31 @@ function verdict(name, wheel, standing) {
   if (wheel.state === "learning") return ["", "learning"];
   if (wheel.state === "alarm") return ["soft", "ALARM"];
   return (wheel.deflation_probability ?? 0) >= 0.5 ? ["suspect", "soft?"] : ["ok", "OK"];
+}
+
+/** One sentence on all tyres, and its style: the worst that stands, else what is not known yet. */
+function sentence(document_) {
+  const found = WHEELS.filter((name) => document_.wheels?.[name]).map((name) => [NAMES[name], ...verdict(name, document_.wheels[name], document_.alarms ?? [])]);
+  const of = (...styles) => found.filter(([, style]) => styles.includes(style)).map(([name]) => name);
+  const listed = (names) => names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0];
+  const capital = (text) => text[0].toUpperCase() + text.slice(1);
+  const tyres = (names, one, many) => `${capital(listed(names))} tyre${names.length > 1 ? "s" : ""} ${names.length > 1 ? many : one}`;
+  const soft = of("soft"), changed = of("changed"), suspect = of("suspect"), off = of("off"), ok = of("ok");
+  if (soft.length) return ["soft", `${tyres(soft, "is", "are")} losing air: check the pressure.`];
+  if (changed.length) return ["changed", `${tyres(changed, "has", "have")} another radius than learned.`];
+  if (suspect.length) return ["suspect", `${tyres(suspect, "may be", "may be")} losing air slowly.`];
+  if (ok.length === 4) return ["ok", "All four tyres are fine."];
+  const learning = found.length - ok.length - off.length;
+  if (learning) return ["", `No alarm; ${learning === 4 ? "all four tyres are" : `${learning} of 4 tyres are`} being learned.`];
+  if (ok.length) return ["suspect", `${tyres(ok, "is", "are")} fine; the others are not watched.`];
+  return ["off", "No tyre is watched."];
+}
+
+function showVerdict(document_) {
+  const [style, text] = sentence(document_);
+  const node = byId("verdict");
+  if (node.textContent !== text) node.textContent = text;
+  node.className = `wide ${style}`;
 }
 
 function showTyre(name, document_) {
@@ -53,7 +79,7 @@ function showAlarms(standing, now) {
   box.replaceChildren(...standing.map((alarm) => {
     const node = element("div", "", { class: "alarm" });
     const what = { deflation: "is losing air", radius_deviation: "has another radius than learned", malfunction: "cannot be watched", slow_leak: "leaks slowly" }[alarm.kind] ?? alarm.kind;
-    node.append(element("p", `${alarm.wheel ? `${NAMES[alarm.wheel]} tyre` : "The car"} ${what}`), element("p", alarm.reason ?? "", { class: "hint" }), element("p", `raised ${new Date(1000 * alarm.time).toLocaleTimeString()}`, { class: "hint" }));
+    node.append(element("p", `${alarm.wheel ? `${NAMES[alarm.wheel]} tyre` : "The car"} ${what}`), element("p", (alarm.reason ?? "").replaceAll("+-", "±"), { class: "hint" }), element("p", `raised ${new Date(1000 * alarm.time).toLocaleTimeString()}`, { class: "hint" }));
     return node;
   }));
 }
@@ -86,10 +112,12 @@ function daytimes(_, ticks) {
 
 function data() {
   const scale = units.value === "imperial" ? 1000 / MM_PER_INCH : 1;
-  const out = [rows.map((row) => row.time)];
+  const first = (rows.at(-1)?.time ?? 0) - Number(range.value);
+  const shown = rows.filter((row) => row.time >= first);
+  const out = [shown.map((row) => row.time)];
   for (const wheel of WHEELS) {
-    const value = rows.map((row) => (row[wheel]?.[0] ?? null) === null ? null : scale * row[wheel][0]);
-    const std = rows.map((row) => row[wheel]?.[1] ?? null);
+    const value = shown.map((row) => (row[wheel]?.[0] ?? null) === null ? null : scale * row[wheel][0]);
+    const std = shown.map((row) => row[wheel]?.[1] ?? null);
     out.push(value, value.map((one, k) => one === null || std[k] === null ? null : one + 2 * scale * std[k]), value.map((one, k) => one === null || std[k] === null ? null : one - 2 * scale * std[k]));
   }
   return out;
@@ -114,6 +142,7 @@ function draw() {
 
 function show() {
   if (!newest) return;
+  showVerdict(newest);
   for (const name of WHEELS) showTyre(name, newest);
   showAlarms(newest.alarms ?? [], newest.time);
   showHealth(newest);
@@ -153,6 +182,10 @@ function follow() {
 units.addEventListener("change", () => {
   try { localStorage.setItem("units", units.value); } catch { /* not remembered */ }
   show();
+  draw();
+});
+range.addEventListener("change", () => {
+  try { localStorage.setItem("range", range.value); } catch { /* not remembered */ }
   draw();
 });
 byId("reset").addEventListener("click", () => byId("confirm").showModal());

@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.car.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import slip_columns
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import expected
@@ -101,6 +101,8 @@ def available(reader: Reader) -> frozenset[str]:
         "accelerometer": by == "accelerometer",
         "speeds": bool((reader.recording.quantum_rad == 0.0).all()),
         "temperature": "temperature" in reader.windows.covariates,
+        "torque": "torque" in reader.windows.covariates,
+        "both_axles": len({bool(IS_FRONT[wheel]) for wheel in reader.recording.wheels}) == 2,
     }
     return frozenset(name for name, there in here.items() if there)
 

@@ -174,7 +174,8 @@ class Hypotheses(ABC):
 
     @property
     def everything(self) -> FloatArray:
-        """(1 + p, k) calibration and every effect of the catalogue that is linear: the fullest model.
+        """(1 + p, k) calibration and every effect of the catalogue that is linear and not rare: the fullest
+        model.
 
         What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
         Technometrics 15, 1973).
@@ -182,7 +183,9 @@ class Hypotheses(ABC):
         singles = [
             term.design
             for term in self.catalogue
-            if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
+            if term.design.shape[1] == 1
+            and term.typical
+            and not (term.kind_of.mirror_of or term.kind_of.rare)
         ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 

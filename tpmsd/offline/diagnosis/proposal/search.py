@@ -6,7 +6,7 @@ held-out blocks where the unnamed terms are taken out, each on the wheels or the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,11 +42,20 @@ def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
         return ()
     stay = [one.term.design for one in selection.chosen if one.term not in unnamed]
     design = np.concatenate([study.hypotheses.nuisance, *stay], axis=1)
+    best: list[Proposal] = []
+    for one in sorted(_found(study, design, _places(unnamed, study)), key=_order):
+        if all(set(one.covariates) != set(other.covariates) for other in best):
+            best.append(one)
+    return tuple(best[: SETTINGS.report.proposals])
+
+
+def _found(study: Study, design: FloatArray, places: Sequence[str]) -> list[Proposal]:
+    """Every closed form at every place that predicts what was held out, beside a design."""
     drives = study.examined
     names = set.intersection(*(set(drive.reader.windows.covariates) for drive in drives))
     forms = expressions(sorted(names))
     found: list[Proposal] = []
-    for place in _places(unnamed, study):
+    for place in places:
         sums = [_sums(drive, design, place, forms) for drive in drives]
         total = Sums(
             sum((one.known for one in sums[1:]), sums[0].known),
@@ -54,12 +63,7 @@ def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
             sum((one.size for one in sums[1:]), sums[0].size),
         )
         found += [judged(total, k, form, place) for k, form in enumerate(forms) if total.size[:, k].all()]
-    found = [one for one in found if one.heldout_gain > 0.0]
-    best: list[Proposal] = []
-    for one in sorted(found, key=_order):
-        if all(set(one.covariates) != set(other.covariates) for other in best):
-            best.append(one)
-    return tuple(best[: SETTINGS.report.proposals])
+    return [one for one in found if one.heldout_gain > 0.0]
 
 
 def _order(one: Proposal) -> float:

@@ -1,6 +1,7 @@
 """Removes terms that only explain the linearisation error of the others.
 
-In: a `Study` and its `Selection`. Out: what is significant beside the exact response of the others.
+In: a `Study` and its `Selection`. Out: what is significant beside the exact response of the others, and how
+sure it is beside rivals that act exactly.
 
 A lag of 0.3 s is a shift, its linear response the slope: the error is the curvature, and a faint low-pass has
 the same. So each term is tested again with the linearisation error of the other terms subtracted from the
@@ -9,8 +10,10 @@ data: a score test at the exact null (Gauss-Newton steps with a constant Jacobia
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -30,7 +33,8 @@ from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 def needed_exactly(study: Study, selection: Selection, evidence: Evidence, last: bool = False) -> Selection:
     """What was chosen, without terms that do not pay their penalty beside the exact response of the others.
 
-    The weakest is tested first, the strongest never. `last` as of `Selector`.
+    The weakest is tested first, the strongest never. `last` as of `Selector`: rivals are then compared by
+    their exact responses, too.
     """
     selector = Selector(evidence, study.hypotheses, last)
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:
@@ -38,7 +42,29 @@ def needed_exactly(study: Study, selection: Selection, evidence: Evidence, last:
         ratio = selector.ratio([*others, one.term], len(others))
         if exact_gain(study, selector, others, one.term) / ratio < one.term.penalty:
             return needed_exactly(study, selector.judged(others), evidence, last)
-    return selection
+    if not last or not selection.chosen:
+        return selection
+
+    @cache
+    def beyond(terms: tuple[Term, ...]) -> float:
+        return beyond_linear(study, selector, terms)
+
+    exact = Selector(evidence, study.hypotheses, last, lambda terms: beyond(tuple(terms)))
+    return exact.judged([one.term for one in selection.chosen])
+
+
+def beyond_linear(study: Study, selector: Selector, terms: Sequence[Term]) -> float:
+    """Log-likelihood (nats) of terms which act by the forward model, at their best, over that of their linear
+    responses at theirs."""
+    design = selector.design(terms)
+    acting = [drive.acting(design) for drive in study.drives]
+    linear = selector.evidence.fit(design)
+    values, exact = linear.values, -math.inf
+    for _ in range(SETTINGS.refinement.exact_rounds):
+        gram = _exact_gram(study, _Null(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting)
+        values, gain = fitted(gram)
+        exact = gain - 0.5 * float(gram[0, 0])
+    return exact - linear.gain + 0.5 * float(selector.evidence.total[0, 0])
 
 
 def exact_gain(study: Study, selector: Selector, others: Sequence[Term], term: Term) -> float:
@@ -50,13 +76,21 @@ def exact_gain(study: Study, selector: Selector, others: Sequence[Term], term: T
     gram = np.zeros((0, 0))
     for _ in range(SETTINGS.refinement.exact_rounds):
         null = _Null(others, values[len(values) - sum(one.design.shape[1] for one in others) :])
-        gram = np.zeros((1 + design.shape[1],) * 2)
-        for number, drive in enumerate(study.drives):
-            data = drive.white[:, :, :1] - null.error(study, number)
-            rows = np.concatenate([data, acting[number]], axis=2).reshape(-1, len(gram))
-            gram += rows.T @ rows
+        gram = _exact_gram(study, null, acting)
         values, without = fitted(gram[: 1 + before.shape[1], : 1 + before.shape[1]])
     return gain_of(gram) - without
+
+
+def _exact_gram(study: Study, null: _Null, acting: Sequence[FloatArray]) -> FloatArray:
+    """Gram matrix (1 + k, 1 + k) of the data less the linearisation error of terms, and of columns, (w, 9, k)
+    of each drive."""
+    size = 1 + acting[0].shape[2]
+    gram = np.zeros((size, size))
+    for number, drive in enumerate(study.drives):
+        data = drive.white[:, :, :1] - null.error(study, number)
+        rows = np.concatenate([data, acting[number]], axis=2).reshape(-1, size)
+        gram += rows.T @ rows
+    return gram
 
 
 @dataclass(frozen=True)

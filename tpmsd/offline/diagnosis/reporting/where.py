@@ -5,6 +5,8 @@ In: a `Study` and one of its chosen terms. Out: `Where`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from tpmsd.car.physics.catalogue import EFFECTS
@@ -14,8 +16,9 @@ from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Te
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.windows import COURSE, SPEED
 
-"""Channel and covariate over which an effect shows."""
 RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 """Places of smooth terms that are no wheels."""
 
@@ -60,31 +63,46 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
     drives = [study.drives[number] for number in study.acting(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
     if term.free:
-        if term.place in RECEIVER:
-            return (), term.place, term.covariate
-        if term.place in ANTISYMMETRIC:
-            return tuple(read), "wheel_ratio", term.covariate
-        wheels = PATTERNS[term.place]
-        channel = "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
-        return tuple(wheels), channel, term.covariate
+        return *_place_of_shape(term, read), term.covariate
     channel, covariate = EFFECTS[term.effect].shows_in
-    car = drives[0].reader.reference.car
-    acts: tuple[str, ...] = term.kind_of.acting_wheels(car, term.parameters)
-    if term.wheel or term.place:
-        acts = tuple(term.wheel.split()) if term.wheel else PATTERNS[term.place]
-    wheels = tuple(wheel for wheel in read if wheel in acts)
     if channel.startswith(("gnss", "yaw")):
-        measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
-        if channel == "gnss_speed" and measured[:, 5].sum() < 30:
-            channel, covariate = "gnss_position", "speed"
-        if channel == "gnss_course" and measured[:, 6].sum() < 30:
-            channel = "gnss_position"
-        return (), channel, covariate
+        return (), *_measured_by(drives, channel, covariate)
+    acts = _acting_wheels(term, drives[0])
+    wheels = tuple(wheel for wheel in read if wheel in acts)
     # Without another wheel to be compared with, only the receiver shows it.
     alone = set(wheels) == set(read) or (term.ramp and len(read) < 4)
     if channel == "wheel_ratio" and alone and not term.kind_of.contrast:
         channel = "wheel"
     return wheels, channel, covariate
+
+
+def _place_of_shape(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...], str]:
+    """Wheels and channel of a spline term."""
+    if term.place in RECEIVER:
+        return (), term.place
+    if term.place in ANTISYMMETRIC:
+        return tuple(read), "wheel_ratio"
+    wheels = PATTERNS[term.place]
+    return wheels, "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
+
+
+def _measured_by(drives: Sequence[DriveStudy], channel: str, covariate: str) -> tuple[str, str]:
+    """Channel and covariate by what the receiver tells: positions where it tells no speed or course."""
+    measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
+    if channel == "gnss_speed" and measured[:, SPEED].sum() < SETTINGS.hypotheses.fewest_readings:
+        return "gnss_position", "speed"
+    if channel == "gnss_course" and measured[:, COURSE].sum() < SETTINGS.hypotheses.fewest_readings:
+        return "gnss_position", covariate
+    return channel, covariate
+
+
+def _acting_wheels(term: Term, drive: DriveStudy) -> tuple[str, ...]:
+    """Wheels on which an effect acts: those of its place, or those that it knows itself."""
+    if term.wheel:
+        return tuple(term.wheel.split())
+    if term.place:
+        return PATTERNS[term.place]
+    return term.kind_of.acting_wheels(drive.reader.reference.car, term.parameters)
 
 
 def _energy(study: Study, drive: DriveStudy, one: Chosen) -> FloatArray:

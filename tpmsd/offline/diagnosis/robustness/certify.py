@@ -22,8 +22,8 @@ is searched for them as the recording was. What replicates do not draw, a sensor
 probability of its own test.
 
 The model is linear about the effects of the catalogue, and not about spline terms: what a plain spline does
-beyond its linear response is hundreds of nats. Where replicates that hold it reach a spline term, the term is
-tested again in replicates without spline terms.
+beyond its linear response is hundreds of nats, for any effect to take up. Where replicates that hold one
+reach a term, the term is tested again in replicates without spline terms.
 
 Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
 or is beyond doubt. `chance` makes p-values and decisions of the replicates; `verdict` decides: findings are
@@ -152,17 +152,22 @@ def _without_splines(
     replicates: int,
     rng: np.random.Generator,
 ) -> dict[int, Chance]:
-    """By number of the finding, the chance of a spline term in replicates without spline terms, where
-    replicates with them reach it."""
+    """By number of the finding, the chance of a term in replicates without spline terms, where replicates
+    with them reach it."""
+    if not any(one.term.free for one in selection.chosen):
+        return {}
     asked: list[tuple[int, int]] = []
     for k, (finding, one) in enumerate(zip(findings, chances, strict=True)):
         which = _of(selection, finding)
         reached = one.tail > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING
-        if which is not None and reached and selection.chosen[which].term.free:
+        if which is not None and reached:
             asked.append((k, which))
     if not asked:
         return {}
-    statistics = [_of_term(study, selection, evidence, which, dispersion, acts=False) for _, which in asked]
+    statistics = [
+        _of_term(study, selection, evidence, which, dispersion, acts=not selection.chosen[which].term.free)
+        for _, which in asked
+    ]
     models = [_model(study, selection, number, splines=False) for number in range(len(study.drives))]
     drawn = _drawn(study, models, statistics, replicates, rng)
     return {

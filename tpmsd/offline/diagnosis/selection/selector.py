@@ -12,7 +12,7 @@ blocks that were held out.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.rivals import Rival, confidence, confounded, same_statement
+from tpmsd.offline.diagnosis.selection.sets import best_set
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 
@@ -40,10 +41,20 @@ SPLITS = (("front", "rear"), ("left", "right"))
 class Selector(Candidates):
     """Searches."""
 
-    def __init__(self, evidence: Evidence, hypotheses: Hypotheses, last: bool = False) -> None:
-        """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
+    def __init__(
+        self,
+        evidence: Evidence,
+        hypotheses: Hypotheses,
+        last: bool = False,
+        beyond: Callable[[Sequence[Term]], float] = lambda terms: 0.0,
+    ) -> None:
+        """With `last` it is the verdict that is asked for, and not what the noise is estimated beside.
+
+        `beyond` tells what terms bring beyond their linear responses, nats: rivals are compared with it.
+        """
         super().__init__(evidence, hypotheses)
         self.last = last
+        self.beyond = beyond
         self._bounds = hypotheses.car.bounds
         self._shares: dict[tuple[int, str, str], float] = {}
 
@@ -105,30 +116,35 @@ class Selector(Candidates):
         )
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
-        singles = self.foremost(chosen)
-        best: tuple[float, list[Term]] | None = None
         threshold = self._threshold(chosen)
         free = [term for term in chosen if term.free or term.ramp]
         beside = SETTINGS.selection.beside_effects * (self.gain(chosen) - self.gain(free))
-        for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
-            price = sum(term.penalty for term in terms)
-            now = chosen + terms
-            if not self._sane(now):
-                continue
-            ratio = max(self.ratio(now, len(chosen) + k) for k in range(len(terms)))
-            sure = (gain + price) / ratio - price
-            if len(terms) == 2:
-                # Both members must be needed, or the better one alone would have been found.
-                weakest = min(self._needed(now, len(chosen) + k) for k in range(2))
-                if weakest < threshold:
-                    continue
-                sure -= SETTINGS.selection.admit_nats
+        best: tuple[float, list[Term]] | None = None
+        for gain, terms in [*self.foremost(chosen), *self.pairs(chosen)[:3]]:
+            sure = self._sure(chosen, terms, gain, threshold)
             needed = threshold if self._completes(chosen, terms[0]) else max(threshold, beside)
-            if min(self._spare(now, len(chosen) + k) for k in range(len(terms))) < 0.0:
-                continue
             if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
+
+    def _sure(self, chosen: list[Term], terms: list[Term], net: float, threshold: float) -> float:
+        """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance.
+
+        `net` is the one without it. Minus infinity where the terms cannot stand there.
+        """
+        now = [*chosen, *terms]
+        at = range(len(chosen), len(now))
+        if not self._sane(now):
+            return -math.inf
+        # Both members of a pair must be needed, or the better one alone would have been found.
+        if len(terms) == 2 and min(self._needed(now, k) for k in at) < threshold:
+            return -math.inf
+        if min(self._spare(now, k) for k in at) < 0.0:
+            return -math.inf
+        price = sum(term.penalty for term in terms)
+        ratio = max(self.ratio(now, k) for k in at)
+        more = SETTINGS.selection.admit_nats if len(terms) == 2 else 0.0
+        return (net + price) / ratio - price - more
 
     def _sane(self, terms: list[Term]) -> bool:
         """Whether the terms can be told apart at all, and their values are physically thinkable."""
@@ -288,10 +304,7 @@ class Selector(Candidates):
         free wheels is then wrong by what looks like GNSS latency.
         """
         for shape in [term for term in chosen if term.free and not term.pulse]:
-            same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
-            by_place = {term.place: term for term in same}
-            options = [[term] for term in same if term is not shape]
-            options += [[by_place[a], by_place[b]] for a, b in SPLITS if a in by_place and b in by_place]
+            options = self._elsewhere(shape)
             for other in [term for term in chosen if term is not shape]:
                 rest = [term for term in chosen if term is not shape and term is not other]
                 trials = [[*rest, *terms] for terms in options]
@@ -303,9 +316,16 @@ class Selector(Candidates):
                     return self._exchanged_patterns(best)
         return chosen
 
+    def _elsewhere(self, shape: Term) -> list[list[Term]]:
+        """Shapes over the same covariate and knots on other wheels, and pairs that act each in its way."""
+        same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
+        by_place = {term.place: term for term in same}
+        options = [[term] for term in same if term is not shape]
+        return options + [[by_place[a], by_place[b]] for a, b in SPLITS if a in by_place and b in by_place]
+
     def _named(self, chosen: list[Term]) -> list[Term]:
         """Replace a shape, and effects over the same covariate, by two effects that explain more than it does
-        less its handicap.
+        less its handicap, or by a set of effects that every car has.
 
         Neither alone need explain it: driven wheels slip under power, all wheels under braking.
         """
@@ -318,7 +338,40 @@ class Selector(Candidates):
                     named = self._prune([*rest, *terms])
                     if self._worth(named) > must and self._sane(named):
                         return self._named(named)
+            usual = self._usual_set(others, shape, self._worth(chosen) - ahead)
+            if usual:
+                return self._named(usual)
         return chosen
+
+    def _usual_set(self, others: list[Term], shape: Term, worth: float) -> list[Term]:
+        """Effects that every car has, as one model in the place of a shape and of those of them that stand
+        beside it among the `others`; empty where the model with the shape is `worth` more (nats)."""
+        if shape.covariate in ("time", "distance") or shape.drive is not None:
+            return []
+        rest = [term for term in others if not term.kind_of.common]
+        gram, b = self.evidence.projected(self.design(rest))
+        found = max((best_set(usual, gram, b) for usual in self._usual(rest)), key=lambda one: one.log_bayes)
+        named = [*rest, *found.terms]
+        better = self._worth(rest) + found.log_bayes > worth + SETTINGS.selection.exchange_nats
+        return named if found.terms and better and self._sane(named) else []
+
+    def _usual(self, beside: list[Term]) -> list[list[Term]]:
+        """The catalogue's terms of effects that every car has, which may stand beside others; once for each
+        effect of which one is the limit."""
+        limits = {term.kind_of.limit for term in beside}
+        every = [
+            term
+            for term in self.hypotheses.catalogue
+            if term.kind_of.common and term.drive is None and term.effect not in limits
+        ]
+        limited = {term.effect: term.kind_of.limit for term in every if term.kind_of.limit}
+        return [
+            [term for term in every if term.effect not in limited],
+            *(
+                [term for term in every if term.effect == name or term.effect not in {*limited, limit}]
+                for name, limit in limited.items()
+            ),
+        ]
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Whether a term brings most of its gain beside its rival too: then they explain different things."""
@@ -380,8 +433,12 @@ class Selector(Candidates):
             weight = math.exp(min(better / doubt, 0.0))
             if same_statement(other, term, first) or not self._in_place_of(rest, other, term, gain, raw):
                 continue
-            if weight > SETTINGS.selection.rival_weight and not self._within_limits([*rest, other], other):
-                continue
+            if weight > SETTINGS.selection.rival_weight or raw > gain - alike:
+                if not self._within_limits([*rest, other], other):
+                    continue
+                more = self._beyond_of(rest, other, term)
+                raw, better = raw + more, better + more
+                weight = math.exp(min(better / doubt, 0.0))
             one = Rival(f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight)
             if not (other.free or other.effect == term.effect or other.calibrates):
                 if divided and raw < gain - alike:
@@ -390,6 +447,13 @@ class Selector(Candidates):
                     one = replace(one, replaces_by=raw)
             out.append(one)
         return out
+
+    def _beyond_of(self, rest: list[Term], rival: Term, term: Term) -> float:
+        """What the exact response of a rival in a term's place brings more than that of the term, beyond what
+        their linear responses bring, nats; nothing of a description, which is as linear as it is told."""
+        if rival.free or term.free:
+            return 0.0
+        return self.beyond([*rest, rival]) - self.beyond([*rest, term])
 
     def _in_place_of(self, rest: list[Term], rival: Term, term: Term, gain: float, raw: float) -> bool:
         """Return whether a rival explains what a term does, and not something else, with possible values."""

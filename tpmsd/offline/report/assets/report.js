@@ -89,7 +89,8 @@
   }
 
   function seriesOf(data) {
-    const series = [{ label: data.time ? "time" : data.xLabel, value: (_, value) => (data.time ? clock(value) : short(value)) }];
+    const day = (value) => (value === null ? "" : new Date(1e3 * value).toISOString().slice(0, 16).replace("T", " "));
+    const series = [{ label: data.time ? "time" : data.xLabel, value: (_, value) => (data.time ? clock(value) : data.date ? day(value) : short(value)) }];
     const columns = [data.x], bands = [];
     for (const curve of data.curves) {
       const at = series.length, colour = () => css(curve.style);
@@ -127,7 +128,8 @@
     const labels = data.moments.length ? 0.14 * (data.yRange[1] - data.yRange[0]) : 0;
     const plot = new uPlot({
       width: Math.max(box.clientWidth, 200), height: 260, series, bands,
-      scales: { x: { time: false }, y: { range: () => [data.yRange[0], data.yRange[1] + labels] } },
+      tzDate: (value) => uPlot.tzDate(new Date(1e3 * value), "Etc/UTC"),
+      scales: { x: { time: data.date }, y: { range: () => [data.yRange[0], data.yRange[1] + labels] } },
       axes: [axis(data.xLabel, across), axis(data.yLabel, { size: 56 })],
       cursor: { sync: data.group ? { key: data.group } : undefined, drag: { x: true, y: false } },
       legend: { markers: { dash: (_, k) => ["solid", "dashed", "dotted"][dashOf(series[k].dash)] } },

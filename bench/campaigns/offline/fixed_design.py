@@ -1,12 +1,13 @@
-"""One drive, ready to be fitted: residuals of all channels, and the motion that they are linear about.
+"""Bootstrap replicates of a fixed design: a drive prepared once, its columns, the fit under a noise.
 
-In: a `Recording`, the `Car`. Out: `Prepared`, whose arrays are read-only, and the columns (`Design`) of
-models in it. Pure functions: the same arguments give the same bits.
+In: a `Recording`, the `Car`. Out: `Prepared`, whose arrays are read-only, the columns (`Design`) of models in
+it, and fits and replicates of both. Pure functions: the same arguments give the same bits. The program itself
+linearises anew (`tpmsd.offline.inference.replicate`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from types import MappingProxyType
 from typing import Any
@@ -18,9 +19,11 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.inference.covariate_errors import covariate_errors, covariate_jacobians
+from tpmsd.offline.inference.fit import Fit, Gram, Prior, gram, read_only, solved
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import Reference, reference
+from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import MAX_WINDOWS, Reader, Windows
 
 RADIUS_STEP_M = 1e-4
@@ -125,13 +128,6 @@ def design(drive: Prepared, models: Mapping[str, ExtendedModel] | None = None) -
     return Design(tuple(columns), *read_only(stacked))
 
 
-def read_only(*arrays: FloatArray) -> tuple[FloatArray, ...]:
-    """The arrays, which nobody can change any more."""
-    for array in arrays:
-        array.flags.writeable = False
-    return arrays
-
-
 def _lock(value: Any) -> None:
     """Make all arrays of nested records read-only."""
     if isinstance(value, np.ndarray):
@@ -142,3 +138,49 @@ def _lock(value: Any) -> None:
     elif is_dataclass(value):
         for field in fields(value):
             _lock(getattr(value, field.name))
+
+
+@dataclass(frozen=True)
+class DriveNoise:
+    """The noise of one drive."""
+
+    noise: Noise
+    inflation: FloatArray | None = None
+    """(w, 9) factors on the variances of single readings."""
+
+
+def fit(
+    drives: Sequence[Prepared],
+    model: Sequence[Design],
+    noise: Sequence[DriveNoise],
+    prior: Prior | None = None,
+) -> Fit:
+    """Fit a model to drives under their noise. ValueError where the three do not go together, or where the
+    drives do not determine a value."""
+    grams = [gram_of(drive, design, one) for drive, design, one in zip(drives, model, noise, strict=True)]
+    return solved(grams, prior or {})
+
+
+def gram_of(drive: Prepared, design: Design, noise: DriveNoise) -> Gram:
+    """A drive's Gram matrices under its noise."""
+    made = Whitener.of(drive.windows, noise.noise, drive.mask, noise.inflation)
+    y = drive.y if drive.y.ndim == 3 else drive.y[:, :, None]
+    replicates = y.shape[2]
+    white = made.apply(np.concatenate([y, design.columns], axis=2)).reshape(-1, y.shape[2] + len(design.keys))
+    return gram(design.keys, white[:, :replicates], white[:, replicates:], made.logdet)
+
+
+def redrawn(
+    drive: Prepared,
+    design: Design,
+    values: FloatArray,
+    noise: DriveNoise,
+    rng: np.random.Generator,
+    count: int,
+) -> Prepared:
+    """The drive with residuals (w, 9, count) drawn from the noise about a model's values (p,): replicates
+    whose design is fixed (parametric bootstrap; Davison and Hinkley 1997, section 2.2)."""
+    made = Whitener.of(drive.windows, noise.noise, drive.mask, noise.inflation)
+    expected = (design.columns @ values)[:, :, None]
+    y = np.where(drive.mask[:, :, None], made.simulate(rng, count) + expected, np.nan)
+    return replace(drive, y=read_only(y)[0])

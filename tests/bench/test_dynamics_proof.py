@@ -1,0 +1,52 @@
+"""The proof of vehicle dynamics: mirrored drivers, joined manoeuvres, tables in a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("vehiclemodels")
+
+from bench.campaigns.offline.dynamics_proof import PAUSE_S, SENSORS, joined, put, sided
+from bench.worlds.commonroad_car import Now
+
+
+def test_a_mirrored_driver_steers_to_the_other_side() -> None:
+    """What he sees is mirrored, and what he does: a driver who follows a line follows its mirror image."""
+
+    def driver(now: Now) -> tuple[float, float]:
+        return 0.1 * (3.0 - now.north_m) - 0.2 * now.heading_rad, 0.5
+
+    left = Now(1.0, 10.0, 1.0, 0.1, 20.0, 0.2, 0.3)
+    right = Now(1.0, 10.0, -1.0, -0.1, 20.0, -0.2, -0.3)
+
+    assert sided(driver, -1.0)(right) == (-driver(left)[0], 0.5)
+    assert sided(driver, 1.0)(left) == driver(left)
+
+
+def test_manoeuvres_are_joined_with_pauses() -> None:
+    """No block reaches over a pause, and the steering's rate is that of each manoeuvre."""
+    time = np.arange(0.0, 9.0, 0.01)
+    part = {
+        "time": time,
+        "steer": 0.01 * time,
+        **{name: np.ones(len(time)) for name in (*SENSORS, "drive", "brake")},
+    }
+    drive = joined([part, part])
+
+    assert np.diff(drive.time_s).max() == pytest.approx(PAUSE_S)
+    assert not drive.linked[len(time) - 1]
+    assert drive.inputs.steer_rate_radps == pytest.approx(0.01)
+
+
+def test_tables_go_between_their_marks(tmp_path: Path) -> None:
+    """The rest of the page stays; a page without the marks is refused."""
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- x -->\nold\n<!-- /x -->\nb\n")
+    put(page, {"x": "new"})
+
+    assert page.read_text() == "a\n<!-- x -->\nnew\n<!-- /x -->\nb\n"
+    with pytest.raises(ValueError, match="no marks"):
+        put(page, {"y": "new"})

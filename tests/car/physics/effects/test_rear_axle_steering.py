@@ -1,0 +1,62 @@
+"""Rear wheels that are steered."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
+from tpmsd.car.physics.forward import antenna_truth, wheel_rates
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import RL
+
+
+@pytest.mark.parametrize(("speed", "ratio"), [(5.0, -0.8), (15.0, 0.0), (45.0, 0.8)])
+def test_wheels_turn_against_the_bend_when_slow_and_with_it_when_fast(speed: float, ratio: float) -> None:
+    """At a third of the crossover (1 - 9) / (1 + 9) of the gain, at three times it as much with it: the path
+    of the rear axle leaves the body by that share of the angle that an unsteered rear needs in front."""
+    effect = make_effect("rear_axle_steering", gain=0.2, crossover_mps=15.0)
+    motion = steady(speed, 0.01 * speed)
+    truth = antenna_truth(motion, car(), ExtendedModel((effect,)))
+    course = math.atan2(truth.north_mps[0], truth.east_mps[0])
+
+    assert course == pytest.approx(0.2 * ratio * math.atan(2.63 * 0.01), abs=1e-12)
+
+
+def test_the_rear_wheels_roll_the_length_of_the_path() -> None:
+    """Of a path at 0.03 rad to the body a wheel rolls 1 / cos(0.03) of what the body moves forward."""
+    effect = make_effect("rear_axle_steering", gain=1.0, crossover_mps=1.0)
+    motion, vehicle = steady(40.0, 0.4), car()
+    plain = wheel_rates(motion, vehicle, ExtendedModel())[0, RL]
+    angle = (1600.0 - 1.0) / 1601.0 * math.atan(2.63 * 0.01)
+
+    assert wheel_rates(motion, vehicle, ExtendedModel((effect,)))[0, RL] / plain == pytest.approx(
+        1.0 / math.cos(angle), rel=1e-12
+    )
+
+
+def test_few_cars_have_it_and_none_the_other_sign() -> None:
+    """Odds of fifty against it, and of fifty more against rear wheels that turn the wrong way."""
+    cls = EFFECTS["rear_axle_steering"]
+
+    assert (cls.against(0.1), cls.against(-0.1)) == (4.0, 8.0)
+    assert not np.any(make_effect("rear_axle_steering", gain=0.2).axle_course_rad(steady(20.0)))
+
+
+def test_it_takes_slow_and_fast_bends() -> None:
+    """Bends at 5 and at 25 m/s show the change of sign; at one speed there is none, nor on a straight."""
+    cls, slow, fast = EFFECTS["rear_axle_steering"], steady(5.0, 0.1), steady(25.0, 0.1)
+    both = {
+        name: np.concatenate([getattr(slow, name), getattr(fast, name)])
+        for name in ("speed_mps", "yaw_rate_radps")
+    }
+    mixed = SimpleNamespace(**both)
+
+    assert cls.observable(mixed, car())  # type: ignore[arg-type]
+    assert not cls.observable(slow, car())
+    assert not cls.observable(fast, car())
+    assert not cls.observable(steady(20.0), car())

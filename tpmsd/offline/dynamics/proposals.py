@@ -1,0 +1,216 @@
+"""Which closed form takes the place of a term without a name, and the file of the catalogue that says so.
+
+In: a selection with a term without a name. Out: `Proposal`s: the expressions over covariates that bring most
+on held-out blocks with that term taken out; `dynamics_effect_file`, a module that defines the effect.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.base import UNITS
+from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, Unknown
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.dynamics.arrays import IntArray
+from tpmsd.offline.dynamics.columns import Probe, gram
+from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.look import fold_blocks
+from tpmsd.offline.dynamics.result import Proposal
+from tpmsd.offline.dynamics.search import Search
+
+PREFIX = "proposed_"
+MOST = 3
+"""Proposals, each over other covariates than those before it."""
+NATS_PER_COVARIATE = 3.0
+"""What a covariate more has to bring: odds of twenty."""
+EQUATIONS = {"force_x": "m/s2", "force_y": "m/s2", "moment": "rad/s2"}
+"""Equations, per mass or inertia, with the unit of what is added."""
+_RAISED = 1e-3
+
+
+def proposals(search: Search) -> tuple[Proposal, ...]:
+    """Return the best closed forms for what has no name; none where all has one."""
+    unnamed = [k for k, term in enumerate(search.terms) if isinstance(term.effect, Unknown)]
+    if not unnamed:
+        return ()
+    found = [one for on in _places(search, unnamed) for one in _forms_on(search, unnamed, on)]
+    best: list[Proposal] = []
+    for one in sorted(found, key=_order):
+        new = all(set(one.covariates) != set(other.covariates) for other in best)
+        if new and one.heldout_gain > 0.0 and len(best) < MOST:
+            best.append(one)
+    return tuple(best)
+
+
+def _order(one: Proposal) -> float:
+    """Return the more, the later: each covariate has its penalty."""
+    return NATS_PER_COVARIATE * len(one.covariates) - one.heldout_gain
+
+
+def _forms_on(search: Search, unnamed: Sequence[int], on: str) -> list[Proposal]:
+    """Return every form on one equation or output, fitted in the place of the terms without a name."""
+    columns, probes = search.own(0)
+    held = tuple(index for k in unnamed for index in columns[k].index)
+    values = tuple(-float(v) for k in unnamed for v in search.terms[k].values())
+    stay = joined([one for k, one in enumerate(columns) if k not in unnamed])
+    forms = expressions([name for name in COVARIATES if name != "time"])
+    covariates = search.covariates
+    weights = [np.asarray(form.values(covariates)) for form in forms]
+    probes += _probes(search, on, weights)
+    statistics = Statistics(gram(search.setup, search.theta, search.at, search.noise, probes))
+    out = []
+    for k, form in enumerate(forms):
+        size = float(np.sqrt(np.mean(weights[k] ** 2)))
+        if size > 0.0:
+            index = (len(probes) - len(forms) + k,)
+            added = Columns(index, np.zeros(1), np.array([(size / 10.0) ** 2]))
+            out.append(_judged(statistics, stay, added, held, values, form, on))
+    return out
+
+
+def _places(search: Search, unnamed: Sequence[int]) -> list[str]:
+    """Return the outputs that are named, and both lateral equations where one of them is."""
+    named = {str(getattr(search.terms[k].effect, "on", "")) for k in unnamed}
+    if named & {"force_y", "moment"}:
+        named |= {"force_y", "moment"}
+    return sorted(named)
+
+
+def _probes(search: Search, on: str, weights: Sequence[FloatArray]) -> list[Probe]:
+    time = search.setup.drive.time_s
+    ends = (float(time[0]), float(time[-1]))
+    raised = Unknown(knots=ends, heights=(_RAISED, _RAISED), on=on, over="time")
+    moved = (*search.theta, raised)
+    return [Probe(moved, _RAISED, one) for one in weights]
+
+
+def _judged(
+    statistics: Statistics,
+    stay: Columns,
+    added: Columns,
+    held: tuple[int, ...],
+    values: tuple[float, ...],
+    form: Expression,
+    on: str,
+) -> Proposal:
+    """Return a form fitted to all blocks, with its gain on blocks that took no part in the fit."""
+    both = joined([stay, added])
+    estimate, covariance = statistics.fit(both, held, values)
+    ratio = statistics.addition(stay, added, held, values).overdispersion
+    folds = fold_blocks(len(statistics.blocks.gradient))
+    fixed: FloatArray = np.array(values, dtype=np.float64)
+
+    def gained(blocks: IntArray | None, left_out: IntArray | None) -> float:
+        total = 0.0
+        for sign, free in ((1.0, both), (-1.0, stay)):
+            fitted = statistics.fit(free, held, values, left_out)[0] if free.index else np.zeros(0)
+            columns = (*free.index, *held)
+            total += sign * statistics.log_likelihood(columns, np.concatenate([fitted, fixed]), blocks)
+        return total
+
+    return Proposal(
+        name=f"{on}_{form.name}" if on in EQUATIONS else f"{on}_reading_{form.name}",
+        formula=form.formula,
+        covariates=form.covariates,
+        unit=form.unit,
+        on=on,
+        on_unit=EQUATIONS.get(on) or UNITS[on],
+        coefficient=float(estimate[-1]),
+        std=float(np.sqrt(covariance[-1, -1] * ratio)),
+        gain=gained(None, None),
+        heldout_gain=sum(gained(blocks, blocks) for blocks in folds),
+    )
+
+
+TEMPLATE = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.dynamics_effects.time_spline import covariate_of
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class {title}(DynamicsEffect):
+    """{what} = coefficient * {formula}.
+
+    Source: none yet. It was fitted to {source}, where it brings {heldout:.1f} nats on
+    held-out blocks; find the physics, its usual size and a better name before it is kept.
+    """
+
+    name = "{name}"
+    formula = "{what} = coefficient * {formula}"
+    sentence = "a closed form that was proposed and has no physics yet"
+    telling_drive = "repeat the drive with other values of {covariates}"
+    channel = "{channel}"
+    covariate = "{covariate}"
+    parameters = (
+        Parameter(
+            "coefficient",
+            "{unit}",
+            {value!r},
+            {lower!r},
+            {upper!r},
+            "fitted: {value:.4g} +- {std:.2g}",
+            probe={probe!r},
+            prior=Prior(0.0, {prior!r}, "the size that was fitted"),
+        ),
+    )
+    coefficient: float = 0.0
+
+    def {hook}(self, frame: Frame) -> None:
+        """Add it."""
+{reading}
+        value = self.coefficient * np.asarray({formula})
+        {result}
+'''
+
+
+def dynamics_effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
+    """Return the name of the effect (its file is called so) and the module's text; `source` says what was
+    fitted."""
+    name = PREFIX + proposal.name
+    source = re.sub(r"[^\w .,-]", "_", source)
+    value = float(f"{proposal.coefficient:.4g}")
+    on = proposal.on
+    if on in EQUATIONS:
+        size = "inertia" if on == "moment" else "mass"
+        what, hook, result = f"{on} / {size}", "add_forces", f"frame.{on} = frame.{on} + frame.{size} * value"
+        channel = {"force_x": "speed", "force_y": "accel_lat", "moment": "yaw_rate"}[on]
+    else:
+        what, hook, channel = f"error of {on}", "read", on
+        result = (
+            f'if "{on}" in frame.outputs:\n            frame.outputs["{on}"] = frame.outputs["{on}"] + value'
+        )
+    return name, TEMPLATE.format(
+        title="".join(word.capitalize() for word in name.split("_")),
+        name=name,
+        formula=proposal.formula,
+        on=on,
+        what=what,
+        source=source,
+        heldout=proposal.heldout_gain,
+        covariates=" and ".join(word.replace("_", " ") for word in proposal.covariates),
+        channel=channel,
+        covariate=proposal.covariates[0],
+        unit=f"{proposal.on_unit}/({proposal.unit})",
+        value=value,
+        lower=-20.0 * abs(value),
+        upper=20.0 * abs(value),
+        std=proposal.std,
+        probe=0.01 * abs(value),
+        prior=2.0 * abs(value),
+        hook=hook,
+        reading="\n".join(f'        {each} = covariate_of(frame, "{each}")' for each in proposal.covariates),
+        result=result,
+    )
