@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.onboard.alarms.play import Heard
-from bench.worlds.trips import STEP_S, Driven
+from bench.worlds.trip_road import STEP_S
+from bench.worlds.trips import Driven
 from tpmsd.car.config.model import MonitorConfig
 
 Row = dict[str, Any]
