@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -79,3 +81,22 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
     os.close(writer)
     assert b"through" == os.read(reader, 100)
     os.close(reader)
+
+
+def test_a_reader_that_has_gone_does_not_keep_files_from_being_written(tmp_path: Path) -> None:
+    """Standard output is a pipe that nobody reads any more, as after `| head`: the file is whole."""
+    code = (
+        "import sys\nfrom tpmsd.interfaces.cli.outputs import Outputs\n"
+        "outputs = Outputs(('--json', sys.argv[1]))\noutputs.say('report')\n"
+        "outputs.write({'--json': lambda: '{}'})\n"
+    )
+    reader, writer = os.pipe()
+    os.close(reader)
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-c", code, str(tmp_path / "a.json")], stdout=writer, check=False, timeout=60
+        )
+    finally:
+        os.close(writer)
+    assert 0 == ended.returncode
+    assert "{}" == (tmp_path / "a.json").read_text()

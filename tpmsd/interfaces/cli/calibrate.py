@@ -112,8 +112,7 @@ def run(args: argparse.Namespace) -> int:
         where = args.drives[at] if at is not None else ", ".join(str(drive) for drive in args.drives)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
     refuse_the_impossible(found, config)
-    if not outputs.fill_stdout:
-        print(summary(found), flush=True)
+    outputs.say(summary(found))
     if args.write is not None:
         write_vehicle(config, found, args.write)
     outputs.write(

@@ -68,8 +68,7 @@ def run(args: argparse.Namespace) -> int:
         refuse_without_drive(args)
     outputs = Outputs(("--json", args.json))
     document = _of_daemon(args) if args.drive is None else _of_drive(args.drive, args)
-    if not outputs.fill_stdout:
-        print(explanation_text(document), end="", flush=True)
+    outputs.say(explanation_text(document), end="")
     outputs.write({"--json": lambda: json_text(document)})
     return 0
 

@@ -25,6 +25,7 @@ from tpmsd.foundation.lean import import_on_demand, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
 from tpmsd.interfaces.cli.output import Subparsers
+from tpmsd.interfaces.cli.outputs import forget_stdout
 from tpmsd.interfaces.cli.parser import EXIT_CODES, Parser
 
 Commands = tuple[tuple[str, str, str], ...]
@@ -112,13 +113,13 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
         _say("interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        _forget_stdout()
+        forget_stdout()
         return 0  # who closed the pipe (`| head`) has seen enough
     except Exception as error:
         if os.environ.get("TPMSD_DEBUG"):
             traceback.print_exc()
         if isinstance(error, OSError):
-            _forget_stdout()  # it may be the disk under standard output that is full
+            forget_stdout()  # it may be the disk under standard output that is full
             if error.filename is not None and error.strerror:
                 _say(f"{_shortened(str(error.filename))}: {error.strerror}")
                 return 1
@@ -207,11 +208,3 @@ def _say(line: str) -> None:
     # Where nobody listens on standard error, the exit code still tells.
     with contextlib.suppress(OSError):
         print(f"tpmsd: {line}", file=sys.stderr)
-
-
-def _forget_stdout() -> None:
-    """Point standard output elsewhere, so that the interpreter's last flush does not fail once more."""
-    with contextlib.suppress(OSError, ValueError):
-        null = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(null, sys.stdout.fileno())
-        os.close(null)

@@ -61,6 +61,18 @@ class Outputs:
         """Whether an output goes to standard output, so that the report for people must not."""
         return STDOUT in self._targets.values()
 
+    def say(self, text: str, end: str = "\n") -> None:
+        """Print the report for people, unless an output goes to standard output.
+
+        A reader that has gone (`| head`) is no error: the files are written all the same.
+        """
+        if self.fill_stdout:
+            return
+        try:
+            print(text, end=end, flush=True)
+        except BrokenPipeError:
+            forget_stdout()
+
     def asked(self, option: str) -> bool:
         """Whether the command line has this option."""
         return option in self._targets
@@ -173,6 +185,14 @@ def _to_stdout(content: str | bytes) -> None:
     sys.stdout.flush()
 
 
+def forget_stdout() -> None:
+    """Point standard output elsewhere, so that the interpreter's last flush does not fail once more."""
+    with contextlib.suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
+
+
 def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
@@ -188,6 +208,5 @@ def say_verdict(reason: str | None, summary: Callable[[], str], outputs: Outputs
     if reason is not None:
         print(f"tpmsd: insufficient data: {reason}", file=sys.stderr)
         return EXIT_UNUSABLE
-    if not outputs.fill_stdout:
-        print(summary(), flush=True)
+    outputs.say(summary())
     return 0

@@ -79,8 +79,7 @@ def run(args: argparse.Namespace) -> int:
     equipment = _equipment(args)
     with Progress(1.0, "plan", rate=False) as progress:
         plan = planned(effects, equipment, library, args.max_duration, progress.update)
-    if not outputs.fill_stdout:
-        print(summary(plan), flush=True)
+    outputs.say(summary(plan))
     read = [one for one in (args.drive, args.vehicle) if one is not None]
     outputs.write(
         {

@@ -104,8 +104,7 @@ def run(args: argparse.Namespace) -> int:
     if table is not None and table.fixes_left_out:
         say(f"the tick table lacks {table.fixes_left_out} fixes: the receiver is faster than the ticks")
     origin = cache(lambda: provenance(REPLAY_SCHEMA, [args.drive], config.file))
-    if not outputs.fill_stdout:
-        print(replay_summary(result), flush=True)
+    outputs.say(replay_summary(result))
     outputs.write(
         {
             "--plot": lambda: _plot(result, args.plot),

@@ -58,8 +58,7 @@ def run(args: argparse.Namespace) -> int:
             )
         time.sleep(POLL_S)
     baseline: dict[str, Any] = document["baseline"]
-    if not outputs.fill_stdout:
-        print(printable(str(baseline.get("reset_reason", ""))), flush=True)
+    outputs.say(printable(str(baseline.get("reset_reason", ""))))
     outputs.write(
         {"--json": lambda: json_text({**provenance(SCHEMA, (), args.config), "baseline": baseline})}
     )

@@ -179,8 +179,7 @@ def run(args: argparse.Namespace) -> int:
         document = _play(args, spec, motion)
     if args.out is not None:
         document["folder"] = str(args.out)
-    if not outputs.fill_stdout:
-        print(summary(document), flush=True)
+    outputs.say(summary(document))
     outputs.write({"--json": lambda: json_text({**provenance(SCHEMA, (), args.vehicle), **document})})
     return 0
 

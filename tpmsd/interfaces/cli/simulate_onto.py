@@ -73,8 +73,7 @@ def run_onto(args: argparse.Namespace) -> int:
         changed, sha256 = _conceal(args, onto)
         document |= {"effects": [], "sealed": sha256, "concealed": args.conceal}
     document["changed"] = changed
-    if not outputs.fill_stdout:
-        print(summary(document), flush=True)
+    outputs.say(summary(document))
     origin = provenance(SCHEMA, [args.onto], config.file)
     outputs.write({"--json": lambda: json_text({**origin, **document})})
     return 0

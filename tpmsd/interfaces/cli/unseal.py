@@ -80,8 +80,7 @@ def run(args: argparse.Namespace) -> int:
         "seed": truth.get("seed"),
         **score(truth, report, untouched),
     }
-    if not outputs.fill_stdout:
-        print(unsealed_summary(document), flush=True)
+    outputs.say(unsealed_summary(document))
     origin = provenance(SCHEMA, [path, args.report], None)
     outputs.write({"--json": lambda: json_text({**origin, **document})})
     return 0
