@@ -82,12 +82,11 @@ class Life(RuleBasedStateMachine):
 
     @rule()
     def restart(self) -> None:
-        """The daemon, or the box, is switched off and on: tyre alarms stand again, at once."""
+        """The daemon, or the box, is switched off and on: what stood stands again, at once."""
         saved = json.loads(json.dumps(self.player.monitor.snapshot(), allow_nan=False))
         fresh = monitor(ALL)
         fresh.restore(saved)
         self.player.monitor = fresh
-        self.standing = {key: e for key, e in self.standing.items() if key[0] is not AlarmKind.MALFUNCTION}
         self.play(1.0, **PARKED)
 
     @rule(tyres=st.sampled_from([None, "default", "winter"]))
