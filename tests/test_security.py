@@ -39,9 +39,11 @@ ALLOWED_MODULES = {
     ("tpmsd/onboard/daemon/notify.py", "subprocess"),
     ("tpmsd/foundation/apart.py", "subprocess"),
     ("tpmsd/foundation/lean.py", "ctypes"),
+    ("tpmsd/offline/signals/fmu.py", "zipfile"),
 }
 """The simulator's receiver is a pseudo terminal; `[notify] command` is the one foreign program that is
-ever run, beside this one itself as the reader of a native format; the
+ever run, beside this one itself as the reader of a native format and an FMU that the user names, which is an
+archive whose members are checked before they are unpacked (`tests/offline/signals/test_fmu.py`); the
 C library's `mallopt` is called with two constants, by `tpmsd diagnose` alone."""
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__", "breakpoint"}
 FORBIDDEN_METHODS = {

@@ -29,6 +29,7 @@ STRUCTURE = {
     "monitor.leak_state.WEAR": "a place",
     "monitor.leak_state.WEEK_D": "a unit",
     "monitor.leak_state.WHEEL_SETS": "which wheels belong together",
+    "monitor.evidence.posterior.LEAST": "keeps a division by a probability of zero finite",
     "monitor.probability.MOST_STEPS": "terms of a series, by which it has converged to the last bit",
     "monitor.reference.CAR": "a place in an array, like the others of this module",
     "monitor.reference.GROWTH": "a place",

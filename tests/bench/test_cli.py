@@ -22,7 +22,7 @@ def test_the_list_names_every_campaign(capsys: pytest.CaptureFixture[str]) -> No
 @pytest.mark.parametrize("name", sorted(registry.CAMPAIGNS))
 def test_every_campaign_is_there_and_takes_its_own_options(name: str) -> None:
     """Its module is found, and it is the one that is asked for."""
-    needed = {"independent-look": ["DRIVE"], "injected": ["DRIVE"]}
+    needed = {name: ["DRIVE"] for name in ("independent-look", "injected", "vehicle-state-drive")}
 
     assert name == parse(["run", name, *needed.get(name, [])]).name
 

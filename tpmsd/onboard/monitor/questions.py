@@ -30,9 +30,6 @@ from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets
 from tpmsd.onboard.monitor.judge import Judgement
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, FIRST_START, JUDGE
 
-CAUSES = 3
-"""That a question names, the likeliest first."""
-
 
 @dataclass(frozen=True, slots=True)
 class Question:
@@ -152,7 +149,7 @@ class Questions:
         best = max(causes, key=lambda cause: cause[0])
         usual = DRIVE_EVIDENCE.models[0].name
         rivals = [(chance, (), name) for name, chance in models.items() if name != usual]
-        named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[:CAUSES]
+        named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[: JUDGE.named_causes]
         told = " or ".join(f"{what} ({chance:.2f})" for chance, _, what in named)
         return best[1], f"{told}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
 

@@ -111,6 +111,8 @@ class JudgeSettings:
     losses: tuple[float, float, int] = (0.0008, 0.05, 24)
     """Least and greatest relative loss considered and their number, in equal ratios: 0.46 % is a 20 % loss
     of pressure, 5 % a flat tyre."""
+    named_causes: int = 3
+    """Causes that a question names, the likeliest first: what a reader weighs at a glance."""
     alike_hold_s: float = 180.0
     """An alarm of all wheels rests on the receiver's speed alone, which is held against its positions over so
     long (`estimators.path_length`): a receiver whose speed drifts is a malfunction by then."""

@@ -37,7 +37,7 @@ from tpmsd.onboard.monitor.hypotheses import Table, Verdict
 
 Over = Literal["now", "minutes", "drive"]
 LEAST = 1e-300
-"""Keeps logarithms finite."""
+"""Keeps a division by a probability of zero finite."""
 
 
 @dataclass(frozen=True, slots=True)
