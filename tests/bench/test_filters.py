@@ -82,7 +82,7 @@ def test_either_filter_plays_every_piece() -> None:
 
 @pytest.mark.parametrize("method", filters.METHODS)
 def test_a_loss_in_a_real_drive_is_found_by_either(recordings: Path, method: str) -> None:
-    """1.4 mm within a minute on a recorded motorway: found, on its wheel."""
+    """1.4 mm within a minute on a recorded motorway: found, on its wheel, in the ten minutes of UN R141."""
     (row,) = filters.work((method, "loss", str(recordings / "van-motorway-b"), 2, 60))
     assert (method, True, "rl") == (row["method"], row["found"], row["wheel"])
-    assert 0.0 < row["delay_s"] < 120.0
+    assert 0.0 < row["delay_s"] < 600.0
