@@ -142,7 +142,7 @@ def _json(command: str, folder: Path, *more: str) -> dict[str, Any]:
     single = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     env = {**os.environ, **single}
     done = subprocess.run(call, cwd=REPO, env=env, capture_output=True, text=True, check=False)
-    if done.returncode:
+    if done.returncode and not done.stdout:  # too little data is a document, and exit code 3
         last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else ""
         return {"error": f"exit code {done.returncode}: {last.replace(str(folder), folder.name)}"}
     document = json.loads(done.stdout)
