@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -20,13 +19,11 @@ from numpy.typing import NDArray
 from tpmsd.car.config.model import Config
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.bounds import check_like, check_plain
-from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import Estimator, RadiusEstimate
 from tpmsd.onboard.estimators.build import build_estimator, monitored_wheels
 from tpmsd.onboard.estimators.guarded import GuardedEstimator
-from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.monitor.monitor import Monitor
-from tpmsd.onboard.monitor.records import AlarmEvent, MonitorReport
+from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.resonance.watch import ResonanceWatch
 from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
 from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
@@ -56,28 +53,6 @@ class Step(NamedTuple):
     """None where it is not asked for, or not known in this tick."""
 
 
-def stated(report: MonitorReport, scale_m: dict[str, float]) -> MonitorReport:
-    """Return the report with what a receiver's scale may do to each wheel's radius (m, by wheel) in its
-    standard deviation.
-
-    The scale s of a receiver makes every radius R seem R * s larger. It is independent of what the estimator
-    knows given the receiver, so the variances add; of a radius minus its baseline it is no part.
-    """
-    wheels = tuple(
-        [wheel._replace(std_m=math.hypot(wheel.std_m, scale_m[wheel.wheel])) for wheel in report.wheels]
-    )
-    if not report.active and not report.events:
-        return report._replace(wheels=wheels)
-    active, events = (tuple(_stated(one, scale_m) for one in told) for told in (report.active, report.events))
-    return report._replace(wheels=wheels, active=active, events=events)
-
-
-def _stated(event: AlarmEvent, scale_m: dict[str, float]) -> AlarmEvent:
-    if event.wheel is None:
-        return event
-    return replace(event, std_m=math.hypot(event.std_m, scale_m[event.wheel]))
-
-
 class Pipeline:
     """Decoder, assembler, timeline, estimator and monitor of one car."""
 
@@ -93,8 +68,6 @@ class Pipeline:
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
         self._config = config
-        radii = zip(WHEELS, config.vehicle.wheel_radius_m, strict=True)
-        self._scale_m = {wheel: SETTINGS.receiver_scale * radius_m for wheel, radius_m in radii}
         wheels = list(monitored_wheels(config))
         self.estimator = GuardedEstimator(
             self._new_estimator, wheels, np.array(config.vehicle.wheel_radius_m)
@@ -205,7 +178,7 @@ class Pipeline:
             heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
             report = self.monitor.update(tick, estimate, heard, agreement)
             state = None if self.vehicle_state is None else self._state(self.vehicle_state, tick, estimate)
-            steps.append(Step(tick, estimate, stated(report, self._scale_m), state))
+            steps.append(Step(tick, estimate, report, state))
         return steps
 
     def _state(

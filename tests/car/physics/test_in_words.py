@@ -8,7 +8,7 @@ import pytest
 
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.effect import Parameter
-from tpmsd.car.physics.in_words import Told, clause, noun, rounded, told
+from tpmsd.car.physics.in_words import FoundValue, clause, found_value, noun, rounded
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,9 @@ from tpmsd.car.physics.in_words import Told, clause, noun, rounded, told
 def test_a_finding_is_a_clause(name: str, values: dict[str, tuple[float, float]], said: str) -> None:
     """Values in units that people read, with a word for their sign; only what was found is said."""
     units = {p.name: p.unit for p in EFFECTS[name].parameters}
-    assert said == clause(name, {key: told(name, key, *pair, units[key]) for key, pair in values.items()})
+    assert said == clause(
+        name, {key: found_value(name, key, *pair, units[key]) for key, pair in values.items()}
+    )
 
 
 @pytest.mark.parametrize("name", list(EFFECTS))
@@ -51,8 +53,8 @@ def test_every_effect_is_told_with_its_numbers(name: str) -> None:
     fitted = {p.name for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0}
     assert fields <= {p.name for p in effect.parameters} | {"wheels"}
     assert not effect.answers or fitted <= fields
-    values: dict[str, Told | str] = {
-        p.name: told(name, p.name, p.typical, 0.1 * abs(p.typical), p.unit)
+    values: dict[str, FoundValue | str] = {
+        p.name: found_value(name, p.name, p.typical, 0.1 * abs(p.typical), p.unit)
         if isinstance(p, Parameter)
         else "rear"
         for p in effect.parameters
@@ -63,7 +65,7 @@ def test_every_effect_is_told_with_its_numbers(name: str) -> None:
 
 def test_what_has_no_words_says_its_name_and_numbers() -> None:
     """An effect of a user's own is told by its name, without an error."""
-    assert clause("own_effect", {"size_m": Told(0.5, 0.1, "m")}) == "own_effect (size 0.50 +- 0.10 m)"
+    assert clause("own_effect", {"size_m": FoundValue(0.5, 0.1, "m")}) == "own_effect (size 0.50 +- 0.10 m)"
     assert noun("own_effect") == "own effect"
 
 

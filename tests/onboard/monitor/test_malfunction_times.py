@@ -155,7 +155,7 @@ def test_a_malfunction_of_a_missing_signal_stands_again_after_a_restart(
     before.until("raised", **wrong(kind))  # type: ignore[arg-type]
     saved = json.loads(json.dumps(before.watch.to_json()))
     assert name in [entry["of"] for entry in saved]
-    after.watch.take_up(saved)
+    after.watch.restore(saved)
     assert [(one.reason, one.time_s) for one in before.watch.standing] == [
         (one.reason, one.time_s) for one in after.watch.standing
     ]
@@ -184,7 +184,7 @@ def test_what_is_no_malfunction_is_not_taken_up(saved: object) -> None:
     ticks.until("raised", lost=(1,))
     standing = ticks.watch.standing
     with pytest.raises((ValueError, KeyError, TypeError)):
-        ticks.watch.take_up(saved)  # type: ignore[arg-type]
+        ticks.watch.restore(saved)  # type: ignore[arg-type]
     assert standing == ticks.watch.standing
 
 

@@ -124,9 +124,9 @@ class Effect:
     sentence: ClassVar[str] = ""
     """What it is, as a clause for reports; the docstring's first line where it is empty."""
     noun: ClassVar[str] = ""
-    """What it is called within a sentence."""
+    """Name of the effect within a sentence."""
     answers: ClassVar[tuple[str, ...]] = ()
-    """What is said of it once it is found: format strings over its parameters (`in_words`), each said where
+    """Clauses for an effect that was found: format strings over its parameters (`in_words`), each used where
     all of its parameters were found."""
     telling_drive: ClassVar[str] = ""
     """What to drive so that it shows beside what resembles it."""
@@ -138,9 +138,9 @@ class Effect:
     one_sign: ClassVar[bool] = False
     """Whether only one sign is physically possible (positive) of its first parameter."""
     common: ClassVar[bool] = False
-    """Whether every car has some of it, so that it is expected beside others of the kind."""
+    """True where every car has some of it: it is expected, jointly with others of the kind."""
     rare: ClassVar[bool] = False
-    """Whether few drives show it: it costs odds of fifty, and no noise is estimated beside it."""
+    """True where few drives show it: it costs odds of fifty, and no noise is estimated jointly with it."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
     `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`,

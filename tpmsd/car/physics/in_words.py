@@ -33,7 +33,7 @@ SCALES: dict[str, float] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class FoundValue:
     """A found number, as a format string of an effect's answer shows it.
 
     The format is `[size | just] [UNIT]`: `size` drops the sign of the difference from neutral, `just` the
@@ -78,7 +78,7 @@ def rounded(value: float, std: float | None, with_std: bool = True) -> str:
     return f"{value:.{shown}f}" + (f" +- {std:.{shown}f}" if with_std else "")
 
 
-def clause(name: str, values: Mapping[str, Told | str]) -> str:
+def clause(name: str, values: Mapping[str, FoundValue | str]) -> str:
     """Return what was found of an effect, as a clause: of its answers those whose parameters were found.
 
     One that has none for these says its sentence and its numbers.
@@ -105,10 +105,10 @@ def plain(parameter: str) -> str:
     return " ".join(words[:-1] if len(words) > 1 and words[-1] in ("s", "m", "rad", "mps", "mps2") else words)
 
 
-def told(name: str, parameter: str, value: float, std: float | None, unit: str) -> Told:
+def found_value(name: str, parameter: str, value: float, std: float | None, unit: str) -> FoundValue:
     """Return a found number with its neutral value, by the names of effect and parameter."""
     known = parameters_of(name).get(parameter) if name in EFFECTS else None
-    return Told(value, std, unit, known.neutral if isinstance(known, Parameter) else 0.0)
+    return FoundValue(value, std, unit, known.neutral if isinstance(known, Parameter) else 0.0)
 
 
 def noun(name: str) -> str:

@@ -27,21 +27,21 @@ FILTERS = ("ekf", "ukf", "upf", "arupf")
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """What the estimator assumes of sensors and model, each with its unit and reason."""
+    """Assumptions about sensors and model, each with its unit and reason."""
 
     noise: Noise = field(default_factory=lambda: Noise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3)))
     """Process: what a tyre model of a car known by its data sheet leaves, per square root of a second.
     Readings: a body-fixed accelerometer leans with the roll (0.6 m/s2 at 6 m/s2 and 6 degrees per g), a
     production gyro has a bias of 1 deg/s at most, wheel speeds are within 1 % of 30 m/s."""
     correlated_s: float = 0.1
-    """What lateral acceleration and speed are wrong by lasts for so long (roll, tyres): at shorter ticks
+    """Correlation time of the errors of lateral acceleration and speed (roll, tyres), s: at shorter ticks
     their variances are those above times this over the tick."""
     start_side_slip_rad: float = 0.05
     """Standard deviation of the side slip where an estimate begins, in a bend or out of one."""
     start_speed_mps: float = 0.3
-    """The same of the speed ..."""
+    """Standard deviation of the speed there, m/s."""
     start_yaw_rate_radps: float = 0.05
-    """... and of the yaw rate."""
+    """Standard deviation of the yaw rate there, rad/s."""
     hold_s: float = 1.0
     """For so long the last steering angle and acceleration stand in for missing ones."""
     deaf_s: float = 2.0

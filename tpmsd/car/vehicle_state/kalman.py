@@ -24,7 +24,7 @@ SIGMA = sigma_weights(3)
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What the filters assume; standard deviations."""
+    """Standard deviations of process and readings that the filters assume."""
 
     process: tuple[float, float, float] = (0.30, 0.10, 0.15)
     """Random walk of v, u (m/s) and r (rad/s) per square root of a second: what tyres and sensors' inputs

@@ -88,13 +88,13 @@ def _sentence(finding: Finding) -> str:
     return f"{_capital(said)}."
 
 
-def _values(effect: str, parameters: Mapping[str, Quantity]) -> dict[str, in_words.Told | str]:
-    out: dict[str, in_words.Told | str] = {}
+def _values(effect: str, parameters: Mapping[str, Quantity]) -> dict[str, in_words.FoundValue | str]:
+    out: dict[str, in_words.FoundValue | str] = {}
     for name, one in parameters.items():
         if isinstance(one.value, str):
             out[name] = _wheels(one.value)
         else:
-            out[name] = in_words.told(effect, name, one.value, one.std, one.unit)
+            out[name] = in_words.found_value(effect, name, one.value, one.std, one.unit)
     return out
 
 

@@ -55,14 +55,6 @@ class EstimatorSettings:
     chord_noise_m: tuple[float, float] = (0.1, 0.33)
     """Noise of a short chord: a + b times the stated errors; the correlated part of the errors cancels."""
 
-    # -- what is stated of a radius (`pipeline`) --
-
-    receiver_scale: float = 0.001
-    """Standard deviation of a scale that a receiver has in speeds and positions alike. Nothing in the car
-    tells it from the common radius: it adds to what is stated of a radius, and cancels in changes. Three of
-    them are 0.3 %, which rounding to 0.1 knots does at 17 m/s, and by which `path_length` lets ways and
-    speeds part."""
-
     # -- which fixes are used (`fix_gate`) --
 
     refuse_distance: float = 6.0

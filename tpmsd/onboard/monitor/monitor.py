@@ -35,7 +35,7 @@ from tpmsd.onboard.monitor.records import (
     WheelState,
 )
 from tpmsd.onboard.monitor.saved_alarms import alarm_from_json, alarm_to_json
-from tpmsd.onboard.monitor.settings import JUDGE
+from tpmsd.onboard.monitor.settings import JUDGE, STATED
 from tpmsd.onboard.monitor.signal_watch import SignalWatch, Watching
 from tpmsd.onboard.monitor.slow_leak import SlowLeakWatch
 from tpmsd.onboard.monitor.tyre_sets import TyreSets
@@ -77,6 +77,8 @@ class Monitor:
                 settings.clear_hold_s,
             )
 
+        self._scale_m2 = [(STATED.receiver_scale * radius_m) ** 2 for radius_m in vehicle.wheel_radius_m]
+        """(4,) variance of a radius by a scale of the receiver: part of what is stated, not of a change."""
         self._alarms = {
             (kind, wheel): hysteresis()
             for kind in (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
@@ -219,7 +221,7 @@ class Monitor:
                 std = math.sqrt(float(estimate.covariance_m2[turned.wheel, turned.wheel]))
                 pressure, pressure_std = self._judge.pressure_loss(turned.wheel, -turned.loss_m, std)
             about = (turned.kind, turned.wheel, turned.state, turned.probability, turned.reason)
-            event = _event(tick, estimate, *about, (pressure, pressure_std), BEFORE)
+            event = self._event(tick, estimate, *about, (pressure, pressure_std), BEFORE)
             if turned.state == "raised":
                 self._standing[(turned.kind, turned.wheel)] = event
             else:
@@ -265,7 +267,9 @@ class Monitor:
             if judged.all_larger > JUDGE.undecided and turned == "raised":
                 reason += "; all wheels alike: other tyres (then: tpmsd reset --tyres NAME), or the receiver"
         reason = f"no longer so: {reason}" if turned == "cleared" else reason
-        event = _event(tick, estimate, kind, wheel, turned, probability, reason, (pressure, pressure_std))
+        event = self._event(
+            tick, estimate, kind, wheel, turned, probability, reason, (pressure, pressure_std)
+        )
         if turned == "raised":
             self._standing[(kind, wheel)] = event
         else:
@@ -307,7 +311,7 @@ class Monitor:
             if self._standing.pop((kind, wheel), None) is None:
                 continue
             reason = f"taken back by a reset: {self._sets.reason}"
-            events.append(_event(tick, estimate, kind, wheel, "cleared", 0.0, reason))
+            events.append(self._event(tick, estimate, kind, wheel, "cleared", 0.0, reason))
         self._taken_back.clear()
         return events
 
@@ -316,6 +320,33 @@ class Monitor:
         return self._why.document(report, self._signals.standing, self._sets)
 
     # -- reports ---------------------------------------------------------------------------------------------
+
+    def _event(
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        kind: AlarmKind,
+        wheel: int,
+        state: Literal["raised", "cleared"],
+        probability: float,
+        reason: str,
+        pressure_loss: tuple[float, float] = (math.nan, math.nan),
+        since: str = "",
+    ) -> AlarmEvent:
+        """Return the alarm of a wheel at this moment; `pressure_loss`: share and its standard deviation."""
+        return AlarmEvent(
+            time_s=tick.host_time_s,
+            kind=kind,
+            wheel=WHEELS[wheel],
+            state=state,
+            deviation_m=float(estimate.deviation_m[wheel]),
+            std_m=_std(float(estimate.covariance_m2[wheel, wheel]) + self._scale_m2[wheel]),
+            probability=probability,
+            reason=reason,
+            pressure_loss=pressure_loss[0],
+            pressure_loss_std=pressure_loss[1],
+            since=since,
+        )
 
     def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
         if self._cached[0] is not self._judged:
@@ -334,7 +365,7 @@ class Monitor:
             else sound
             for wheel, off_m in enumerate(deviation)
         ]
-        std = [_std(one) for one in variance]
+        std = [_std(known + scale) for known, scale in zip(variance, self._scale_m2, strict=True)]
         if not self._trusted:
             deviation = std = [math.nan] * 4
         make, rows = WheelReport._make, zip(WHEELS, states, deviation, std, self._cached[1], strict=True)
@@ -370,7 +401,7 @@ class Monitor:
             if "leaks" in saved:  # states of before have none
                 leaks.take_up(saved["leaks"])
             signals = SignalWatch(self._settings, self._wheels)
-            signals.take_up(saved.get("malfunctions", []))  # states of before have none
+            signals.restore(saved.get("malfunctions", []))  # states of before have none
             self._sets.take_up(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
@@ -387,33 +418,6 @@ class Monitor:
             self._standing[key] = event
         self._first.stand(key for key, event in self._standing.items() if event.since)
         self._learning = self.learning()
-
-
-def _event(
-    tick: Tick,
-    estimate: RadiusEstimate,
-    kind: AlarmKind,
-    wheel: int,
-    state: Literal["raised", "cleared"],
-    probability: float,
-    reason: str,
-    pressure_loss: tuple[float, float] = (math.nan, math.nan),
-    since: str = "",
-) -> AlarmEvent:
-    """Return the alarm of a wheel at this moment; `pressure_loss`: share and its standard deviation."""
-    return AlarmEvent(
-        time_s=tick.host_time_s,
-        kind=kind,
-        wheel=WHEELS[wheel],
-        state=state,
-        deviation_m=float(estimate.deviation_m[wheel]),
-        std_m=_std(float(estimate.covariance_m2[wheel, wheel])),
-        probability=probability,
-        reason=reason,
-        pressure_loss=pressure_loss[0],
-        pressure_loss_std=pressure_loss[1],
-        since=since,
-    )
 
 
 def _std(variance: float) -> float:

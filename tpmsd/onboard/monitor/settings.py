@@ -306,6 +306,17 @@ class TyreSetSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class StatedSettings:
+    """Standard deviations of radii in reports and alarms."""
+
+    receiver_scale: float = 0.001
+    """Standard deviation of a scale that a receiver has in speeds and positions alike: R * s of a radius R.
+    Nothing in the car tells it from the common radius; it cancels in changes. Three of them are 0.3 %, which
+    rounding to 0.1 knots does at 17 m/s, and by which `estimators.path_length` lets positions and speeds
+    differ."""
+
+
+@dataclass(frozen=True, slots=True)
 class MonitorSettings:
     """All of them, by concern."""
 
@@ -316,6 +327,7 @@ class MonitorSettings:
     slip_slope: SlipSlopeSettings = field(default_factory=SlipSlopeSettings)
     level: LevelSettings = field(default_factory=LevelSettings)
     judge: JudgeSettings = JudgeSettings()
+    stated: StatedSettings = StatedSettings()
     first_start: FirstStartSettings = FirstStartSettings()
     signals: SignalSettings = SignalSettings()
     configuration: ConfigurationSettings = ConfigurationSettings()
@@ -335,6 +347,7 @@ DRIVE_EVIDENCE = SETTINGS.drive_evidence
 SLIP_SLOPE = SETTINGS.slip_slope
 LEVEL = SETTINGS.level
 JUDGE = SETTINGS.judge
+STATED = SETTINGS.stated
 FIRST_START = SETTINGS.first_start
 SIGNALS = SETTINGS.signals
 CONFIGURATION = SETTINGS.configuration

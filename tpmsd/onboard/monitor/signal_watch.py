@@ -188,7 +188,7 @@ class SignalWatch:
             if one.raised is not None
         ]
 
-    def take_up(self, saved: list[dict[str, Any]]) -> None:
+    def restore(self, saved: list[dict[str, Any]]) -> None:
         """Let those stand that were saved, and no other of their kind. ValueError, KeyError or TypeError
         (nothing taken up) for what is none."""
         times = {

@@ -64,7 +64,7 @@ class Candidates:
         designs = [np.concatenate([self.design(terms), column], axis=1) for column in columns]
         return np.array([self.evidence.fit(design).gain for design in designs]) - self.gain(terms)
 
-    def _worth(self, terms: Sequence[Term]) -> float:
+    def _margin(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of calibration and terms, less what these cost."""
         return self.gain(terms) - sum(term.penalty for term in terms)
 

@@ -68,8 +68,10 @@ class Selector(Candidates):
                 break
             exchanged = self._prune(self._named(self._exchanged_patterns(self._exchange(chosen + best))))
             # What was exchanged may then fall for its scatter, and leave less than there was.
-            added = exchanged if self._worth(exchanged) >= self._worth(chosen) else self._prune(chosen + best)
-            if self._worth(added) < self._worth(chosen):
+            added = (
+                exchanged if self._margin(exchanged) >= self._margin(chosen) else self._prune(chosen + best)
+            )
+            if self._margin(added) < self._margin(chosen):
                 break
             chosen = added
             state = frozenset(id(term.design) for term in chosen)
@@ -308,10 +310,10 @@ class Selector(Candidates):
             for other in [term for term in chosen if term is not shape]:
                 rest = [term for term in chosen if term is not shape and term is not other]
                 trials = [[*rest, *terms] for terms in options]
-                best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._worth)
+                best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._margin)
                 if (
                     best is not chosen
-                    and self._worth(best) > self._worth(chosen) + SETTINGS.selection.exchange_nats
+                    and self._margin(best) > self._margin(chosen) + SETTINGS.selection.exchange_nats
                 ):
                     return self._exchanged_patterns(best)
         return chosen
@@ -332,13 +334,13 @@ class Selector(Candidates):
         for shape in [term for term in chosen if term.free and not term.pulse]:
             others = [term for term in chosen if term is not shape]
             ahead = handicap(shape) * (self.gain(chosen) - self.gain(others))
-            must = self._worth(chosen) - ahead + SETTINGS.selection.exchange_nats
+            must = self._margin(chosen) - ahead + SETTINGS.selection.exchange_nats
             for rest in (others, [t for t in others if t.kind_of.shows_in[1] != shape.covariate]):
                 for _, terms in self.pairs_over(shape.covariate, rest)[: SETTINGS.selection.pairs_tried]:
                     named = self._prune([*rest, *terms])
-                    if self._worth(named) > must and self._sane(named):
+                    if self._margin(named) > must and self._sane(named):
                         return self._named(named)
-            usual = self._usual_set(others, shape, self._worth(chosen) - ahead)
+            usual = self._usual_set(others, shape, self._margin(chosen) - ahead)
             if usual:
                 return self._named(usual)
         return chosen
@@ -352,7 +354,7 @@ class Selector(Candidates):
         gram, b = self.evidence.projected(self.design(rest))
         found = max((best_set(usual, gram, b) for usual in self._usual(rest)), key=lambda one: one.log_bayes)
         named = [*rest, *found.terms]
-        better = self._worth(rest) + found.log_bayes > worth + SETTINGS.selection.exchange_nats
+        better = self._margin(rest) + found.log_bayes > worth + SETTINGS.selection.exchange_nats
         return named if found.terms and better and self._sane(named) else []
 
     def _usual(self, beside: list[Term]) -> list[list[Term]]:
