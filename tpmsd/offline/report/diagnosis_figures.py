@@ -5,6 +5,8 @@ In: `Diagnosis`, `Finding`, replays without and with the model. Out: `Chart`s, `
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -25,6 +27,30 @@ _UNSURE = 3.0
 """Times the median standard deviation: what is less certain is not drawn."""
 READINGS = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}
 """Channels whose nonparametric terms are a reading minus the truth; of the others they are a radius."""
+
+
+class Traced(Protocol):
+    """Means of residuals over a covariate, in standard deviations, of any baseline."""
+
+    @property
+    def covariate(self) -> str:
+        """Name of the covariate."""
+        ...
+
+    @property
+    def middle(self) -> FloatArray:
+        """(n,) middles of the bins, in the covariate's unit."""
+        ...
+
+    @property
+    def before(self) -> FloatArray:
+        """(n,) means without the effect."""
+        ...
+
+    @property
+    def after(self) -> FloatArray:
+        """(n,) means with it."""
+        ...
 
 
 def covariate_label(covariate: str) -> str:
@@ -57,10 +83,16 @@ def spline_chart(finding: Finding) -> Chart | None:
 
 def trace_chart(trace: Trace) -> Chart:
     """Residual over the covariate at which a finding is located, without it and with it."""
+    title = f"Residual over {covariate_name(trace.covariate)}, before and after"
+    return before_after_chart(title, "residual (standard deviations)", trace)
+
+
+def before_after_chart(title: str, label: str, trace: Traced) -> Chart:
+    """Return the means of residuals over a covariate without an effect and with it, noise as a band."""
     return Chart(
-        f"Residual over {covariate_name(trace.covariate)}, before and after",
+        title,
         covariate_label(trace.covariate),
-        "residual (standard deviations)",
+        label,
         trace.middle,
         (
             Curve("without this effect", trace.before, "before", dots=True),

@@ -21,7 +21,7 @@ from tpmsd.offline.dynamics.summary import (
     summary_sentences,
 )
 from tpmsd.offline.report.decimation import decimated
-from tpmsd.offline.report.diagnosis_figures import NOISE_STD, covariate_label
+from tpmsd.offline.report.diagnosis_figures import before_after_chart, covariate_label
 from tpmsd.offline.report.figures import Bars, Chart, Curve
 from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
 from tpmsd.offline.report.replay_charts import TIME_LABEL
@@ -224,18 +224,8 @@ def residual_chart(finding: DynamicsFinding) -> Chart | None:
     one = finding.residuals
     if one is None:
         return None
-    return Chart(
-        f"Residual of the {OUTPUT_NAMES[finding.where.channel]} over {covariate_name(one.covariate)}",
-        covariate_label(one.covariate),
-        "mean residual (standard deviations)",
-        one.middle,
-        (
-            Curve("without this effect", one.before, "before", dots=True),
-            Curve("with it", one.after, "after", dots=True),
-        ),
-        noise=(-NOISE_STD, NOISE_STD),
-        noise_name=f"±{NOISE_STD:.0f} standard deviations of noise",
-    )
+    title = f"Residual of the {OUTPUT_NAMES[finding.where.channel]} over {covariate_name(one.covariate)}"
+    return before_after_chart(title, "mean residual (standard deviations)", one)
 
 
 def shape_chart(finding: DynamicsFinding) -> Chart | None:
