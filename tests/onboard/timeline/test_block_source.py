@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -20,6 +21,7 @@ from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.bus_layouts import BUS_KINDS
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.sources.ahead.decoded_block import Reason
 from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick_source import TickSource
@@ -201,3 +203,26 @@ def test_a_standing_car_on_a_full_bus(tmp_path: Path) -> None:
             full.append(f"{stamp} can0 20000080#0000000000000000")
     (tmp_path / "can.log").write_text("\n".join(full) + "\n", "ascii")
     assert_same(tmp_path, 0.93)
+
+
+def test_what_ends_a_range_is_counted(tmp_path: Path) -> None:
+    """A lost frame ends one range more than the sound log has, a wheel that jumps another, each by its name;
+    values that are doubted behind the jump end one more."""
+
+    def ended(name: str, change: Change) -> Counter[str]:
+        log, others = lines()
+        changed, folder = list(log), tmp_path / name
+        change(changed, next(at for at, line in enumerate(log) if at > len(log) // 2 and " 0B0#" in line))
+        folder.mkdir()
+        for file, content in others.items():
+            (folder / file).write_bytes(content)
+        (folder / "can.log").write_text("\n".join(changed) + "\n", "ascii")
+        config = load_config(folder)
+        stream, database = FolderRecording(folder).open(config)
+        blocks = BlockSource(TickSource(config, database))
+        list(play(stream, blocks))
+        return blocks.ended
+
+    sound = ended("sound", lambda log, at: None)
+    assert Counter({Reason.ARRIVAL: 1}) == ended("lost", lambda log, at: log.pop(at)) - sound
+    assert Counter({Reason.READING: 1, Reason.UNUSABLE: 1}) == ended("jump", damage(32, "FFFF")) - sound

@@ -34,7 +34,7 @@ class HeadWind(Effect):
     )
     sentence = "driven wheels slip more against the wind than with it"
     noun = "wind"
-    answers = ("the wind blows from the east by {east_mps}", "the wind blows from the north by {north_mps}")
+    answers = ("the wind blows from the east at {east_mps}", "the wind blows from the north at {north_mps}")
     telling_drive = "drive the same fast road there and back in the wind"
     shows_in = ("wheel_ratio", "time")
     needs = ("gnss", "both_axles")
