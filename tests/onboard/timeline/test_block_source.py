@@ -205,9 +205,14 @@ def test_a_standing_car_on_a_full_bus(tmp_path: Path) -> None:
     assert_same(tmp_path, 0.93)
 
 
+def no_wheels(log: list[str]) -> list[str]:
+    """The lines of other messages than that of the wheels."""
+    return [line for line in log if " 0B0#" not in line]
+
+
 def test_what_ends_a_range_is_counted(tmp_path: Path) -> None:
-    """A lost frame ends one range more than the sound log has, a wheel that jumps another, each by its name;
-    values that are doubted behind the jump end one more."""
+    """A lost frame ends one range more than the sound log has, a message that is silent or a wheel that jumps
+    another, each by its name; values that are doubted behind the jump end one more."""
 
     def ended(name: str, change: Change) -> Counter[str]:
         log, others = lines()
@@ -225,4 +230,8 @@ def test_what_ends_a_range_is_counted(tmp_path: Path) -> None:
 
     sound = ended("sound", lambda log, at: None)
     assert Counter({Reason.ARRIVAL: 1}) == ended("lost", lambda log, at: log.pop(at)) - sound
+    silent = ended(
+        "silent", lambda log, at: log.__setitem__(slice(at, at + 400), no_wheels(log[at : at + 400]))
+    )
+    assert 1 == (silent - sound)[Reason.SILENCE]
     assert Counter({Reason.READING: 1, Reason.UNUSABLE: 1}) == ended("jump", damage(32, "FFFF")) - sound
