@@ -285,6 +285,20 @@ def test_wheels_lost_while_driving_are_a_malfunction() -> None:
     assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
 
 
+def test_wheels_that_are_lost_stay_a_malfunction_after_a_restart() -> None:
+    """The malfunction stands again in a fresh monitor from its saved state, until the wheels are back."""
+    player = Player(monitor(ALL), dt_s=0.5)
+    player.play(70.0)
+    assert [(None, "raised")] == malfunctions(player.play(60.0, lost=ALL, informative=False))
+
+    saved = json.loads(json.dumps(player.monitor.snapshot(), allow_nan=False))
+    player.monitor = monitor(ALL)
+    player.monitor.restore(saved)
+    assert [] == malfunctions(player.play(1.0, lost=ALL, informative=False))
+    assert [AlarmKind.MALFUNCTION] == [event.kind for event in player.last.active]
+    assert [(None, "cleared")] == malfunctions(player.play(15.0))
+
+
 def test_a_short_loss_is_none() -> None:
     """Ten times ten seconds without wheels, each followed by good driving, do not add up."""
     player = learned()
