@@ -59,7 +59,7 @@ def _draw_output(axes: Axes, diagnosis: DynamicsDiagnosis, name: str, first: boo
         axes.plot(chart.x, curve.y, lw=0.8, label=curve.name, **line_style(curve.style))
     axes.set(ylabel=chart.y_label, xlabel="time since the start (s)")
     if first:
-        axes.legend(frameon=False, fontsize=8, ncols=3, loc="upper right")
+        axes.legend(frameon=False, fontsize=8, ncols=3, loc="lower right", bbox_to_anchor=(1.0, 0.98))
 
 
 def _draw_steps(axes: Axes, diagnosis: DynamicsDiagnosis) -> None:

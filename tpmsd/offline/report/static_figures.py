@@ -11,6 +11,7 @@ import datetime
 import io
 import math
 import re
+import textwrap
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
@@ -33,6 +34,8 @@ from tpmsd.offline.report.wording import drive_time, time_step
 
 WIDTH_IN, HEIGHT_IN, BAR_IN = 5.8, 2.7, 0.25
 """On a page of 180 mm (A4) letters of 10 pt come out at 12 pt, on a phone of 400 pixels at 9 pixels."""
+NAME_CHARACTERS = 30
+"""Longer names of bars are broken, so that the bars keep most of the width."""
 POINTS = 700
 DPI = 72
 """That of SVG files: one pixel is one point."""
@@ -164,7 +167,9 @@ def _level_name(axes: Axes, at: float, name: str, style: str) -> None:
 
 
 def _bars(bars: Bars) -> Canvas:
-    canvas, axes = _canvas(0.8 + BAR_IN * max(len(bars.rows), 1))
+    names = [textwrap.fill(name, NAME_CHARACTERS) for name, _, _ in bars.rows]
+    lines = max((name.count("\n") + 1 for name in names), default=1)
+    canvas, axes = _canvas(0.8 + BAR_IN * lines * max(len(names), 1))
     values = np.array([max(value, 0.0) for _, value, _ in bars.rows])
     axes.grid(axis="x", linewidth=0.5)
     axes.set_axisbelow(True)
@@ -179,7 +184,7 @@ def _bars(bars: Bars) -> Canvas:
     else:
         axes.set_xlim(0.0, max(float(values.max(initial=0.0)), 1e-9) * 1.18)
     axes.barh(positions, values, color=colours, height=0.7)
-    axes.set_yticks(positions, [name for name, _, _ in bars.rows])
+    axes.set_yticks(positions, names)
     for position, value in zip(positions, values, strict=True):
         text = _thousands(value)
         axes.annotate(text, (value, position), (4, 0), textcoords="offset points", va="center", fontsize=9)
