@@ -594,7 +594,17 @@ LARGEST_STD_M = 1.0e-3
 
 
 def problems(result: Soaked) -> list[str]:
-    """What is not as it should be, one line each."""
+    """Return the defects of a run, one line each."""
+    return [
+        *alarm_problems(result),
+        *resource_problems(result),
+        *radius_problems(result),
+        *tick_problems(result),
+    ]
+
+
+def alarm_problems(result: Soaked) -> list[str]:
+    """Return false alarms before the puncture at the end, and what is wrong about its own."""
     wrong: list[str] = []
     puncture_s = result.puncture_s
     false = [alarm for alarm in result.tyre_alarms if alarm[0] < puncture_s]
@@ -606,6 +616,12 @@ def problems(result: Soaked) -> list[str]:
         wrong.append("the puncture at the end was not found")
     if any(wheel != "rr" for _, _, wheel, _ in found):
         wrong.append(f"another wheel was accused at the end: {found}")
+    return wrong
+
+
+def resource_problems(result: Soaked) -> list[str]:
+    """Return growth of memory and of open descriptors."""
+    wrong: list[str] = []
     warm = settled(result.marks)
     third = max(len(warm) // 3, 1)
     early, late = (statistics.median(m.rss_kb for m in part) for part in (warm[:third], warm[-third:]))
@@ -614,6 +630,12 @@ def problems(result: Soaked) -> list[str]:
         wrong.append(f"memory grew by {growth_kb:.0f} kB")
     if max(m.descriptors for m in warm) - min(m.descriptors for m in warm) > 2:
         wrong.append(f"descriptors: {sorted({m.descriptors for m in warm})}")
+    return wrong
+
+
+def radius_problems(result: Soaked) -> list[str]:
+    """Return legs at whose end a radius is off by more than it states, or hardly known."""
+    wrong: list[str] = []
     for before, after in zip(result.marks[:-2], result.marks[1:-1], strict=True):
         off = np.abs(np.array(after.deviation_m) - result.offset_m)
         if before.leg > 0 and np.max(off / after.std_m) > RADIUS_STDS:
@@ -623,12 +645,17 @@ def problems(result: Soaked) -> list[str]:
             )
         if max(after.std_m) > LARGEST_STD_M:
             wrong.append(f"leg {after.leg + 1}: a radius is known to {1e3 * max(after.std_m):.2f} mm")
+    return wrong
+
+
+def tick_problems(result: Soaked) -> list[str]:
+    """Return a number of ticks that does not fit the time that went by."""
     expected = 10.0 * result.marks[-1].elapsed_s
     # A clock that is set forward by five seconds makes ticks for them, and one set back takes none away.
     set_forward = 50 * result.happened["clock"]
-    if not 0.99 * expected <= result.marks[-1].ticks <= expected + 1 + set_forward:
-        wrong.append(f"{result.marks[-1].ticks} ticks instead of {expected:.0f}")
-    return wrong
+    if 0.99 * expected <= result.marks[-1].ticks <= expected + 1 + set_forward:
+        return []
+    return [f"{result.marks[-1].ticks} ticks instead of {expected:.0f}"]
 
 
 if __name__ == "__main__":
