@@ -30,7 +30,7 @@ KERNELS = [
     for name in (
         "tpmsd.onboard.estimators._bank",
         "tpmsd.offline.inference._gains",
-        "tpmsd.onboard.sources._candump",
+        "tpmsd.onboard.sources.can._candump",
     )
 ]
 LEFT_OUT = os.environ.get("TPMSD_NO_KERNEL", "") not in ("", "0")

@@ -74,11 +74,9 @@ PURE_ROOMS = {
     ),
 }
 SHELLS = {
-    *(
-        f"tpmsd.onboard.sources.{name}"
-        for name in ("can_live", "can_log", "can_log_candump", "can_log_others")
-    ),
-    *(f"tpmsd.onboard.sources.{name}" for name in ("drive", "gnss_net_live", "nmea_log", "serial_live")),
+    "tpmsd.onboard.sources.drive",
+    *(f"tpmsd.onboard.sources.can.{name}" for name in ("live", "log", "log_candump", "log_others")),
+    *(f"tpmsd.onboard.sources.gnss.{name}" for name in ("net_live", "nmea_log", "serial_live")),
     *("tpmsd.car.physics.model_file", "tpmsd.car.physics.own_effects"),
 }
 """Modules of these rooms that open files and devices; the others only work on what those read."""
@@ -163,10 +161,10 @@ BRANCHY = {
     "tpmsd.offline.tables.gather.signals_from": 18,
     "tpmsd.offline.tables.tick_table.add": 18,
     "tpmsd.onboard.estimators.odometry_block._build": 16,
-    "tpmsd.onboard.sources.can_decoder._decode_group": 33,
-    "tpmsd.onboard.sources.nmea_epoch.merge_readings": 16,
-    "tpmsd.onboard.sources.nmea_log._read_plain": 18,
-    "tpmsd.onboard.sources.plain_nmea.clock_offset": 17,
+    "tpmsd.onboard.sources.can.decoder._decode_group": 33,
+    "tpmsd.onboard.sources.gnss.nmea_epoch.merge_readings": 16,
+    "tpmsd.onboard.sources.gnss.nmea_log._read_plain": 18,
+    "tpmsd.onboard.sources.gnss.plain_nmea.clock_offset": 17,
 }
 """Functions from before the rule, with their branches; each that is split leaves the list."""
 

@@ -10,7 +10,7 @@ from tests.offline.report.drives import puncture
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import OPTIONAL_ROLES
 from tpmsd.offline.report.replay_document import replay_document
-from tpmsd.onboard.sources.nmea_sentence import decode_sentence
+from tpmsd.onboard.sources.gnss.nmea_sentence import decode_sentence
 
 REPO = Path(__file__).resolve().parent.parent
 README = (REPO / "README.md").read_text(encoding="utf-8")

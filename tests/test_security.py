@@ -14,9 +14,11 @@ from tpmsd.onboard.daemon import input_queue
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks import state_file, status_server
 from tpmsd.onboard.sinks.can_frames import CanReporter
-from tpmsd.onboard.sources import can_log_candump, can_log_lines, nmea_framer, nmea_log
-from tpmsd.onboard.sources.can_decoder import can_filters, load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can import log_candump as can_log_candump
+from tpmsd.onboard.sources.can import log_lines as can_log_lines
+from tpmsd.onboard.sources.can.decoder import can_filters, load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.gnss import nmea_framer, nmea_log
 
 FORBIDDEN_MODULES = {
     *("pickle", "cPickle", "dill", "cloudpickle", "shelve", "marshal", "joblib", "yaml", "code", "codeop"),

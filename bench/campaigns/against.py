@@ -33,19 +33,22 @@ FRAMES_PER_S = 2000.0
 REPLAYED_S, DIAGNOSED_S = 600.0, 1200.0
 CORE = """
 import sys, time
+from importlib import import_module
 from pathlib import Path
-try:
-    from tpmsd.car.config.load import load_config
-    from tpmsd.onboard.pipeline import Pipeline
-    from tpmsd.onboard.sources.can_decoder import load_database
-    from tpmsd.onboard.sources.can_frame import CanFrame
-    from tpmsd.onboard.sources.drive import Drive
-except ImportError:  # a commit from before the wings
-    from tpmsd.config.load import load_config
-    from tpmsd.pipeline import Pipeline
-    from tpmsd.sources.can_decoder import load_database
-    from tpmsd.sources.can_frame import CanFrame
-    from tpmsd.sources.drive import Drive
+def found(name, *modules):  # the places of one name, the newest commits' first
+    for module in modules:
+        try:
+            return getattr(import_module("tpmsd." + module), name)
+        except ImportError:
+            continue
+    raise ImportError(name)
+load_config = found("load_config", "car.config.load", "config.load")
+Pipeline = found("Pipeline", "onboard.pipeline", "pipeline")
+load_database = found(
+    "load_database", "onboard.sources.can.decoder", "onboard.sources.can_decoder", "sources.can_decoder"
+)
+CanFrame = found("CanFrame", "onboard.sources.can.frame", "onboard.sources.can_frame", "sources.can_frame")
+Drive = found("Drive", "onboard.sources.drive", "sources.drive")
 config = load_config(Path(sys.argv[1]))
 pipeline = Pipeline(config, load_database(config.can.dbc))
 spent, ticks, inner = 0.0, 0, pipeline._run

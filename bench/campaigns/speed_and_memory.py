@@ -48,8 +48,8 @@ from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.offline.simulator.faults import Fault
 from tpmsd.onboard.estimators.build import build_estimator
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive
 from tpmsd.onboard.timeline.tick import Tick
 

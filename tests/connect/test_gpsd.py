@@ -18,7 +18,7 @@ from tests.onboard.gnss.test_ubx import frame
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 
 LOG = logging.getLogger("tests.connect")
 RATE_HZ = 5

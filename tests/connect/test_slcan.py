@@ -14,7 +14,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.sinks.sd_notify import Notifier
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 LOG = logging.getLogger("tests.connect")
 LAMP = """

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.faults.drives import Change, Item
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 from tpmsd.onboard.timeline.tick import Tick
 

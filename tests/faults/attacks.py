@@ -34,10 +34,10 @@ from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.signal_plan import compile_plans
 from tpmsd.onboard.sources.drive import Drive, Sentence
-from tpmsd.onboard.sources.signal_plan import compile_plans
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
 

@@ -26,7 +26,7 @@ from cantools.database import Database
 from tests.faults.soak import PUNCTURE_S, START_S, Day, DayClock, configuration, day_daemon
 from tpmsd.car.config.model import Config, MonitorConfig
 from tpmsd.onboard.pipeline import Step
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 LIFE_S = (5.0, 15.0)
 BOOT_S = 30.0

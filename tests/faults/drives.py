@@ -24,11 +24,11 @@ from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.offline.simulator.faults import Fault
 from tpmsd.onboard.pipeline import Pipeline, Step
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.signal_plan import compile_plans
 from tpmsd.onboard.sources.drive import Drive, Sentence
 from tpmsd.onboard.sources.events import SourceFault
-from tpmsd.onboard.sources.signal_plan import compile_plans
 
 DURATION_S = 150.0
 FROM_S, TO_S = 65.0, 90.0

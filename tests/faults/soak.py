@@ -45,10 +45,10 @@ from tpmsd.onboard.daemon.clock import Clock  # noqa: E402
 from tpmsd.onboard.daemon.loop import Daemon  # noqa: E402
 from tpmsd.onboard.pipeline import Step  # noqa: E402
 from tpmsd.onboard.sinks.sd_notify import Notifier  # noqa: E402
-from tpmsd.onboard.sources.can_decoder import load_database  # noqa: E402
-from tpmsd.onboard.sources.can_frame import CanFrame  # noqa: E402
-from tpmsd.onboard.sources.can_live import CanDown  # noqa: E402
-from tpmsd.onboard.sources.serial_live import ReceiverGone  # noqa: E402
+from tpmsd.onboard.sources.can.decoder import load_database  # noqa: E402
+from tpmsd.onboard.sources.can.frame import CanFrame  # noqa: E402
+from tpmsd.onboard.sources.can.live import CanDown  # noqa: E402
+from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone  # noqa: E402
 
 if TYPE_CHECKING:
     from cantools.database import Database

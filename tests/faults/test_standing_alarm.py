@@ -10,8 +10,8 @@ import pytest
 from tests.faults.drives import Item, drive, with_method
 from tpmsd.onboard.monitor.records import AlarmKind
 from tpmsd.onboard.pipeline import Pipeline, Step
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 STANDS_S = 130.0
 """The loss of second 105 has been reported by then."""

@@ -10,7 +10,7 @@ import pytest
 
 from tests.faults.drives import FOUND, FROM_S, Change, Item, Outcome, drive, during, played
 from tpmsd.car.config.model import Config
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 pytestmark = pytest.mark.usefixtures("method")
 

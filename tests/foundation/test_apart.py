@@ -86,7 +86,7 @@ import sys
 from pathlib import Path
 from tpmsd.foundation.lean import leave_out_mf4
 leave_out_mf4()
-from tpmsd.onboard.sources.can_log import read_can_log
+from tpmsd.onboard.sources.can.log import read_can_log
 print(len(list(read_can_log(Path({str(tmp_path / "can.mf4")!r})))), "asammdf" in sys.modules)
 """
     import can

@@ -21,7 +21,7 @@ TREE = REPO / "build" / "sanitized"
 PARTS = (
     "tpmsd/onboard/estimators/_bank",
     "tpmsd/offline/inference/_gains",
-    "tpmsd/onboard/sources/_candump",
+    "tpmsd/onboard/sources/can/_candump",
 )
 TESTS = (
     "tests/onboard/estimators/test_bank_kernel.py",

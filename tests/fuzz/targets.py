@@ -39,14 +39,14 @@ from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.state_file import load_state, save_state
 from tpmsd.onboard.sinks.status_client import StatusError, parse_status
 from tpmsd.onboard.sinks.status_server import MAX_REQUEST_BYTES, StatusServer
-from tpmsd.onboard.sources.can_decoder import CanDecoder, load_database
-from tpmsd.onboard.sources.can_log import read_can_log
-from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.decoder import CanDecoder, load_database
+from tpmsd.onboard.sources.can.log import read_can_log
 from tpmsd.onboard.sources.events import GnssFix, InertialSample, RotationSample
-from tpmsd.onboard.sources.gnss_stream import GpsdStream, NmeaStream
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.nmea_framer import MAX_LINE_BYTES, NmeaFramer
-from tpmsd.onboard.sources.nmea_log import read_nmea_log
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_framer import MAX_LINE_BYTES, NmeaFramer
+from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
+from tpmsd.onboard.sources.gnss.stream import GpsdStream, NmeaStream
 from tpmsd.onboard.timeline.tick_source import TickSource
 
 MAX_EVENTS_PER_FRAME = 40

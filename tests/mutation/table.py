@@ -32,7 +32,11 @@ ROOMS = {
     "monitor": Room(
         tuple(
             f"tpmsd/onboard/monitor/{name}.py"
-            for name in ("monitor", "judge", "alarm_state", "hypotheses", "saved_alarms", "signal_watch")
+            for name in (
+                "monitor",
+                *("alarms/judge", "alarms/alarm_state", "alarms/saved_alarms"),
+                *("evidence/hypotheses", "health/signal_watch"),
+            )
         ),
         ("tests/onboard/monitor",),
         "TestLife or slow_leak or no_history_of_radii_flaps or reset_away_minute",
@@ -45,7 +49,7 @@ ROOMS = {
         ),
     ),
     "epochs": Room(
-        ("tpmsd/onboard/sources/nmea_epoch.py", "tpmsd/onboard/sources/nmea_checks.py"),
+        ("tpmsd/onboard/sources/gnss/nmea_epoch.py", "tpmsd/onboard/sources/gnss/nmea_checks.py"),
         ("tests/onboard/gnss/test_nmea_epoch.py", "tests/onboard/gnss/test_nmea_checks.py"),
     ),
     "state_file": Room(
@@ -132,10 +136,10 @@ NAMED = (
     Named("tpmsd/onboard/daemon/health.py", 'counts["late"],\n', 'counts["lost"],\n', (_HEALTH,)),
     Named("tpmsd/onboard/daemon/health.py", "too_late=self._queue", "late=self._queue", (_HEALTH,)),
     # A burst ends after its silence, and when the host's clock steps back.
-    Named("tpmsd/onboard/sources/nmea_epoch.py", _BURST_ENDS, _LATE, (_EPOCH,)),
-    Named("tpmsd/onboard/sources/nmea_epoch.py", _BURST_ENDS, _BACK, (_EPOCH,)),
+    Named("tpmsd/onboard/sources/gnss/nmea_epoch.py", _BURST_ENDS, _LATE, (_EPOCH,)),
+    Named("tpmsd/onboard/sources/gnss/nmea_epoch.py", _BURST_ENDS, _BACK, (_EPOCH,)),
     Named(
-        "tpmsd/onboard/sources/nmea_epoch.py",
+        "tpmsd/onboard/sources/gnss/nmea_epoch.py",
         _BURST_ENDS,
         _BURST_ENDS.replace("s > self", "s >= self"),
         (_EPOCH,),
@@ -155,7 +159,7 @@ NAMED = (
     Named(_SETTINGS, "disagree_mps: float = 3.0", "disagree_mps: float = 1.5", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.4", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.1", (_SIGNALS,)),
-    Named("tpmsd/onboard/monitor/signal_watch.py", "fix.quality == _ESTIMATED", "False", (_SIGNALS,)),
+    Named("tpmsd/onboard/monitor/health/signal_watch.py", "fix.quality == _ESTIMATED", "False", (_SIGNALS,)),
     # A baseline does not learn while an alarm stands, or while a loss is likelier than none.
     Named(
         "tpmsd/onboard/monitor/monitor.py",

@@ -25,8 +25,8 @@ for module in pkgutil.walk_packages(tpmsd.onboard.__path__, "tpmsd.onboard."):
 from tpmsd.car.config.load import load_config
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.databases import load_database
 from tpmsd.onboard.sources.drive import Drive
 folder = Path(sys.argv[1])
 config = load_config(folder)

@@ -24,8 +24,8 @@ from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, unsound
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.state_file import save_state
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.timeline.tick import Tick
 
 HOSTILE: list[Any] = [

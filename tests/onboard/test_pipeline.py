@@ -23,7 +23,7 @@ from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.offline.simulator.faults import Fault
 from tpmsd.offline.simulator.receiver import ReceiverSpec
 from tpmsd.onboard.pipeline import Pipeline, Step
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 ONSET_S = 110.0
 BUSES = {

@@ -26,8 +26,8 @@ from tpmsd.onboard.daemon.bus_link import BusLink
 from tpmsd.onboard.daemon.health import Health
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive, Sentence
 
 LOG = logging.getLogger("tests.vehicle_state")

@@ -14,7 +14,7 @@ from pathlib import Path
 FILES = {
     "bank": "onboard/estimators/_bank",
     "gains": "offline/inference/_gains",
-    "candump": "onboard/sources/_candump",
+    "candump": "onboard/sources/can/_candump",
 }
 """Kernel -> its file below the package's folder, without the suffix."""
 COMPILED, NUMPY = "compiled", "numpy"

@@ -26,10 +26,10 @@ from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.resonance.watch import ResonanceWatch
 from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
-from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can.signal_plan import EXTENDED
 from tpmsd.onboard.sources.events import Event
 from tpmsd.onboard.sources.obd_speed import speed_answer_kmh
-from tpmsd.onboard.sources.signal_plan import EXTENDED
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.compensation import Compensation, adjusted
 from tpmsd.onboard.timeline.tick import Tick

@@ -23,10 +23,10 @@ from tpmsd.offline.discovery.tooth_count import tyre_radius_m
 from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
 from tpmsd.offline.simulator.receiver import ReceiverSpec
-from tpmsd.onboard.sources.can_block import block_of
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.block import block_of
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,8 @@ from tpmsd.onboard.daemon.bus_link import Bus, open_can
 from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.sinks.sd_notify import Notifier
-from tpmsd.onboard.sources.can_decoder import can_filters, load_database
-from tpmsd.onboard.sources.can_live import LiveCan
+from tpmsd.onboard.sources.can.decoder import can_filters, load_database
+from tpmsd.onboard.sources.can.live import LiveCan
 
 CHANNEL = "vcan0"
 FULL_BUS_FRAMES_PER_S = 4000

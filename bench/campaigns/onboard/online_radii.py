@@ -21,7 +21,7 @@ from bench.worlds.magic_tyre import Array
 from tpmsd.foundation.wheels import RL, RR, WHEELS
 from tpmsd.interfaces.api.functions import calibrate
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 NAMES = ("van-motorway-a", "van-motorway-b")
 REAR = (RL, RR)

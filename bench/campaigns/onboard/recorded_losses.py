@@ -27,7 +27,7 @@ from tpmsd.interfaces.cli.drive_reading import read_ticks
 from tpmsd.offline.drives.reading import DESK_RATE_HZ
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.timeline.tick import Tick
 
 NAMES = tuple(f"van-motorway-{name}" for name in ("a", "b", "c", "d", "lost-counts"))

@@ -20,7 +20,7 @@ from bench.statistics import percent, rate, share
 from bench.worlds.tyre_years import Leak, Year, draw_year
 from tpmsd.car.physics.tyre import radius_change_for_pressure_loss
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.onboard.monitor.leak_history import LeakHistory
+from tpmsd.onboard.monitor.slow_leaks.history import LeakHistory
 
 METRES_PER_PERCENT = -radius_change_for_pressure_loss(0.1, 0.316) / 10.0
 LATE_PERCENT = 15.0

@@ -16,7 +16,7 @@ from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model_file import parse_model
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.report.effects_reference import effects_page
-from tpmsd.onboard.sources import can_log
+from tpmsd.onboard.sources.can import log as can_log
 
 REPO = Path(__file__).resolve().parents[3]
 TEXT = (REPO / "docs" / "explanation" / "physics.md").read_text(encoding="utf-8")

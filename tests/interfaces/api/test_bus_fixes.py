@@ -12,7 +12,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.foundation.errors import InputError
 from tpmsd.offline.drives.bus_fixes import BusFixes, is_on_bus
 from tpmsd.offline.drives.raw_drive import read_drive
-from tpmsd.onboard.sources.databases import load_databases
+from tpmsd.onboard.sources.can.databases import load_databases
 
 DBC = """VERSION ""
 

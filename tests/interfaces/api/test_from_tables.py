@@ -121,7 +121,7 @@ def test_a_plane_laid_on_the_earth_comes_back(seed: int) -> None:
 def test_sentences_keep_what_they_are_given() -> None:
     """Position, speed and course of a fix come back from its sentences to 1e-9 degrees and 1e-6 m/s."""
     from tpmsd.onboard.sources.events import GnssFix
-    from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+    from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 
     values = (-33.123456789, -70.987654321, 512.3456, 0.75, 13.987654, 6.2831)
     latitude, longitude, altitude, std, speed, course = (np.array([value]) for value in values)

@@ -15,7 +15,7 @@ import pytest
 from tests.interfaces.api.test_from_tables import straight
 from tests.interfaces.api.test_tables import MAP, frame_of, hdf5, mf4
 from tpmsd.offline.tables.read_table import SUFFIXES
-from tpmsd.onboard.sources.packed_bounds import _DZ, MOST_BLOCK_BYTES
+from tpmsd.onboard.sources.can.packed_bounds import _DZ, MOST_BLOCK_BYTES
 
 
 def run(*arguments: Any) -> subprocess.CompletedProcess[str]:

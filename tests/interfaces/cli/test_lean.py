@@ -64,7 +64,7 @@ bring_in_mf4()
 path = Path({str(tmp_path / "can.mf4")!r})
 with can.io.mf4.MF4Writer(path) as writer:
     writer.on_message_received(can.Message(timestamp=1.0, arbitration_id=5, data=b"ab"))
-from tpmsd.onboard.sources.can_log import read_can_log
+from tpmsd.onboard.sources.can.log import read_can_log
 print(len(list(read_can_log(path, lambda line, what: print(what)))))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -21,7 +21,7 @@ from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.status_document import state_entry
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 FILTERS = ("ekf", "ukf", "upf", "arupf")
 DYNAMICS = """

@@ -13,7 +13,7 @@ from tpmsd.offline.discovery.candidates import Candidate, candidates
 from tpmsd.offline.discovery.reference import Reference
 from tpmsd.offline.discovery.series import Field, Series
 from tpmsd.offline.discovery.wheels import Follower
-from tpmsd.onboard.sources.signal_plan import BitField
+from tpmsd.onboard.sources.can.signal_plan import BitField
 
 TRACK_M, WHEELBASE_M, CELLS, CELL_S = 1.54, 2.7, 120, 0.5
 PLACES = ((1, 1), (-1, 1), (1, 0), (-1, 0))

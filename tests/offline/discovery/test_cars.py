@@ -24,9 +24,9 @@ from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.text import dbc_text
 from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout
-from tpmsd.onboard.sources.can_block import block_of
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.signal_plan import EXTENDED
+from tpmsd.onboard.sources.can.block import block_of
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.signal_plan import EXTENDED
 
 CARS = {car.name: car for car in load_cars()}
 

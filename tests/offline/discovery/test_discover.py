@@ -226,7 +226,7 @@ def test_wrong_usage(arguments: list[str], code: int, capsys: pytest.CaptureFixt
 def test_bits_of_a_field_are_those_of_the_decoder() -> None:
     """Whole columns give the raw bits that the frame-by-frame decoder gives, in both byte orders."""
     from tpmsd.offline.discovery.frames import MessageLog
-    from tpmsd.onboard.sources.signal_plan import BitField
+    from tpmsd.onboard.sources.can.signal_plan import BitField
 
     rng = np.random.default_rng(3)
     data = rng.integers(0, 256, (50, 8), dtype=np.uint8)

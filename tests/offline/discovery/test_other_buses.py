@@ -19,10 +19,10 @@ from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.result import Discovery
 from tpmsd.offline.discovery.text import vehicle_text
-from tpmsd.onboard.sources.can_block import block_of
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.block import block_of
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.signal_plan import BitField, bit_field
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.signal_plan import BitField, bit_field
 
 RADIUS_M, TRACK_M, WHEELBASE_M = 0.311, 1.57, 2.71
 DURATION_S, STEP_S = 480.0, 0.01

@@ -8,7 +8,7 @@ import pytest
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
 from tpmsd.offline.discovery.series import Field, unwrap
-from tpmsd.onboard.sources.signal_plan import BitField
+from tpmsd.onboard.sources.can.signal_plan import BitField
 
 MODULUS = 1 << 32
 

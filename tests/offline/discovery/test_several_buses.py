@@ -34,9 +34,9 @@ from tpmsd.offline.discovery.configured import configured_fields, configured_fra
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.suspicions import suspicions
-from tpmsd.onboard.sources.can_block import block_of
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.databases import load_databases
+from tpmsd.onboard.sources.can.block import block_of
+from tpmsd.onboard.sources.can.databases import load_databases
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 NAME, SEED = "one message per wheel, counts", 311
 FRONT, REAR = {0x210, 0x211}, {0x212, 0x213}

@@ -18,7 +18,7 @@ from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.offline.discovery.text import vehicle_text
 from tpmsd.offline.discovery.tooth_count import tooth_count, tyre_radius_m
 from tpmsd.offline.drives.raw_drive import read_drive
-from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.can.databases import load_database
 
 TYRE = "205/55R16"
 RADIUS_M = 0.969 * (0.5 * 16 * 0.0254 + 0.205 * 0.55)

@@ -18,9 +18,9 @@ from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.pipeline import Step
 from tpmsd.onboard.sinks.sd_notify import Notifier
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.can_live import CanDown
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.live import CanDown
 
 VEHICLE = """[vehicle]
 wheel_radius_m = 0.3

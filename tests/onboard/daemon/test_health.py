@@ -21,9 +21,9 @@ from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.databases import load_database
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.nmea_sentence import HANDLED
+from tpmsd.onboard.sources.can.databases import load_database
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_sentence import HANDLED
 
 LOG = logging.getLogger("tests.health")
 GPS = """BO_ 1536 GPS: 8 CAR

@@ -15,10 +15,10 @@ from tpmsd.onboard.daemon.bus_link import READ_AT_ONCE, READS_AT_ONCE, _is_up
 from tpmsd.onboard.daemon.link import Link
 from tpmsd.onboard.daemon.receiver_link import READS_AT_ONCE as RECEIVER_READS
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.gnss_net_live import TcpReceiver
-from tpmsd.onboard.sources.gpsd_json import WATCH
-from tpmsd.onboard.sources.serial_live import ReceiverGone, SerialReceiver
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.gnss.gpsd_json import WATCH
+from tpmsd.onboard.sources.gnss.net_live import TcpReceiver
+from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone, SerialReceiver
 
 HINT = "error-passive: most frames are damaged (wiring, termination or bit rate)"
 PASSIVE = wheels_frame(1.0)._replace(

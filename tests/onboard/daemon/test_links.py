@@ -16,10 +16,10 @@ from tpmsd.offline.simulator.live import PtyPort
 from tpmsd.onboard.daemon.bus_link import BusLink, open_can, own_filters, reset_filters
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
 from tpmsd.onboard.sinks.can_frames import OutFrame
-from tpmsd.onboard.sources.can_live import CanDown
-from tpmsd.onboard.sources.gnss_net_live import TcpReceiver, UdpReceiver
-from tpmsd.onboard.sources.gnss_stream import GpsdStream, NmeaStream
-from tpmsd.onboard.sources.serial_live import SerialReceiver
+from tpmsd.onboard.sources.can.live import CanDown
+from tpmsd.onboard.sources.gnss.net_live import TcpReceiver, UdpReceiver
+from tpmsd.onboard.sources.gnss.serial_live import SerialReceiver
+from tpmsd.onboard.sources.gnss.stream import GpsdStream, NmeaStream
 
 LOG = logging.getLogger("tests.links")
 FRAME = OutFrame(0x6F0, False, bytes(8))

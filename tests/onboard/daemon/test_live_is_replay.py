@@ -21,8 +21,8 @@ from tpmsd.offline.simulator.faults import Fault
 from tpmsd.offline.simulator.receiver import ReceiverSpec
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.pipeline import Pipeline, Step
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive, Sentence
 
 

@@ -26,7 +26,7 @@ from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks.sd_notify import Notifier
 from tpmsd.onboard.sinks.state_file import save_state
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 SCALE = 40.0
 GRACE_S = 0.05 * SCALE

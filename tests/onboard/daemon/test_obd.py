@@ -18,8 +18,8 @@ from tpmsd.interfaces.cli.main import main
 from tpmsd.interfaces.cli.status_table import render_status
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.daemon.obd_asker import AWAKE_S, LISTEN_S, RARELY_S, UNANSWERED, ObdAsker
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 ANSWER = 0x7E8
 

@@ -13,8 +13,8 @@ import pytest
 
 from tpmsd.interfaces.cli.main import main
 from tpmsd.onboard.daemon.recorder import Appender
-from tpmsd.onboard.sources.can_log import read_can_log
-from tpmsd.onboard.sources.nmea_log import read_nmea_log
+from tpmsd.onboard.sources.can.log import read_can_log
+from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
 
 RMC = b"$GNRMC,080000.00,A,5230.12345,N,01324.54321,E,27.21,84.3,010724,,,A*71\r\n"
 

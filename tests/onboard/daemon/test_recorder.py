@@ -19,8 +19,8 @@ from tpmsd.car.config.load import load_config
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.onboard.daemon.config_toml import config_toml
 from tpmsd.onboard.daemon.recorder import Appender, DriveRecorder, candump_line
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive, Sentence
 
 

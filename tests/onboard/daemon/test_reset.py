@@ -14,7 +14,7 @@ from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks.reset_request import ResetRequest, to_frame, to_sentence
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive
 
 SCALE = 20.0

@@ -19,9 +19,9 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.interfaces.cli.main import main
 from tpmsd.onboard.daemon.state_keeper import StateKeeper
-from tpmsd.onboard.monitor.reference import AGE
+from tpmsd.onboard.monitor.baseline.reference import AGE
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 WRITTEN = Path(__file__).parent / "upgrade_438989a"
 LOG = logging.getLogger("tests.upgrade")

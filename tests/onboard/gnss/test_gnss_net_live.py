@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from tpmsd.onboard.sources.gnss_net_live import TcpReceiver, UdpReceiver
-from tpmsd.onboard.sources.serial_live import ReceiverGone
+from tpmsd.onboard.sources.gnss.net_live import TcpReceiver, UdpReceiver
+from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone
 
 
 @contextlib.contextmanager

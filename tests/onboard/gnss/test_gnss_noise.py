@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tpmsd.onboard.sources.gnss_noise import position_std
+from tpmsd.onboard.sources.gnss.noise import position_std
 
 
 @pytest.mark.parametrize(

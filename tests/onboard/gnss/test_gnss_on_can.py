@@ -17,9 +17,9 @@ from tpmsd.interfaces.cli.replay import replay
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.sources.events import Event, GnssFix, InertialSample, SourceFault
-from tpmsd.onboard.sources.gnss_on_can import ALIVE_S, CanFixAssembler
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.nmea_log import read_nmea_log
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
+from tpmsd.onboard.sources.gnss.on_can import ALIVE_S, CanFixAssembler
 
 UTC_S = 1774778400.0
 PLACE = ("gnss_latitude", "gnss_longitude")

@@ -14,10 +14,10 @@ from tests.onboard.gnss import sentences as nmea
 from tests.onboard.gnss.test_gpsd_json import TPV
 from tests.onboard.gnss.test_ubx import frame
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.gnss_solution import Solution, sentences
-from tpmsd.onboard.sources.gnss_stream import NMEA_AFTER_PVT, GnssStream, GpsdStream, NmeaStream
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.ubx import checksum
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.solution import Solution, sentences
+from tpmsd.onboard.sources.gnss.stream import NMEA_AFTER_PVT, GnssStream, GpsdStream, NmeaStream
+from tpmsd.onboard.sources.gnss.ubx import checksum
 
 UTC_S = 1774778400.123456
 SOLUTION = Solution(

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.sources.gnss_solution import Solution
-from tpmsd.onboard.sources.gpsd_json import MAX_LINE_BYTES, GpsdReports
+from tpmsd.onboard.sources.gnss.gpsd_json import MAX_LINE_BYTES, GpsdReports
+from tpmsd.onboard.sources.gnss.solution import Solution
 
 TPV: dict[str, Any] = {
     "class": "TPV", "device": "/dev/ttyACM0", "mode": 3, "time": "2026-03-29T10:00:00.100Z",

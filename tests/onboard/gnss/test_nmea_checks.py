@@ -7,7 +7,7 @@ import math
 import pytest
 
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, FrozenPosition, Leap
+from tpmsd.onboard.sources.gnss.nmea_checks import Episodes, EpochInterval, FrozenPosition, Leap
 
 DEGREE_M = 111195.0  # of a meridian of a sphere of 6371 km
 

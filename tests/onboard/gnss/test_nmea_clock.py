@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.sources.nmea_clock import ReceiverClock, nearest_day
+from tpmsd.onboard.sources.gnss.nmea_clock import ReceiverClock, nearest_day
 
 DAY = 86400.0
 JULY_11 = 19915  # days from 1970-01-01 to 2024-07-11

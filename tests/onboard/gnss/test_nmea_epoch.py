@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.onboard.gnss.sentences import gga, gst, nmea, rmc, vtg, zda
 from tpmsd.onboard.sources.events import Event, GnssFix, SourceFault
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 
 T = 1720716104.0  # 2024-07-11 16:41:44
 Timed = tuple[float, bytes]

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.gnss.sentences import gga, rmc, vtg
-from tpmsd.onboard.sources.nmea_framer import NmeaFramer
+from tpmsd.onboard.sources.gnss.nmea_framer import NmeaFramer
 
 T = 1720716104.3
 LINES = [rmc(T), gga(T), vtg(20.0)]

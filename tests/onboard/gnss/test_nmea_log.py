@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.onboard.gnss.sentences import gga, rmc, vtg
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.nmea_log import Entry, read_nmea_log
+from tpmsd.onboard.sources.gnss.nmea_log import Entry, read_nmea_log
 
 T = 1720716104.0
 

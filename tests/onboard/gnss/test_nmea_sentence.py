@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.gnss.sentences import gga, nmea, rmc, vtg
-from tpmsd.onboard.sources.nmea_sentence import (
+from tpmsd.onboard.sources.gnss.nmea_sentence import (
     COLUMNS,
     NmeaReading,
     SentenceError,

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tpmsd.onboard.sources.events import Event, GnssFix
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.nmea_framer import NmeaFramer
-from tpmsd.onboard.sources.nmea_log import read_nmea_log
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_framer import NmeaFramer
+from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
 from tpmsd.onboard.timeline.local_plane import LocalPlane
 from tpmsd.onboard.timeline.utc_offset import UtcOffsetTracker
 

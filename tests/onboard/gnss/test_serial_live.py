@@ -10,8 +10,8 @@ import pytest
 
 from tests.onboard.gnss.sentences import rmc
 from tpmsd.foundation.errors import TpmsdError
-from tpmsd.onboard.sources.nmea_framer import NmeaFramer
-from tpmsd.onboard.sources.serial_live import ReceiverGone, SerialReceiver
+from tpmsd.onboard.sources.gnss.nmea_framer import NmeaFramer
+from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone, SerialReceiver
 
 T = 1720716104.0
 

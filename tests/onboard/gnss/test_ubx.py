@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyubx2 import GET, UBXMessage
 
-from tpmsd.onboard.sources.ubx import MAX_PAYLOAD_BYTES, UbxFramer, nav_pvt
+from tpmsd.onboard.sources.gnss.ubx import MAX_PAYLOAD_BYTES, UbxFramer, nav_pvt
 
 PVT: dict[str, Any] = {
     "year": 2026, "month": 3, "day": 29, "hour": 9, "min": 59, "second": 60,

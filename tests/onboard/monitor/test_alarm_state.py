@@ -7,7 +7,7 @@ import math
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.monitor.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
 
 READINGS = st.lists(
     st.tuples(st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, math.nan])), st.floats(0.1, 30.0)),

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.onboard.monitor.test_signal_watch import Watched, fix
-from tpmsd.onboard.monitor.car_speed import CarSpeed, Heard, stated_range
-from tpmsd.onboard.monitor.signal_watch import Watching
+from tpmsd.onboard.monitor.health.signal_watch import Watching
+from tpmsd.onboard.monitor.sampling.car_speed import CarSpeed, Heard, stated_range
 
 NO_WHEELS = math.nan
 

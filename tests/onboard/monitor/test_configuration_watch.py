@@ -10,7 +10,7 @@ import pytest
 
 from tests.faults.attacks import attacked, played_ticks
 from tpmsd.onboard.estimators.build import monitored_wheels
-from tpmsd.onboard.monitor.configuration_watch import ConfigurationWatch
+from tpmsd.onboard.monitor.health.configuration_watch import ConfigurationWatch
 from tpmsd.onboard.timeline.tick import Tick
 
 Change = Callable[[Tick], Tick]

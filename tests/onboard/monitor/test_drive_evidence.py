@@ -11,15 +11,15 @@ import pytest
 from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline import Change
-from tpmsd.onboard.monitor.change_bank import ChangeBank
-from tpmsd.onboard.monitor.conditions import Conditions
-from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
+from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.baseline.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.sizes import no_sizes
-from tpmsd.onboard.monitor.judge import Judge, Judgement
-from tpmsd.onboard.monitor.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.sampling.conditions import Conditions
+from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.sampling.slip_sums import Slope
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
-from tpmsd.onboard.monitor.slip_sums import Slope
 
 WHEELS = [0, 1, 2, 3]
 RADIUS = np.full(4, RADIUS_M)

@@ -15,7 +15,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tests.onboard.monitor.drives import VEHICLE
 from tpmsd.foundation.wheels import RL, FloatArray
-from tpmsd.onboard.monitor.encoder_watch import EncoderWatch
+from tpmsd.onboard.monitor.health.encoder_watch import EncoderWatch
 from tpmsd.onboard.timeline.tick import Tick
 
 COUNTS = 40_000.0

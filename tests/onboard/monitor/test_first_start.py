@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
-from tpmsd.onboard.monitor.first_start import BEFORE, judge_first
+from tpmsd.onboard.monitor.evidence.first_start import BEFORE, judge_first
 from tpmsd.onboard.monitor.records import AlarmKind, WheelState
 
 RADIUS = np.full(4, RADIUS_M)

@@ -11,11 +11,11 @@ from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
 from tests.onboard.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged, learned_car
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.baseline import Baseline, Change, typical
-from tpmsd.onboard.monitor.grip import Grip
-from tpmsd.onboard.monitor.judge import Judge
-from tpmsd.onboard.monitor.nuisance import log_normal
-from tpmsd.onboard.monitor.reference import Reference
+from tpmsd.onboard.monitor.alarms.judge import Judge
+from tpmsd.onboard.monitor.baseline.baseline import Baseline, Change, typical
+from tpmsd.onboard.monitor.baseline.reference import Reference
+from tpmsd.onboard.monitor.evidence.grip import Grip
+from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 from tpmsd.onboard.timeline.tick import Tick
 

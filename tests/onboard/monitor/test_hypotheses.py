@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.onboard.monitor.hypotheses import LOSS_GRID, Comparison, Verdict
-from tpmsd.onboard.monitor.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, mean_share
 from tpmsd.onboard.monitor.settings import JUDGE
 
 RADIUS_M = 0.316

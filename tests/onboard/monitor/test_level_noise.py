@@ -12,10 +12,10 @@ from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
 from tests.onboard.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline import Change
-from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
-from tpmsd.onboard.monitor.judge import Judge
-from tpmsd.onboard.monitor.level_noise import LevelNoise
+from tpmsd.onboard.monitor.alarms.judge import Judge
+from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.sampling.level_noise import LevelNoise
 from tpmsd.onboard.monitor.settings import JUDGE, LEVEL
 
 TOWN_MPS = 9.0

@@ -9,9 +9,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
 from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets, with_sizes
-from tpmsd.onboard.monitor.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.onboard.monitor.settings import JUDGE
 
 RADIUS_M, THRESHOLD, LIMIT = 0.31, 0.0025, 0.008

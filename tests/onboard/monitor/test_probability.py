@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tpmsd.onboard.monitor.probability import chi_square_cdf, chi_square_quantile, normal_cdf
+from tpmsd.onboard.monitor.evidence.probability import chi_square_cdf, chi_square_quantile, normal_cdf
 
 
 def test_the_normal_distribution_is_scipys() -> None:

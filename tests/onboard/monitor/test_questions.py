@@ -10,9 +10,9 @@ import pytest
 from tests.onboard.monitor.test_unmasked import FIFTH_M, learned, raised
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.alarms.judge import Judgement
+from tpmsd.onboard.monitor.alarms.questions import Questions
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
-from tpmsd.onboard.monitor.judge import Judgement
-from tpmsd.onboard.monitor.questions import Questions
 from tpmsd.onboard.monitor.records import AlarmKind
 from tpmsd.onboard.monitor.settings import JUDGE
 

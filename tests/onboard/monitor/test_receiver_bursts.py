@@ -12,8 +12,8 @@ from tests.onboard.monitor.drives import ALL, RADIUS_M
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.onboard.estimators.agreement import AgreementWatch
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching
 from tpmsd.onboard.monitor.records import AlarmEvent
-from tpmsd.onboard.monitor.signal_watch import SignalWatch, Watching
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 DT_S, SPEED_MPS = 0.1, 20.0

@@ -12,13 +12,13 @@ from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
 from tests.onboard.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline import Change
-from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
-from tpmsd.onboard.monitor.judge import Judge, Judgement
-from tpmsd.onboard.monitor.reference import AGE, CAR, DRAG, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
+from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.baseline.reference import AGE, CAR, DRAG, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
+from tpmsd.onboard.monitor.sampling.slip_sums import Slope, SlopeSums
 from tpmsd.onboard.monitor.settings import JUDGE
-from tpmsd.onboard.monitor.slip_slope import SlipSlope
-from tpmsd.onboard.monitor.slip_sums import Slope, SlopeSums
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 DT_S = 0.1

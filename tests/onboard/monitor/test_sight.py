@@ -8,10 +8,10 @@ import pytest
 from tpmsd.car.config.model import TyreConfig
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
+from tpmsd.onboard.monitor.evidence.nuisance import log_normal
+from tpmsd.onboard.monitor.evidence.sight import Alike, sight
 from tpmsd.onboard.monitor.evidence.sizes import Sized
-from tpmsd.onboard.monitor.hypotheses import Comparison
-from tpmsd.onboard.monitor.nuisance import log_normal
-from tpmsd.onboard.monitor.sight import Alike, sight
 
 RADIUS = np.full(4, 0.316)
 THRESHOLD, ASKED = 0.0025, 0.99

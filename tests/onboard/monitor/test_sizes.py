@@ -11,9 +11,9 @@ from tests.onboard.monitor.test_drive_evidence import RADIUS, SPEEDS, WHEELS, at
 from tests.onboard.monitor.test_hypotheses import THRESHOLD
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.change_bank import ChangeBank
+from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
+from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict, severity
 from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
-from tpmsd.onboard.monitor.hypotheses import LOSS_GRID, Comparison, Verdict, severity
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 SIZES = sizes_of((0, 1, 2, 3))

@@ -12,9 +12,9 @@ from tests.onboard.monitor.test_slip_slope import DRY, ticks
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.baseline import Baseline
-from tpmsd.onboard.monitor.judge import Judge, Judgement
-from tpmsd.onboard.monitor.reference import HILL
+from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
+from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.baseline.reference import HILL
 from tpmsd.onboard.timeline.tick import Tick
 
 WHEELS = [0, 1, 2, 3]

@@ -16,16 +16,16 @@ from bench.campaigns.onboard.slow_leak import METRES_PER_PERCENT, first_notice, 
 from bench.worlds.tyre_years import Leak, draw_year
 from tests.onboard.monitor.drives import ALL, START_S, VEHICLE, Player, monitor, said
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.conditions import Conditions
-from tpmsd.onboard.monitor.leak_filter import NO_WHEEL, LeakFilter
-from tpmsd.onboard.monitor.leak_history import LeakHistory
-from tpmsd.onboard.monitor.leak_settings import TrendSettings
-from tpmsd.onboard.monitor.leak_state import WHEEL_SETS
-from tpmsd.onboard.monitor.leak_trend import Trend, has_ended, trend_of
+from tpmsd.onboard.monitor.baseline.reference import DRAG, GROWTH_OWN, Reference
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
-from tpmsd.onboard.monitor.reference import DRAG, GROWTH_OWN, Reference
+from tpmsd.onboard.monitor.sampling.conditions import Conditions
 from tpmsd.onboard.monitor.settings import READINGS, REFERENCE, TREND
+from tpmsd.onboard.monitor.slow_leaks.filter import NO_WHEEL, LeakFilter
+from tpmsd.onboard.monitor.slow_leaks.history import LeakHistory
+from tpmsd.onboard.monitor.slow_leaks.settings import TrendSettings
+from tpmsd.onboard.monitor.slow_leaks.state import WHEEL_SETS
+from tpmsd.onboard.monitor.slow_leaks.trend import Trend, has_ended, trend_of
 
 DAY_S = 86400.0
 

@@ -15,8 +15,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from tests.conftest import REPO
 from tests.onboard.monitor.drives import ALL, Player, monitor
+from tpmsd.onboard.monitor.baseline.tyre_sets import TOO_MANY
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, WheelState
-from tpmsd.onboard.monitor.tyre_sets import TOO_MANY
 
 DRIVING: dict[str, Any] = {}
 PARKED: dict[str, Any] = {"informative": False, "speed_mps": 0.0}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.witnesses import contrasts, gains
+from tpmsd.onboard.monitor.evidence.witnesses import contrasts, gains
 
 
 def log_density(off: FloatArray, covariance: FloatArray) -> float:

@@ -17,13 +17,13 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict, subsets
+from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict, subsets
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 from tpmsd.onboard.resonance.watch import ResonanceWatch
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.events import RotationSample
 from tpmsd.onboard.timeline.tick import Tick
 

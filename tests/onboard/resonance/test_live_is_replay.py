@@ -19,7 +19,7 @@ from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 from tpmsd.onboard.resonance.watch import ResonanceWatch
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.timeline.tick import Tick
 
 START_S = 1_700_000_000.075

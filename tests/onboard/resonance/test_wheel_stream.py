@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tpmsd.onboard.resonance.wheel_stream import SpeedBlock, WheelStream
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
 from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
 

@@ -28,7 +28,7 @@ from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
 from tpmsd.onboard.sinks.can_output import LISTEN_S, CanOutputs
 from tpmsd.onboard.sinks.checksums import ALGORITHMS
 from tpmsd.onboard.sinks.output_values import output_values
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 FOREIGN = """VERSION ""
 NS_ :

@@ -18,6 +18,7 @@ from tpmsd import __version__
 from tpmsd.interfaces.cli.status import colour_wanted, show, watch
 from tpmsd.interfaces.cli.status_table import render_status
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.evidence.sight import Sight
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
@@ -26,7 +27,6 @@ from tpmsd.onboard.monitor.records import (
     WheelReport,
     WheelState,
 )
-from tpmsd.onboard.monitor.sight import Sight
 from tpmsd.onboard.resonance.watch import ResonanceState, ResonanceStatus
 from tpmsd.onboard.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 

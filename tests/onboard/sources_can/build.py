@@ -10,7 +10,7 @@ import cantools.database
 from cantools.database.can import Database
 
 from tpmsd.car.config.model import CanConfig, Config, VehicleConfig
-from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.events import Event, RotationSample, SourceFault
 
 RADIUS_M = 0.3

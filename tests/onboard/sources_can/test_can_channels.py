@@ -10,9 +10,9 @@ import pytest
 from tests.faults.drives import drive
 from tpmsd.interfaces.cli.drive_reading import open_drive
 from tpmsd.interfaces.cli.replay import replay
-from tpmsd.onboard.sources.can_block import FrameBlock, block_of
-from tpmsd.onboard.sources.can_channels import Channel, choose_channel
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.block import FrameBlock, block_of
+from tpmsd.onboard.sources.can.channels import Channel, choose_channel
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 
 def block(*channels: str, number: int = 0xB0) -> list[FrameBlock]:

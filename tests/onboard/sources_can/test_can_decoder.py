@@ -22,7 +22,7 @@ from tests.onboard.sources_can.build import (
     speed_decoder,
     speeds_frame,
 )
-from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.events import Event, InertialSample, SourceFault
 
 

@@ -14,8 +14,8 @@ import pytest
 
 from tests.onboard.sources_can.build import COUNTERS_DBC, config, database, four
 from tpmsd.car.config.model import CanConfig
-from tpmsd.onboard.sources.can_decoder import can_filters
-from tpmsd.onboard.sources.can_live import CanDown, LiveCan, unpack_socketcan
+from tpmsd.onboard.sources.can.decoder import can_filters
+from tpmsd.onboard.sources.can.live import CanDown, LiveCan, unpack_socketcan
 
 VIRTUAL = CanConfig({}, Path("bus.dbc"), interface="virtual", channel="live-test")
 

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.can_log import CanFrame, find_can_log, read_can_log
-from tpmsd.onboard.sources.can_log_lines import asc_date_s
-from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.log import CanFrame, find_can_log, read_can_log
+from tpmsd.onboard.sources.can.log_lines import asc_date_s
 
 START_S = 1719820800.012
 

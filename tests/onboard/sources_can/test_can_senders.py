@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.sources_can.build import counter_decoder, counts_at, counts_frame, faults, rotations
-from tpmsd.onboard.sources.can_senders import SenderWatch
+from tpmsd.onboard.sources.can.senders import SenderWatch
 
 PERIOD_S = 0.02
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.sources import candump_text
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.can_log import read_can_log
-from tpmsd.onboard.sources.can_log_candump import MAX_LINE_CHARS
-from tpmsd.onboard.sources.candump_line import parse_candump_line
-from tpmsd.onboard.sources.candump_text import parse_lines
+from tpmsd.onboard.sources.can import candump_text
+from tpmsd.onboard.sources.can.candump_line import parse_candump_line
+from tpmsd.onboard.sources.can.candump_text import parse_lines
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.log import read_can_log
+from tpmsd.onboard.sources.can.log_candump import MAX_LINE_CHARS
 
 Read = tuple[list[CanFrame], list[tuple[int, str]]]
 

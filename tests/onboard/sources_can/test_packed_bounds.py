@@ -12,15 +12,15 @@ from pathlib import Path
 import can
 import pytest
 
-from tpmsd.onboard.sources.can_log import read_can_log
-from tpmsd.onboard.sources.packed_bounds import MOST_CONTAINER_BYTES, check_blf, check_mf4
+from tpmsd.onboard.sources.can.log import read_can_log
+from tpmsd.onboard.sources.can.packed_bounds import MOST_CONTAINER_BYTES, check_blf, check_mf4
 
 MB = 1 << 20
 READ = r"""
 import re, sys
 from pathlib import Path
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.can_log import read_can_log
+from tpmsd.onboard.sources.can.log import read_can_log
 try:
     print(sum(1 for _ in read_can_log(Path(sys.argv[1]))), "frames")
 except InputError as error:

@@ -8,8 +8,8 @@ import pytest
 
 from tests.onboard.sources_can.build import faults, rotations
 from tpmsd.car.config.load import load_config
-from tpmsd.onboard.sources.can_decoder import CanDecoder, load_database
-from tpmsd.onboard.sources.can_log import CanFrame, find_can_log, read_can_log
+from tpmsd.onboard.sources.can.decoder import CanDecoder, load_database
+from tpmsd.onboard.sources.can.log import CanFrame, find_can_log, read_can_log
 from tpmsd.onboard.sources.events import Event, InertialSample
 
 

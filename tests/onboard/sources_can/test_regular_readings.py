@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.onboard.sources.ahead.regular_readings import RegularReadings
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator

@@ -10,9 +10,9 @@ import cantools
 import pytest
 
 from tpmsd.car.config.model import BusConfig, CanConfig, Condition, Config, SignalOptions, VehicleConfig
-from tpmsd.onboard.sources.can_channels import bus_numbers
-from tpmsd.onboard.sources.can_decoder import CanDecoder, can_filters
-from tpmsd.onboard.sources.databases import CarDatabase
+from tpmsd.onboard.sources.can.channels import bus_numbers
+from tpmsd.onboard.sources.can.databases import CarDatabase
+from tpmsd.onboard.sources.can.decoder import CanDecoder, can_filters
 from tpmsd.onboard.sources.events import InertialSample, RotationSample
 
 DBC = """

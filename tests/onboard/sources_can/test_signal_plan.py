@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from tests.onboard.sources_can.build import config, database
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.onboard.sources.can_decoder import CanDecoder
-from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.can.databases import load_database
+from tpmsd.onboard.sources.can.decoder import CanDecoder
+from tpmsd.onboard.sources.can.signal_plan import EXTENDED, bit_field, can_filters, compile_plans
 from tpmsd.onboard.sources.events import InertialSample
-from tpmsd.onboard.sources.signal_plan import EXTENDED, bit_field, can_filters, compile_plans
 
 ROLES = {"yaw_rate": "rad/s", "accel_long": "m/s2", "accel_lat": "m/s2", "brake_pressure": "Pa"}
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.sources_can.build import RADIUS_M, rotations
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event
 from tpmsd.onboard.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 

@@ -22,7 +22,7 @@ from tpmsd.offline.drives.reading import FolderRecording
 from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
-from tpmsd.onboard.sources.can_block import FrameBlock
+from tpmsd.onboard.sources.can.block import FrameBlock
 from tpmsd.onboard.sources.drive import Part, Sentence
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick_source import TickSource

@@ -22,7 +22,7 @@ from tpmsd.offline.simulator.bus_layouts import BUS_KINDS
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.sources.ahead.decoded_block import Reason
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick_source import TickSource
 

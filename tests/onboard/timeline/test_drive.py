@@ -9,7 +9,7 @@ import pytest
 
 from tests.onboard.gnss.sentences import rmc
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive
 
 START_S = 1_700_000_000.0

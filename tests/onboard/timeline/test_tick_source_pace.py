@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from tpmsd.car.config.load import load_config
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource

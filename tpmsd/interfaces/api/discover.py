@@ -27,11 +27,11 @@ from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.offline.drives.reading import MemoryRecording
 from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.tables.extras import need_pandas
-from tpmsd.onboard.sources.can_block import block_of
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.can.block import block_of
+from tpmsd.onboard.sources.can.databases import load_database
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 
 if TYPE_CHECKING:
     import pandas as pd

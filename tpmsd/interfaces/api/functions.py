@@ -24,7 +24,7 @@ from tpmsd.offline.drives.reading import (
     Progress,
     ignore_progress,
 )
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 from tpmsd.onboard.timeline.compensation import left_alone
 

@@ -109,7 +109,7 @@ def _check_outputs(plan: Plan) -> None:
     if not plan.config.can.output:
         return
     from tpmsd.onboard.sinks.can_output import CanOutputs
-    from tpmsd.onboard.sources.databases import load_databases
+    from tpmsd.onboard.sources.can.databases import load_databases
 
     try:
         CanOutputs(plan.config, load_databases(plan.config))
@@ -124,7 +124,7 @@ def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
     from tpmsd.offline.discovery.suspicions import suspicions
     from tpmsd.offline.drives.bus_fixes import BusFixes, is_on_bus
     from tpmsd.offline.drives.raw_drive import read_drive
-    from tpmsd.onboard.sources.databases import load_databases
+    from tpmsd.onboard.sources.can.databases import load_databases
 
     database = load_databases(plan.config)
     raw = read_drive([drive], say, BusFixes(plan.config, database) if is_on_bus(plan.config) else None)

@@ -24,7 +24,7 @@ from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Step
 from tpmsd.onboard.sinks.sd_notify import Notifier
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 GRACE_REAL_S = 0.1
 """A frame may be this late in real time: the player shares the interpreter with the daemon."""

@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.offline.discovery.discover import discover
     from tpmsd.offline.discovery.tooth_count import tyre_radius_m
     from tpmsd.offline.drives.raw_drive import read_drive
-    from tpmsd.onboard.sources.databases import load_database
+    from tpmsd.onboard.sources.can.databases import load_database
 
     if args.tyre is not None and tyre_radius_m(args.tyre) is None:
         raise ConfigError(f"--tyre {args.tyre}: not a tyre's size, such as 205/55R16")

@@ -100,7 +100,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.api.import_table import load_table
     from tpmsd.interfaces.cli.drive_reading import say
-    from tpmsd.onboard.sources.can_frame import CanFrame
+    from tpmsd.onboard.sources.can.frame import CanFrame
 
     outputs = Outputs(("--json", args.json))
     if args.drive.exists() and (not args.drive.is_dir() or any(args.drive.iterdir())):

@@ -168,7 +168,7 @@ def _problem(option: str, target: str, configuration: bool) -> str | None:
 
 def _kept(path: Path, configuration: bool) -> str:
     """What stands there that a command reads and does not make; empty if it may be replaced."""
-    from tpmsd.onboard.sources.can_log import is_can_log
+    from tpmsd.onboard.sources.can.log import is_can_log
     from tpmsd.onboard.sources.drive import NMEA_LOGS
 
     if is_can_log(path) or path.name in NMEA_LOGS:

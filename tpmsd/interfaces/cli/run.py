@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.onboard.daemon.state_lock import state_lock
     from tpmsd.onboard.pipeline import Pipeline
     from tpmsd.onboard.sinks.sd_notify import Notifier
-    from tpmsd.onboard.sources.databases import load_databases
+    from tpmsd.onboard.sources.can.databases import load_databases
 
     duration_s = math.inf if args.duration is None else float(args.duration)
     if not duration_s > 0.0:

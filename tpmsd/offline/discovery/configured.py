@@ -16,9 +16,9 @@ from tpmsd.car.config.dbc import counter_modulus, find_signal
 from tpmsd.car.config.model import Config
 from tpmsd.offline.discovery.frames import BusLog, MessageLog
 from tpmsd.offline.discovery.series import Field
-from tpmsd.onboard.sources.can_channels import bus_numbers
-from tpmsd.onboard.sources.databases import database_of
-from tpmsd.onboard.sources.signal_plan import (
+from tpmsd.onboard.sources.can.channels import bus_numbers
+from tpmsd.onboard.sources.can.databases import database_of
+from tpmsd.onboard.sources.can.signal_plan import (
     BUS_SHIFT,
     EXTENDED,
     ConditionPlan,

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.settings import SETTINGS
-from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.onboard.sources.signal_bits import RawArray, raw_bits
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, BitField
+from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can.signal_bits import RawArray, raw_bits
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, BitField
 
 MAX_MESSAGES = 4096
 """Identifiers of one log; a bus has some hundred."""

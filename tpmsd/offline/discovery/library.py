@@ -13,7 +13,7 @@ from tpmsd.car.config.model import ROLES
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.series import Field
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_position
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, bit_position
 
 
 @dataclass(frozen=True, slots=True)

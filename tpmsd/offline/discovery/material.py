@@ -21,9 +21,9 @@ from tpmsd.offline.discovery.raw_fields import raw_fields
 from tpmsd.offline.discovery.reference import Reference, make_reference
 from tpmsd.offline.discovery.series import Field, Series, as_count, as_value, counts_up
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.onboard.sources.can.signal_bits import RawArray
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, bit_field, invalid_bits, selector_chain
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.signal_bits import RawArray
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_field, invalid_bits, selector_chain
 
 
 @dataclass(frozen=True, slots=True)

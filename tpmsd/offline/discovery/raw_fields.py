@@ -15,7 +15,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
 from tpmsd.offline.discovery.series import Field
 from tpmsd.offline.discovery.settings import SETTINGS
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, BitField
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, BitField
 
 MOST_BYTES = 16
 MIN_BITS, MAX_BITS = 6, 33

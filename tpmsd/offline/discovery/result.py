@@ -12,7 +12,7 @@ from tpmsd.foundation.plain import brief
 from tpmsd.offline.discovery.assign import Assignment
 from tpmsd.offline.discovery.candidates import Candidate
 from tpmsd.offline.discovery.series import Field
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT
 
 
 @dataclass(frozen=True, slots=True)

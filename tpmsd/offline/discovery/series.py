@@ -17,8 +17,8 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
 from tpmsd.offline.discovery.reference import cell_means
 from tpmsd.offline.discovery.settings import SETTINGS
-from tpmsd.onboard.sources.signal_bits import RawArray
-from tpmsd.onboard.sources.signal_plan import BitField
+from tpmsd.onboard.sources.can.signal_bits import RawArray
+from tpmsd.onboard.sources.can.signal_plan import BitField
 
 Kind = Literal["count", "value"]
 

@@ -32,8 +32,8 @@ from tpmsd.offline.discovery.reference import Reference, make_reference
 from tpmsd.offline.discovery.series import Field, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower, followers, placed
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED
 
 _UNITS = ("km/h", "m/s", "mph", "knots")
 

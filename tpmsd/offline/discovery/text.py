@@ -12,7 +12,7 @@ from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.result import Discovery, FoundRole
 from tpmsd.offline.discovery.series import Field
 from tpmsd.offline.discovery.settings import SETTINGS
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED
 
 _LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a frame, the longer ones of CAN FD."""

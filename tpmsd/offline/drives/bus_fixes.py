@@ -10,12 +10,12 @@ from cantools.database.can import Database
 
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.car.config.model import GNSS_ROLES, Config
-from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.onboard.sources.can_channels import bus_numbers
-from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can.channels import bus_numbers
+from tpmsd.onboard.sources.can.decoder import CanDecoder
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, compile_plans, signal_steps
 from tpmsd.onboard.sources.events import GnssFix, InertialSample
-from tpmsd.onboard.sources.gnss_on_can import CanFixAssembler
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, compile_plans, signal_steps
+from tpmsd.onboard.sources.gnss.on_can import CanFixAssembler
 
 
 def is_on_bus(config: Config) -> bool:

@@ -25,7 +25,7 @@ from tpmsd.offline.tables.encode import Encoded, encode
 from tpmsd.offline.tables.from_columns import Columns, series_of
 from tpmsd.offline.tables.gather import signals_from, split_empty
 from tpmsd.offline.tables.signals import Series
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 KINDS = ("wheel_count", "wheel_speed")
 ANTENNA = ("antenna_forward_m", "antenna_left_m", "latency_s")

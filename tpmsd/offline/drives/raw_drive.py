@@ -14,11 +14,11 @@ from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.drives.bus_fixes import BusFixes
 from tpmsd.offline.drives.reading import Note, ignore_note
-from tpmsd.onboard.sources.can_log import SUFFIXES, find_can_log, read_can_blocks
+from tpmsd.onboard.sources.can.log import SUFFIXES, find_can_log, read_can_blocks
 from tpmsd.onboard.sources.drive import find_nmea_log
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.nmea_log import bears_host_times, read_nmea_log
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_log import bears_host_times, read_nmea_log
 
 _WANTED = "a drive is one folder, or two files, its CAN log and its NMEA log"
 

@@ -22,16 +22,16 @@ from tpmsd.car.config.model import Config
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.lean import no_collection
 from tpmsd.foundation.plain import brief
-from tpmsd.onboard.sources.can_block import FrameBlock
-from tpmsd.onboard.sources.can_channels import bus_numbers, channel_names, choose_channel
-from tpmsd.onboard.sources.can_decoder import CanDecoder
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.can_log import read_can_blocks
-from tpmsd.onboard.sources.databases import load_databases
+from tpmsd.onboard.sources.can.block import FrameBlock
+from tpmsd.onboard.sources.can.channels import bus_numbers, channel_names, choose_channel
+from tpmsd.onboard.sources.can.databases import load_databases
+from tpmsd.onboard.sources.can.decoder import CanDecoder
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.log import read_can_blocks
+from tpmsd.onboard.sources.can.signal_plan import compile_plans, signal_steps
 from tpmsd.onboard.sources.drive import Drive as FolderStream
 from tpmsd.onboard.sources.drive import Part, Sentence
-from tpmsd.onboard.sources.plain_nmea import clock_offset
-from tpmsd.onboard.sources.signal_plan import compile_plans, signal_steps
+from tpmsd.onboard.sources.gnss.plain_nmea import clock_offset
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource

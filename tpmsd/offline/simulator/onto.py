@@ -24,10 +24,10 @@ from tpmsd.offline.simulator.injection import Injection
 from tpmsd.offline.simulator.onto_can import CanRewriter, copy_of
 from tpmsd.offline.simulator.onto_nmea import NmeaRewriter
 from tpmsd.offline.simulator.sealed import SEALED
-from tpmsd.onboard.sources.can_log import READERS
-from tpmsd.onboard.sources.databases import load_databases
+from tpmsd.onboard.sources.can.databases import load_databases
+from tpmsd.onboard.sources.can.log import READERS
+from tpmsd.onboard.sources.can.signal_plan import compile_plans
 from tpmsd.onboard.sources.drive import Drive
-from tpmsd.onboard.sources.signal_plan import compile_plans
 from tpmsd.onboard.timeline.tick import Tick
 
 CLOCK_STEP_S = 1e-3

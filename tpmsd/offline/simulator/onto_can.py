@@ -21,10 +21,10 @@ import numpy as np
 from tpmsd.foundation.errors import InputError, TpmsdError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.simulator.injection import Injection, recounted, requantised, sigma_of
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.can_log import read_can_log
-from tpmsd.onboard.sources.candump_line import ERROR_FLAG, LINE, parse_candump_line
-from tpmsd.onboard.sources.signal_plan import (
+from tpmsd.onboard.sources.can.candump_line import ERROR_FLAG, LINE, parse_candump_line
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.log import read_can_log
+from tpmsd.onboard.sources.can.signal_plan import (
     BUS_SHIFT,
     EXTENDED,
     BitField,

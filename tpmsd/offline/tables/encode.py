@@ -17,7 +17,7 @@ import numpy as np
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.tables.roles import INERTIAL_UNITS
 from tpmsd.offline.tables.signals import Fixes, Series, Signals
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
 COUNTS_PER_TURN = 1_000_000

@@ -22,7 +22,7 @@ from tpmsd.foundation.lean import bring_in_mf4
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.tables.extras import not_installed
 from tpmsd.offline.tables.write import SCHEMA, SCHEMA_KEY, VEHICLE_KEY
-from tpmsd.onboard.sources.packed_bounds import check_mf4
+from tpmsd.onboard.sources.can.packed_bounds import check_mf4
 
 MAX_VALUES = 16_000_000
 """Rows times columns that are read; 128 MB of numbers, nine hours of 5 columns at 100 Hz."""

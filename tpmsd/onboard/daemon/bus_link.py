@@ -17,8 +17,8 @@ from tpmsd.car.config.model import AlarmsConfig, CanConfig
 from tpmsd.onboard.daemon.can_errors import BUS_OFF, error_names, hint_after
 from tpmsd.onboard.daemon.link import Link
 from tpmsd.onboard.sinks.can_frames import OutFrame
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.can_live import CanDown, LiveCan
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.live import CanDown, LiveCan
 
 READ_AT_ONCE = 1000
 READS_AT_ONCE = 100

@@ -20,7 +20,7 @@ from tpmsd.onboard.daemon.descriptors import Descriptors
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink
 from tpmsd.onboard.daemon.recorder import Appender, candump_line
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 
 CAN_LOG, NMEA_LOG = "can.log", "gnss.nmea"
 SYNC_S = 5.0

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from tpmsd.onboard.daemon.input_queue import Input, InputQueue, rounded
 from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Pipeline, Step
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.events import SourceFault
 
 MARK_S = 1.0

@@ -15,7 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
 Input = CanFrame | Sentence

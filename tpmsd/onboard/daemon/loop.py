@@ -47,15 +47,15 @@ from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.daemon.service_manager import ServiceManager
 from tpmsd.onboard.daemon.signals import SignalPipe
 from tpmsd.onboard.daemon.state_keeper import StateKeeper
-from tpmsd.onboard.monitor.tyre_sets import NAME
+from tpmsd.onboard.monitor.baseline.tyre_sets import NAME
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks.can_frames import CanReporter, OutFrame
 from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, to_sentence
 from tpmsd.onboard.sinks.sd_notify import Notifier
 from tpmsd.onboard.sinks.status_server import StatusServer, StatusSocketError
 from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
-from tpmsd.onboard.sources.can_decoder import can_filters
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.decoder import can_filters
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.events import SourceFault
 
 SCHEMA = "tpmsd.status/2"

@@ -17,7 +17,7 @@ from tpmsd.onboard.monitor.settings import SIGNALS
 from tpmsd.onboard.pipeline import Step
 from tpmsd.onboard.sinks.can_frames import OutFrame
 from tpmsd.onboard.sinks.can_output import CanOutputs
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 
 class OwnFrames:

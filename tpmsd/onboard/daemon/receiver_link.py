@@ -13,10 +13,10 @@ from typing import Protocol
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.onboard.daemon.link import Link
-from tpmsd.onboard.sources.gnss_net_live import TcpReceiver, UdpReceiver
-from tpmsd.onboard.sources.gnss_stream import GnssStream, GpsdStream, NmeaStream
-from tpmsd.onboard.sources.gpsd_json import WATCH
-from tpmsd.onboard.sources.serial_live import ReceiverGone, SerialReceiver
+from tpmsd.onboard.sources.gnss.gpsd_json import WATCH
+from tpmsd.onboard.sources.gnss.net_live import TcpReceiver, UdpReceiver
+from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone, SerialReceiver
+from tpmsd.onboard.sources.gnss.stream import GnssStream, GpsdStream, NmeaStream
 
 READS_AT_ONCE = 64
 """Enough for all that a line can hold back; a device that never ends must not stop the loop."""

@@ -18,7 +18,7 @@ from pathlib import Path
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.onboard.daemon.config_toml import config_toml
-from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can.frame import CanFrame
 
 MARK = b"$PTPMSD"
 BUFFER_BYTES = 1 << 18

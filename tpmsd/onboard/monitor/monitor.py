@@ -18,14 +18,17 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.agreement import AGREED, Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.alarm_state import Hysteresis
-from tpmsd.onboard.monitor.baseline import Baseline
-from tpmsd.onboard.monitor.configuration_watch import ConfigurationWatch
-from tpmsd.onboard.monitor.encoder_watch import EncoderWatch
-from tpmsd.onboard.monitor.explanation import Explanation
-from tpmsd.onboard.monitor.first_start import BEFORE, FirstStart
-from tpmsd.onboard.monitor.judge import Judge, Judgement
-from tpmsd.onboard.monitor.questions import Question, Questions
+from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.alarms.explanation import Explanation
+from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
+from tpmsd.onboard.monitor.alarms.questions import Question, Questions
+from tpmsd.onboard.monitor.alarms.saved_alarms import alarm_from_json, alarm_to_json
+from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.baseline.tyre_sets import TyreSets
+from tpmsd.onboard.monitor.evidence.first_start import BEFORE, FirstStart
+from tpmsd.onboard.monitor.health.configuration_watch import ConfigurationWatch
+from tpmsd.onboard.monitor.health.encoder_watch import EncoderWatch
+from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
@@ -34,11 +37,8 @@ from tpmsd.onboard.monitor.records import (
     WheelReport,
     WheelState,
 )
-from tpmsd.onboard.monitor.saved_alarms import alarm_from_json, alarm_to_json
 from tpmsd.onboard.monitor.settings import JUDGE, STATED
-from tpmsd.onboard.monitor.signal_watch import SignalWatch, Watching
-from tpmsd.onboard.monitor.slow_leak import SlowLeakWatch
-from tpmsd.onboard.monitor.tyre_sets import TyreSets
+from tpmsd.onboard.monitor.slow_leaks.watch import SlowLeakWatch
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 from tpmsd.onboard.timeline.tick import Tick
 

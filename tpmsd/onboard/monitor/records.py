@@ -13,8 +13,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from tpmsd.onboard.monitor.questions import Question
-    from tpmsd.onboard.monitor.sight import Sight  # with numpy, which `tpmsd status` does without
+    from tpmsd.onboard.monitor.alarms.questions import Question
+    from tpmsd.onboard.monitor.evidence.sight import Sight  # with numpy, which `tpmsd status` does without
 
 
 class WheelState(StrEnum):

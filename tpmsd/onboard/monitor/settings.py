@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tpmsd.onboard.monitor.drive_settings import DriveEvidenceSettings, LevelSettings, SlipSlopeSettings
-from tpmsd.onboard.monitor.encoder_settings import EncoderSettings
-from tpmsd.onboard.monitor.leak_settings import ReadingSettings, TrendSettings
-from tpmsd.onboard.monitor.nuisance import Nuisance
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance
+from tpmsd.onboard.monitor.health.encoder_settings import EncoderSettings
+from tpmsd.onboard.monitor.slow_leaks.settings import ReadingSettings, TrendSettings
 
 
 @dataclass(frozen=True, slots=True)

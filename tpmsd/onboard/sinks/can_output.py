@@ -25,7 +25,7 @@ from tpmsd.onboard.sinks.can_frames import Cycle, OutFrame
 from tpmsd.onboard.sinks.checksums import ALGORITHMS
 from tpmsd.onboard.sinks.j1939 import j1939_frames, j1939_identifier
 from tpmsd.onboard.sinks.output_values import output_values
-from tpmsd.onboard.sources.signal_plan import can_filters
+from tpmsd.onboard.sources.can.signal_plan import can_filters
 
 LISTEN_S = 3.0
 """Time of listening for other senders, s: relevant messages of a running car come more often, and a lamp need

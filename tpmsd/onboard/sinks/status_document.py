@@ -18,7 +18,8 @@ from tpmsd.foundation.plain import finite, millimetres
 from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.alarm_entry import alarm_entry
+from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
+from tpmsd.onboard.monitor.evidence.sight import Sight
 from tpmsd.onboard.monitor.records import (
     AlarmKind,
     LearningReport,
@@ -26,7 +27,6 @@ from tpmsd.onboard.monitor.records import (
     WheelReport,
     WheelState,
 )
-from tpmsd.onboard.monitor.sight import Sight
 from tpmsd.onboard.resonance.watch import ResonanceStatus
 from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 

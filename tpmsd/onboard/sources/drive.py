@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.can_block import FrameBlock
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.can_log import find_can_log, read_can_blocks
-from tpmsd.onboard.sources.leaps import BACKWARD_STEP_S, LeapWatch
-from tpmsd.onboard.sources.nmea_log import bears_host_times, read_nmea_log
+from tpmsd.onboard.sources.can.block import FrameBlock
+from tpmsd.onboard.sources.can.frame import CanFrame
+from tpmsd.onboard.sources.can.log import find_can_log, read_can_blocks
+from tpmsd.onboard.sources.gnss.leaps import BACKWARD_STEP_S, LeapWatch
+from tpmsd.onboard.sources.gnss.nmea_log import bears_host_times, read_nmea_log
 
 PATIENCE_S = {"can": 10.0, "gnss": 0.5}
 """Time by which a file is played past a step of the other file before it is taken not to show that step, s.

@@ -34,7 +34,7 @@ from tpmsd.onboard.sources.ahead.regular_readings import (
     none_regular,
     still_runs,
 )
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
 
 MAX_SPEED_MPS = 100.0

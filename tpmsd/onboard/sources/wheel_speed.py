@@ -26,8 +26,8 @@ from tpmsd.onboard.sources.ahead.regular_readings import (
     none_regular,
     still_runs,
 )
-from tpmsd.onboard.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
-from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can.arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
+from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.events import Event, RotationSample
 from tpmsd.onboard.sources.settings import SETTINGS
 from tpmsd.onboard.sources.wheel_counter import MAX_ACCEL_MPS2, MAX_SPEED_MPS, STUCK_S

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.onboard.sources.ahead.decoded_block import BlockFrames, DecodedBlock, decode_block
-from tpmsd.onboard.sources.can_block import FrameBlock
-from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can.block import FrameBlock
+from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_plan import PlannedTick

@@ -14,11 +14,11 @@ from cantools.database import Database
 
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.car.config.model import GNSS_ROLES, Config
-from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can.decoder import CanDecoder
+from tpmsd.onboard.sources.can.signal_plan import signal_steps
 from tpmsd.onboard.sources.events import Event, InertialSample
-from tpmsd.onboard.sources.gnss_on_can import CanFixAssembler
-from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
-from tpmsd.onboard.sources.signal_plan import signal_steps
+from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.gnss.on_can import CanFixAssembler
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.timeline import TickPlanner, Timeline
 

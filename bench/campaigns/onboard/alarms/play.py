@@ -28,7 +28,7 @@ from tpmsd.car.config.model import Config
 from tpmsd.interfaces.cli.drive_reading import open_drive, play
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.pipeline import Pipeline, Step
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.timeline.tick import Tick
 
 TOLD_EVERY_S = 10.0

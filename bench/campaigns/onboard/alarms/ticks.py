@@ -15,7 +15,7 @@ import numpy as np
 from bench.worlds.folder import HEIGHT, LATITUDE, Message, inertial_messages, wheel_messages
 from bench.worlds.instruments import Drive
 from bench.worlds.magic_tyre import Array
-from tpmsd.onboard.sources.gnss_noise import position_std
+from tpmsd.onboard.sources.gnss.noise import position_std
 from tpmsd.onboard.timeline.plausible import implausible_wheels
 from tpmsd.onboard.timeline.tick import Fix, Tick
 from tpmsd.onboard.timeline.timeline import FIELDS

@@ -23,7 +23,7 @@ from bench.campaigns.onboard.alarms.ticks import ticks_of
 from bench.worlds.folder import write_folder
 from bench.worlds.trips import Driven
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from tpmsd.onboard.daemon.journal import set_up_logging
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks.sd_notify import Notifier
-from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can.decoder import load_database
 
 parser = argparse.ArgumentParser()
 parser.add_argument("ticks", type=int)

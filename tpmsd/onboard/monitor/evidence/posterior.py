@@ -32,8 +32,8 @@ from typing import Literal
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.hypotheses import Table, Verdict
 from tpmsd.onboard.monitor.evidence.sizes import subsets
-from tpmsd.onboard.monitor.hypotheses import Table, Verdict
 
 Over = Literal["now", "minutes", "drive"]
 LEAST = 1e-300

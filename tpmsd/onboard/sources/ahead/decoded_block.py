@@ -23,12 +23,12 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.sources.ahead.regular_readings import RegularReadings
-from tpmsd.onboard.sources.can_arrival import MessageArrival, timeout_of
-from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.onboard.sources.can_decoder import CanDecoder, Group
+from tpmsd.onboard.sources.can.arrival import MessageArrival, timeout_of
+from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can.decoder import CanDecoder, Group
+from tpmsd.onboard.sources.can.signal_bits import RawArray, numbers, raw_bits
+from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
 from tpmsd.onboard.sources.settings import SETTINGS
-from tpmsd.onboard.sources.signal_bits import RawArray, numbers, raw_bits
-from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
 

@@ -1,0 +1,1 @@
+"""Alarms: judged, raised, cleared, explained, kept over restarts."""

@@ -1,0 +1,362 @@
+"""Why an alarm stands, and why none does: what was believed, the evidence, the alternatives.
+
+In: every judgement of the monitor, and the ticks between. Out: a document of plain JSON types, for
+`tpmsd explain`. Nothing here decides anything; what is kept is bounded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.onboard.estimators.agreement import Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.alarms.judge import Finding, Judgement
+from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.baseline.tyre_sets import TyreSets
+from tpmsd.onboard.monitor.evidence.posterior import Posterior
+from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets
+from tpmsd.onboard.monitor.evidence.witnesses import contrasts, gains
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.timeline.tick import Tick
+
+
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """A judgement and what it was made from; put into words only when somebody asks."""
+
+    time_s: float
+    estimate: RadiusEstimate
+    change: Change
+    finding: Finding
+    judgement: Judgement
+    resonance: ResonanceEvidence | None
+
+
+class Explanation:
+    """What one monitor has to say for itself."""
+
+    def __init__(self, wheels: list[int], settings: MonitorConfig, threshold_m: float) -> None:
+        """`threshold_m`: the loss from which a tyre counts as deflated."""
+        self._wheels = wheels
+        self._settings = settings
+        self._threshold_m = threshold_m
+        self._moments: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept)
+        self._alarms: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept_alarms)
+        self._judged: _Judged | None = None
+        self._cached: tuple[_Judged, dict[str, Any]] | None = None
+        """The last judgement that was put into words."""
+        self._kept_s = -math.inf
+        self._time_s = math.nan
+        self._moving = self._taught = 0.0
+        self._gnss_age_s = math.inf
+        self._agreement: Agreement | None = None
+
+    def tick(self, tick: Tick, estimate: RadiusEstimate, agreement: Agreement) -> None:
+        """Take every tick: motion and sky."""
+        share = 1.0 - math.exp(-tick.dt_s / EXPLANATION.recent_s)
+        self._moving += share * (float(estimate.speed_mps > 2.0) - self._moving)
+        self._taught += share * (float(estimate.informative) - self._taught)
+        self._time_s, self._gnss_age_s, self._agreement = tick.host_time_s, estimate.gnss_age_s, agreement
+
+    def judged(
+        self,
+        estimate: RadiusEstimate,
+        judgement: Judgement,
+        resonance: ResonanceEvidence | None,
+    ) -> None:
+        """Take a judgement of the wheels."""
+        if judgement.now is None or judgement.finding is None:
+            return
+        self._judged = _Judged(self._time_s, estimate, judgement.now, judgement.finding, judgement, resonance)
+        if abs(self._time_s - self._kept_s) >= EXPLANATION.keep_every_s:
+            self._kept_s = self._time_s
+            self._moments.append(self._in_words(self._judged))
+
+    def alarm(self, event: AlarmEvent) -> None:
+        """An alarm was raised or cleared: keep what spoke for it."""
+        evidence = list(self._moments)[-EXPLANATION.around :]
+        before = None
+        if self._judged is not None:
+            latest = self._in_words(self._judged)
+            if not evidence or evidence[-1] is not latest:
+                evidence.append(latest)
+            if event.wheel in latest["wheels"]:
+                before = latest["wheels"][event.wheel]["before_mm"]
+        self._alarms.append(
+            {
+                "time": _number(event.time_s),
+                "kind": str(event.kind),
+                "wheel": event.wheel,
+                "state": event.state,
+                "reason": event.reason,
+                "probability": _number(event.probability),
+                **event.additions(),
+                "before_mm": before,
+                "evidence": evidence,
+                "alternatives": self._alternatives(),
+                "clears_when": self._clears(event) if event.state == "raised" else "it is cleared",
+            }
+        )
+
+    def _clears(self, event: AlarmEvent) -> str:
+        if event.kind is AlarmKind.MALFUNCTION:
+            return "the signals have been in order for a tenth of the time that raised it"
+        if event.kind is AlarmKind.SLOW_LEAK:
+            return "a week of drives fits no leak better than this leak, or when other tyres are driven"
+        at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
+        of = "that it differs from its fellow as no set does" if event.since else "of it"
+        return (
+            f"the probability {of} is at most {at:g} for {hold_s:g} s of informative driving "
+            f"(it was {event.probability:.3f}), or a reset is accepted"
+        )
+
+    def document(
+        self, report: MonitorReport | None, malfunctions: Iterable[AlarmEvent], sets: TyreSets
+    ) -> dict[str, Any]:
+        """The document, in JSON's types. `report`: the last one; `malfunctions`: those that stand."""
+        states = {WHEELS[w]: "unavailable" for w in self._wheels}
+        if report is not None:
+            states |= {wheel.wheel: str(wheel.state) for wheel in report.wheels if wheel.wheel in states}
+        baseline, missing = sets.baseline, [alarm.reason for alarm in malfunctions]
+        if not baseline.ready:
+            missing.append(
+                f"learning: {100 * baseline.fraction:.0f} % of the first baseline; before it "
+                "no loss is seen, but a tyre that is soft already"
+            )
+        if sets.undecided:
+            missing.append("learning: a reset waits for its baseline; the one before it judges")
+        learning = {
+            "fraction": round(baseline.fraction, 4),
+            "learned_s": round(baseline.learned_s, 1),
+            "tyres": sets.name,
+            "settled": baseline.settled,
+        }
+        wheels: dict[str, Any] = {}
+        for wheel in self._wheels:
+            name = WHEELS[wheel]
+            wheels[name] = {"state": states[name], **self._wheel(wheel)}
+        return {
+            "time": _number(self._time_s),
+            "alarms": list(self._alarms),
+            "wheels": wheels,
+            "alternatives": self._alternatives(),
+            "would_change": self._would_change(),
+            "evidence": list(self._moments),
+            "missing": {
+                "motion": {
+                    "moving_share": round(self._moving, 3),
+                    "teaching_share": round(self._taught, 3),
+                },
+                "sky": {
+                    "gnss_age_s": _number(self._gnss_age_s),
+                    "agrees": None if self._agreement is None else not self._agreement.withheld,
+                },
+                "learning": learning,
+            },
+            "why_no_alarm": [*missing, *self._why()],
+        }
+
+    def _why(self) -> list[str]:
+        out = []
+        if self._moving < 0.05:
+            out.append(
+                "motion: the car has hardly moved in the last minute; nothing is judged at a standstill"
+            )
+        elif self._taught < 0.2:
+            out.append(
+                f"motion: {100 * self._taught:.0f} % of the last minute taught (above 6 m/s, gentle); "
+                "the rest is not judged"
+            )
+        if self._gnss_age_s > 10.0:
+            out.append(
+                "sky: no fix is used now; wheels are compared with each other, all four together are not"
+            )
+        if self._agreement is not None and self._agreement.withheld:
+            out.append("sky: wheels and receiver disagree; no tyre is judged until they agree again")
+        if self._agreement is not None and self._agreement.unsteady:
+            out.append("bus: the wheels' readings jump; no tyre is judged")
+        models = {} if self._judged is None else self._judged.judgement.drive_models
+        out += [
+            f"drive: {model.name} (probability {models[model.name]:.2f}) explains what differs; {model.hides}"
+            for model in DRIVE_EVIDENCE.models
+            if model.hides and models.get(model.name, 0.0) >= JUDGE.undecided
+        ]
+        return out
+
+    def _wheel(self, wheel: int) -> dict[str, Any]:
+        if self._judged is None:
+            return {"why_no_alarm": "nothing was judged yet"}
+        judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
+        std = float(judged.change_std_m[wheel])
+        seen = self._threshold_m + 2.0 * JUDGE.sight_stds * math.hypot(std, 3e-4 * 0.3)
+        return {
+            **now,
+            "smallest_loss_seen_mm": _mm(seen),
+            "why_no_alarm": (
+                f"changed by {1e3 * float(judged.change_m[wheel]):+.2f} +- {1e3 * std:.2f} mm; a loss beyond "
+                f"{1e3 * self._threshold_m:.2f} mm has probability {float(judged.deflated[wheel]):.3f}"
+            ),
+        }
+
+    def _in_words(self, judged: _Judged) -> dict[str, Any]:
+        """One moment of the evidence."""
+        if self._cached is None or self._cached[0] is not judged:
+            self._cached = (judged, self._moment(judged))
+        return self._cached[1]
+
+    def _moment(self, judged: _Judged) -> dict[str, Any]:
+        estimate, judgement, change, resonance = (
+            judged.estimate,
+            judged.judgement,
+            judged.change,
+            judged.resonance,
+        )
+        wheels = {}
+        for wheel in self._wheels:
+            deviation, moved = float(estimate.deviation_m[wheel]), float(judgement.change_m[wheel])
+            wheels[WHEELS[wheel]] = {
+                "before_mm": _mm(deviation - moved),
+                "now_mm": _mm(deviation),
+                "now_std_mm": _mm(math.sqrt(max(float(estimate.covariance_m2[wheel, wheel]), 0.0))),
+                "change_mm": _mm(moved),
+                "change_std_mm": _mm(float(judgement.change_std_m[wheel])),
+                "probability": _number(float(judgement.deflated[wheel])),
+            }
+        finding, rows = judged.finding, contrasts(self._wheels)
+        adds = gains(rows, finding.change_m, finding.covariance_m2, -finding.verdict.best_loss_m)
+        witnesses = {
+            name: {
+                "change_mm": _mm(float(row @ change.change_m)),
+                "std_mm": _mm(_std(row, change.covariance_m2)),
+                "gain_nats": _number(adds[name]),
+            }
+            for name, row in rows.items()
+        }
+        heard = None
+        if resonance is not None and resonance.wheels:
+            heard = {
+                WHEELS[w]: round(float(resonance.log_ratio([w])), 3)
+                for w in self._wheels
+                if w in resonance.wheels
+            }
+        return {
+            "time": _number(judged.time_s),
+            "speed_mps": _number(estimate.speed_mps),
+            "wheels": wheels,
+            "witnesses": {**witnesses, "resonance_log_ratio": heard},
+            "judged_over": finding.over,
+            "drive_models": {name: _number(chance) for name, chance in judgement.drive_models.items()},
+        }
+
+    def _alternatives(self) -> list[dict[str, Any]]:
+        """What may have happened, the most probable first, with why it lost."""
+        if self._judged is None:
+            return []
+        bank = self._judged.judgement.posterior
+        assert bank is not None
+        gains = self._judged.finding.verdict.gains
+        entries: list[dict[str, Any]] = [
+            {"what": "no tyre has changed", "wheels": [], "probability": bank.none, "gain_nats": 0.0}
+        ]
+        for place, members in enumerate(subsets(len(self._wheels))):
+            names = [WHEELS[self._wheels[k]] for k in members]
+            entries.append(
+                {
+                    "what": f"{' '.join(names)} lost radius",
+                    "wheels": names,
+                    "probability": float(bank.subsets[place]),
+                    "gain_nats": round(float(gains[place]), 3),
+                    "prior": JUDGE.prior_by_size[len(members) - 1],
+                }
+            )
+        entries += self._resized(bank)
+        entries.sort(key=lambda entry: -float(entry["probability"]))
+        best = entries[0]
+        leading = max(float(best["probability"]), 1e-300)
+        for entry in entries:
+            entry["nats_to_lead"] = round(math.log(leading / max(float(entry["probability"]), 1e-300)), 3)
+            behind = float(best["gain_nats"]) - float(entry["gain_nats"])
+            entry["probability"] = round(float(entry["probability"]), 6)
+            if entry is best:
+                entry["why"] = "the most probable"
+            elif behind > 1.0:
+                entry["why"] = f"fits worse by {behind:.1f} nats"
+            else:
+                entry["why"] = "fits as well, and is less probable beforehand"
+        return entries[: EXPLANATION.best]
+
+    def _would_change(self) -> list[str]:
+        """What would make another hypothesis the most probable, or an alarm of what is suspected."""
+        if self._judged is None or self._judged.judgement.posterior is None:
+            return []
+        judgement, bank = self._judged.judgement, self._judged.judgement.posterior
+        lead = self._alternatives()[:2]
+        out = [f"{lead[1]['what']}: evidence of {lead[1]['nats_to_lead']:.1f} nats more for it"]
+        chance = float(np.nan_to_num(judgement.deflated).max())
+        if self._settings.clear_probability < chance < self._settings.raise_probability:
+            short = _logit(self._settings.raise_probability) - _logit(chance)
+            out.append(f"an alarm: evidence of {short:.1f} nats more for a loss")
+        if not judgement.drive_models:
+            out.append(
+                "more driving: what both tyres of an axle or all four do is judged by the drive as a whole"
+            )
+        loaded = sum(judgement.drive_models.get(name, 0.0) for name in DRIVE_EVIDENCE.loads)
+        if loaded > self._settings.clear_probability:
+            out.append("a drive with the usual load and no trailer: what is left then is the tyres'")
+        if judgement.slippery > self._settings.clear_probability:
+            out.append("a drive on a dry road: driven wheels slip on this one")
+        if float(bank.sizes[1:].sum()) > self._settings.clear_probability:
+            out.append("other tyres: tpmsd reset --tyres NAME says that they are")
+        return out
+
+    def _resized(self, bank: Posterior) -> list[dict[str, Any]]:
+        """Wheels of another size; beside it a tyre may have lost air all the same."""
+        sizes = sizes_of(tuple(self._wheels))
+        out = []
+        for row in range(1, len(bank.sizes)):  # none while a set is learned beside another
+            names = [WHEELS[self._wheels[k]] for k in np.flatnonzero(sizes.pattern[row])]
+            larger = sizes.mean[row] > 0.0
+            out.append(
+                {
+                    "what": f"{' '.join(names)} of another size"
+                    if larger
+                    else "wheels changed front to rear",
+                    "wheels": names,
+                    "probability": float(bank.sizes[row]),
+                    "gain_nats": round(_bayes_factor(bank, sizes, row), 3),
+                    "prior": JUDGE.prior_resized,
+                }
+            )
+        return out
+
+
+def _bayes_factor(bank: Posterior, sizes: Sizes, row: int) -> float:
+    """Logarithm of the evidence for a row of sizes against all wheels of the size that was learned."""
+    chances = np.maximum(bank.sizes, 1e-300)
+    return float(np.log(chances[row] / chances[0]) - sizes.log_prior[row] + sizes.log_prior[0])
+
+
+def _logit(probability: float) -> float:
+    return math.log(probability / (1.0 - probability))
+
+
+def _std(row: FloatArray, covariance: FloatArray) -> float:
+    return math.sqrt(max(float(row @ covariance @ row), 0.0))
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 6) if math.isfinite(value) else None
+
+
+def _mm(value_m: float) -> float | None:
+    return round(1e3 * float(value_m), 4) if math.isfinite(value_m) else None

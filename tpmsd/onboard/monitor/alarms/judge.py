@@ -1,0 +1,410 @@
+"""What the change of the radii says of each tyre.
+
+In: the changes against the baseline, now and over the last minutes. Out: a `Judgement`: for each wheel how
+probable a deflation and a deviation are, how much radius and how much pressure are lost.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.car.physics.motion import driven_mask
+from tpmsd.car.physics.tyre import tyre_model
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
+from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.evidence.grip import Grip
+from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
+from tpmsd.onboard.monitor.evidence.sight import Alike, Sight, sight
+from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.sampling.drive_evidence import Accounts
+from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one comparison of hypotheses says, and of which change."""
+
+    over: Literal["now", "minutes", "drive"]
+    """The time over which the change was seen."""
+    verdict: Verdict
+    change_m: FloatArray
+    """(d,)"""
+    covariance_m2: FloatArray
+    """(d, d) with what is harmless."""
+    account: int | None = None
+    """Of a change over a drive: which of its `Accounts`."""
+    usual: float = 1.0
+    """Of a drive: probability that it is as learned, no tyre has lost air and none is of another size."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """(4,) each; NaN for a wheel that is not monitored, or before anything was judged."""
+
+    change_m: FloatArray
+    change_std_m: FloatArray
+    deflated: FloatArray
+    """Probability of a loss beyond the threshold."""
+    deviates: FloatArray
+    """Probability of a change of either sign beyond its threshold."""
+    possible: FloatArray
+    """Probability of such a loss, or of what passes and looks the same now: an alarm stands as long."""
+    loss_m: FloatArray
+    pressure_loss: FloatArray
+    """Share of the pressure."""
+    pressure_loss_std: FloatArray
+    suspicion: float
+    """Log-likelihood ratio of the best loss to none; infinite if the change is nothing that is known."""
+    contrast_std_m: float = math.inf
+    """How well the wheels are known against each other: the largest standard deviation of one wheel's change
+    less the mean of all."""
+    now: Change | None = None
+    """The change at this moment."""
+    finding: Finding | None = None
+    """What sees the most of a loss."""
+    account: int | None = None
+    """The likeliest of the drive's `Accounts`, where it alone shows a loss."""
+    sight: Sight | None = None
+    """Which losses would be seen; None before anything was judged."""
+    drive_models: dict[str, float] = field(default_factory=dict)
+    """Posterior probability of each drive model; empty while the drive is too short."""
+    unusual: float = 0.0
+    """Probability that this drive is not as learned or a tyre has changed, and that no wheel slips."""
+    all_larger: float = 0.0
+    """Probability that all wheels are larger alike."""
+    posterior: Posterior | None = None
+    """The bank of which the probabilities are marginals; None before anything was judged."""
+
+    @property
+    def all_alike(self) -> bool:
+        """Whether the most probable loss is one of all wheels: then only the receiver tells it from none."""
+        return self.finding is not None and bool(self.finding.verdict.best_loss_m.min() > 0.0)
+
+    @property
+    def least_hold_s(self) -> float:
+        """For how long an alarm has to last: what rests on the receiver's speed alone until that was held
+        against its own positions."""
+        return JUDGE.alike_hold_s if self.all_alike else 0.0
+
+    @property
+    def slippery(self) -> float:
+        """Probability that wheels slip on this drive as they have not before."""
+        return Grip.low(self.drive_models)
+
+    def trusted(self, settled: bool) -> bool:
+        """Whether the baseline may learn; `settled`: whether it has been learned once. Nothing is
+        learned on a slippery drive of a car that is known."""
+        if settled and self.slippery > JUDGE.undecided:
+            return False
+        return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)
+
+    def by_wheel(self) -> list[tuple[float, ...]]:
+        """For each of four wheels its change, standard deviation, probabilities of a deflation and of a
+        deviation (0 where nothing was judged), lost pressure and standard deviation."""
+        deflated, deviates = (
+            [0.0 if math.isnan(chance) else chance for chance in chances.tolist()]
+            for chances in (self.deflated, self.deviates)
+        )
+        change_m, std_m = self.change_m.tolist(), self.change_std_m.tolist()
+        loss, loss_std = self.pressure_loss.tolist(), self.pressure_loss_std.tolist()
+        return list(zip(change_m, std_m, deflated, deviates, loss, loss_std, strict=True))
+
+    @classmethod
+    def unknown(cls) -> Judgement:
+        """Before anything was judged."""
+        nan = np.full(4, math.nan)
+        return cls(nan, nan, nan, nan, nan, nan, nan, nan, math.inf)
+
+
+class Judge:
+    """Thresholds and tyres of one car."""
+
+    def __init__(
+        self,
+        vehicle: VehicleConfig,
+        settings: MonitorConfig,
+        tyre: TyreConfig,
+        wheels: list[int],
+        harmless: Nuisance = JUDGE.harmless,
+    ) -> None:
+        self._wheels = wheels
+        self._radius = np.array(vehicle.wheel_radius_m)[wheels]
+        self._harmless = harmless
+        self.harmless_m2 = harmless.covariance(wheels, self._radius)
+        self._of_mean_m2: dict[int, FloatArray] = {}
+        """What comes and goes in a mean of so many samples (d, d)."""
+        self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
+        self._threshold = settings.deflation_percent / 100.0
+        if settings.deflation_pressure_percent is not None:
+            share = settings.deflation_pressure_percent / 100.0
+            losses = [-one.radius_change_m(share) for one in self._tyres]
+            self._threshold = float(np.mean(np.array(losses) / self._radius))
+        self._asked = settings.raise_probability
+        self._grip = Grip(vehicle, wheels, self._radius)
+        self._limit = settings.deviation_percent / 100.0
+        self._sizes = sizes_of(tuple(wheels))
+        self._apart = _apart(wheels)
+        members = [
+            [float(place in subset) for place in range(len(wheels))] for subset in subsets(len(wheels))
+        ]
+        self._together = np.array(members) - self._apart
+        """(s, d): 1 for the other wheels of each of `subsets`."""
+        self._of_driven = ~np.any(self._together[:, ~driven_mask(vehicle.driven_axle)[wheels]] > 0.0, axis=1)
+        """(s,) whether these are all driven."""
+        front = IS_FRONT[wheels]
+        self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
+        """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
+        self._cached: tuple[Accounts, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = None
+        """The last comparison of a drive: it changes with every sample, and is asked for every second."""
+
+    def judge(
+        self,
+        now: Change,
+        mean: Change,
+        resonance: ResonanceEvidence | None = None,
+        other_tyres: bool = False,
+        accounts: Accounts | None = None,
+    ) -> Judgement:
+        """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them.
+        `accounts`: what the drive as a whole says of several wheels, once it is long enough.
+
+        `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
+        then no loss, but one wheel that stands out is.
+        """
+        harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
+        ratios = self._ratios(resonance)
+        averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
+        against = self._against(ratios, other_tyres)
+        of_drive: Finding | None = None
+        models: dict[str, float] = {}
+        alike: tuple[Alike, ...] = ()
+        if accounts is not None:
+            of_drive, models, alike = self._of_drive(accounts, ratios, other_tyres)
+        now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
+        at_once = self._look("now", now, now_m2, against, models)
+        lately = self._look("minutes", mean, mean_m2, against, models)
+        # What shows in a mean alone is slow; what shows now alone is fast.
+        findings = [at_once, lately] if of_drive is None else [at_once, lately, of_drive]
+        finding = max(findings, key=lambda one: float(one.verdict.deflated.max()))
+        std = np.sqrt(np.diag(now.covariance_m2))
+        steady, steady_m2 = mean.change_m, mean.covariance_m2 + self.harmless_m2
+        if finding is of_drive:
+            steady, steady_m2 = finding.change_m, finding.covariance_m2
+        pressure = [
+            tyre.pressure_loss(float(x), float(s))
+            for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
+        ]
+        fits = now.fits and mean.fits
+        bank = posterior(self._windows(at_once, lately, mean.samples, of_drive, models))
+        account = None
+        if of_drive is not None and bank.deflated.max() > JUDGE.undecided:
+            without = posterior(self._windows(at_once, lately, mean.samples, None, models))
+            account = of_drive.account if without.deflated.max() <= JUDGE.undecided else None
+        return Judgement(
+            change_m=self._on_all(now.change_m),
+            change_std_m=self._on_all(std),
+            deflated=self._on_all(bank.deflated),
+            deviates=self._on_all(bank.deviates),
+            possible=self._on_all(bank.possible),
+            loss_m=self._on_all(finding.verdict.loss_m),
+            pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
+            pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
+            suspicion=bank.suspicion if fits else math.inf,
+            contrast_std_m=_contrast_std(now.covariance_m2),
+            now=now,
+            finding=finding,
+            account=account,
+            sight=self._sight(mean, mean_m2, alike),
+            drive_models=models,
+            unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.low(models), 0.0),
+            all_larger=self._all_larger(bank.sizes),
+            posterior=bank,
+        )
+
+    def _ratios(self, resonance: ResonanceEvidence | None) -> FloatArray | None:
+        """(s,) log likelihood ratio of each of `subsets` to none lost by the resonances; None of none."""
+        if resonance is None or not resonance.wheels:
+            return None
+        sets = subsets(len(self._wheels))
+        return np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
+
+    def _look(
+        self,
+        over: Literal["now", "minutes"],
+        change: Change,
+        covariance_m2: FloatArray,
+        against: Comparison,
+        models: dict[str, float],
+    ) -> Finding:
+        """What a change of covariance (d, d) says where the drive may slip as its `models` have it."""
+        slipping = self._grip.accounts(change.change_m, covariance_m2, change.samples, models)
+        each_m2 = slipping.covariance_m2
+        change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
+        sizes = against.sizes or no_sizes(len(self._wheels))
+        accounts = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
+        verdict = against.of_accounts(accounts)
+        best = int(verdict.accounts.argmax())
+        return Finding(over, verdict, accounts.change_m[best], accounts.covariance_m2[best])
+
+    def _all_larger(self, sizes: FloatArray) -> float:
+        """Probability that all wheels are larger; 0 where no sizes were compared."""
+        of_all = self._sizes.of_all
+        return float(sizes @ of_all) if sizes.size == of_all.size else 0.0
+
+    def _against(self, ratios: FloatArray | None, other_tyres: bool) -> Comparison:
+        # Of other tyres the covariance holds what they may be larger already.
+        sizes = None if other_tyres else self._sizes
+        return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
+
+    def _windows(
+        self, now: Finding, mean: Finding, samples: int, drive: Finding | None, models: dict[str, float]
+    ) -> list[Window]:
+        """What each window of onsets is believed to say; `drive`: the drive as a whole.
+
+        A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
+        goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
+        load for a while: so they are believed of the drive as a whole, or of the mean over minutes where the
+        car is not known yet. Of an axle and of all a deviation is not asked of minutes beside the drive.
+        """
+        every = self._apart + self._together
+        whole = drive is None and samples >= JUDGE.full_samples
+        lately = every if whole else self._apart
+        off_lately = every if whole else np.zeros_like(self._apart)
+        windows = [
+            Window("now", now.verdict, self._apart, self._apart),
+            Window("minutes", mean.verdict, lately, off_lately),
+        ]
+        if drive is not None:
+            by_drive = self._believed_of_drive(models)
+            windows.append(Window("drive", drive.verdict, by_drive, by_drive))
+        return windows
+
+    def _believed_of_drive(self, models: dict[str, float]) -> FloatArray:
+        """(s, d) how much of what the drive as a whole says of each of `subsets` is no slip.
+
+        Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
+        slippery road what driven axles do is slip. One that stands out beside its fellow over many samples
+        still tells.
+        """
+        slippery, uneven = self._grip.low(models), self._grip.uneven(models)
+        trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
+        return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
+
+    def _sight(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> Sight:
+        """One tyre is seen by the mean over minutes, all alike and axles by the drive as a whole, or if there
+        is none by a mean that is long enough."""
+        if not alike and mean.samples >= JUDGE.full_samples:
+            alike = self._alike(mean.change_m[None], mean_m2[None], np.zeros(1))
+        whole, axles = (alike[0], alike[1:]) if alike else (None, ())
+        return sight(mean_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
+
+    def _alike(
+        self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
+    ) -> tuple[Alike, ...]:
+        """Knowledge of a loss of all wheels, and one of each axle; as `Alike.of`."""
+        return tuple(
+            Alike.of(change_m, covariance_m2, log_weight, lost) for lost in (self._radius, *self._axles)
+        )
+
+    def _of_drive(
+        self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool
+    ) -> tuple[Finding, dict[str, float], tuple[Alike, ...]]:
+        """Evidence of the whole drive on the drive models, and how it knows a loss of all tyres and of
+        axles; computed once for each of its samples."""
+        told = self._cached
+        if told is not None and told[0] is accounts and told[1] == other_tyres and log_ratios is None:
+            return told[2:]
+        lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
+        harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
+        covariance_m2, log_weight = accounts.allowing(harmless_m2)
+        against = self._against(log_ratios, other_tyres)
+        kept = accounts.likely(log_weight)
+        if other_tyres:
+            kept = kept[accounts.row[kept] == 0]
+        verdict = against.of_accounts(
+            Sized(
+                accounts.change_m[kept],
+                covariance_m2[kept],
+                log_weight[kept],
+                accounts.row[kept],
+                accounts.size[kept],
+                accounts.size_std[kept],
+            )
+        )
+        chances = np.zeros(log_weight.size)
+        chances[kept] = verdict.accounts
+        best = int(chances.argmax())
+        as_learned = (accounts.model[kept] == 0) & (accounts.row[kept] == 0)
+        usual = float(verdict.intact[as_learned].sum())
+        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best, usual)
+        models = accounts.model_probabilities(chances)
+        # Of each model a change before the drive, with no wheel of another size.
+        first = np.unique(accounts.model, return_index=True)[1]
+        alike = self._alike(accounts.change_m[first], covariance_m2[first], log_weight[first])
+        self._cached = (accounts, other_tyres, finding, models, alike)
+        return finding, models, alike
+
+    @property
+    def threshold_m(self) -> float:
+        """Loss of radius from which a tyre counts as deflated, mean of the wheels."""
+        return self._threshold * float(self._radius.mean())
+
+    def pressure_loss(self, wheel: int, change_m: float, std_m: float) -> tuple[float, float]:
+        """Share of the pressure that a change of radius stands for, and its standard deviation."""
+        return self._tyres[self._wheels.index(wheel)].pressure_loss(change_m, std_m)
+
+    def soft_after_reset(self, change: Change, other_tyres: bool) -> FloatArray:
+        """(4,) how probable it is that a tyre was soft when the baseline was reset.
+
+        The change is that against the baseline before. Other tyres may be larger or smaller all together, or
+        by axle; a soft one among them still stands out.
+        """
+        harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
+        covariance_m2 = change.covariance_m2 + harmless_m2
+        if other_tyres:
+            against = Comparison(self._radius, self._threshold)
+            return self._on_all(against.of(change.change_m, covariance_m2).deflated)
+        found = self._look("now", change, covariance_m2, self._against(None, False), {})
+        return self._on_all(found.verdict.deflated)
+
+    def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
+        """(d, d) of what comes and goes in a mean of so many samples."""
+        if samples not in self._of_mean_m2:
+            share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s))
+            averaged = self._harmless.averaged(share)
+            self._of_mean_m2[samples] = averaged.covariance(self._wheels, self._radius)
+        return self._of_mean_m2[samples]
+
+    def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
+        d = len(self._wheels)
+        return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
+
+    def _on_all(self, values: FloatArray) -> FloatArray:
+        out = np.full(4, math.nan)
+        out[self._wheels] = values
+        return out
+
+
+def _contrast_std(covariance_m2: FloatArray) -> float:
+    d = len(covariance_m2)
+    centring = np.eye(d) - np.ones((d, d)) / d
+    return math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
+
+
+def _apart(wheels: list[int]) -> FloatArray:
+    """(s, d): 1 for the wheels of each of `subsets` that stand out: the other one of the axle is monitored
+    and not in it, or no other wheel is."""
+    found = subsets(len(wheels))
+    out = np.zeros((len(found), len(wheels)))
+    for row, members in zip(out, found, strict=True):
+        sound = set(wheels) - {wheels[place] for place in members}
+        row[list(members)] = [float(len(members) == 1 or wheels[place] ^ 1 in sound) for place in members]
+    return out

@@ -1,0 +1,157 @@
+"""What the monitor asks: a tyre has probably changed, and nothing tells which cause it is.
+
+In: every judgement. Out: the `Question`s that stand. An alarm says what is known, a question what is not, so
+that nothing is kept silent.
+
+A tyre is in order while its probability of a change is at most `clear_probability`; an alarm is raised from
+`raise_probability` on. What stays between the two for as long as an alarm of all wheels has to
+(`alike_hold_s`) is asked. A question goes once the evidence no longer speaks for a change at all, the
+posterior being back at the prior, or once an alarm says it. Sound drives that ask are few, whatever the
+drive: of probabilities that are calibrated, those whose prior is q exceed p at most q / p times (Markov's
+inequality).
+
+Another load or a trailer looks like both tyres of an axle that were soft when the drive began, and is far
+more frequent. Where it is as certain as an alarm has to be that something is other than learned, and no wheel
+slips, the driver is asked whether it is the load.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.alarms.judge import Judgement
+from tpmsd.onboard.monitor.evidence.posterior import Posterior
+from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, FIRST_START, JUDGE
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Something that the radii do not tell."""
+
+    wheels: tuple[str, ...]
+    """That are asked about: the most probable change."""
+    question: str
+    """One sentence for the driver."""
+    probability: float
+    """That a tyre has lost air or is of another size; of a question about the load, that it is another."""
+    since_s: float
+    """Host time at which it was first asked."""
+
+    def entry(self) -> dict[str, object]:
+        """The question as every JSON document shows it."""
+        return {
+            "wheels": list(self.wheels),
+            "question": self.question,
+            "probability": round(self.probability, 4),
+            "since": self.since_s,
+        }
+
+
+class Questions:
+    """The question of one car: about tyres, or else about the load."""
+
+    def __init__(self, settings: MonitorConfig, wheels: list[int]) -> None:
+        """`wheels`: indices of the monitored wheels."""
+        self._wheels = wheels
+        self._subsets = subsets(len(wheels))
+        self._sizes = sizes_of(tuple(wheels))
+        prior = sum(JUDGE.prior_by_size[len(one) - 1] for one in self._subsets)
+        prior += float(np.exp(self._sizes.log_prior[1:]).sum())
+        clear, hold_s = settings.clear_probability, JUDGE.alike_hold_s
+        self._of_tyres = Hysteresis(clear, prior, hold_s, settings.clear_hold_s)
+        self._of_load = Hysteresis(settings.raise_probability, clear, hold_s, settings.clear_hold_s)
+        soft = len(wheels) * (FIRST_START.soft_prior + FIRST_START.larger_prior)
+        self._of_first = Hysteresis(clear, soft, hold_s, settings.clear_hold_s)
+        self._first: tuple[int, float, str] | None = None
+        self._axles = [
+            place
+            for place, one in enumerate(self._subsets)
+            if len(one) == 2 and wheels[one[0]] ^ 1 == wheels[one[1]]
+        ]
+        self.standing: tuple[Question, ...] = ()
+
+    def update(
+        self,
+        found: Judgement | None,
+        elapsed_s: float,
+        time_s: float,
+        *,
+        said: bool,
+    ) -> None:
+        """Take a judgement that stands for `elapsed_s` of driving; None: of tyres that may be others. `said`:
+        whether an alarm of a tyre stands."""
+        if said:
+            self.forget()
+            return
+        asked: list[tuple[tuple[str, ...], str, float]] = []
+        if found is not None and found.posterior is not None:
+            asked = self._of_bank(found.posterior, found, elapsed_s)
+        if self._of_first.active and self._first is not None:
+            wheel, chance, words = self._first
+            asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", chance)]
+        since = {one.wheels: one.since_s for one in self.standing}
+        self.standing = tuple(
+            Question(wheels, question, chance, since.get(wheels, time_s))
+            for wheels, question, chance in asked
+        )
+
+    def _of_bank(
+        self, bank: Posterior, found: Judgement, elapsed_s: float
+    ) -> list[tuple[tuple[str, ...], str, float]]:
+        """What the bank leaves open: the wheels, the question, the probability."""
+        self._of_tyres.update(bank.changed, elapsed_s)
+        self._of_load.update(found.unusual, elapsed_s)
+        if self._of_tyres.active:
+            return [(*self._words(bank, found.drive_models), bank.changed)]
+        if self._of_load.active and self._axles:
+            return [(*self._of_axle(bank), found.unusual)]
+        return []
+
+    def at_first(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
+        """Take what the first minutes of a car say of a tyre that was soft before: the wheel, its probability
+        and the words for it. What they left open stays open."""
+        if suspected is not None:
+            self._first = suspected
+            self._of_first.update(suspected[1], elapsed_s)
+
+    def forget(self) -> None:
+        """Nothing is asked: an alarm says it, or other tyres are on the car."""
+        for asked in (self._of_tyres, self._of_load, self._of_first):
+            asked.active, asked.held_s = False, 0.0
+        self.standing = ()
+
+    def _of_axle(self, found: Posterior) -> tuple[tuple[str, ...], str]:
+        """The axle of which a loss would look the same, and the question."""
+        place = max(self._axles, key=lambda one: float(found.subsets[one]))
+        names = self._names(self._subsets[place])
+        return names, (
+            f"another load than usual, or a trailer? If not, look at {' '.join(names)}: both tyres soft "
+            "since the drive began look the same"
+        )
+
+    def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
+        """The wheels of the likeliest change, and the question with the causes in their order."""
+        causes: list[tuple[float, tuple[str, ...], str]] = []
+        for members, chance in zip(self._subsets, found.subsets.tolist(), strict=True):
+            names = self._names(members)
+            causes.append((chance, names, f"{' '.join(names)} soft"))
+        for row in range(1, found.sizes.size):
+            names = self._names(tuple(np.flatnonzero(self._sizes.pattern[row]).tolist()))
+            other = "other tyres" if self._sizes.mean[row] > 0.0 else "wheels changed front to rear"
+            causes.append((float(found.sizes[row]), names, f"{other} ({' '.join(names)} larger)"))
+        best = max(causes, key=lambda cause: cause[0])
+        usual = DRIVE_EVIDENCE.models[0].name
+        rivals = [(chance, (), name) for name, chance in models.items() if name != usual]
+        named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[: JUDGE.named_causes]
+        told = " or ".join(f"{what} ({chance:.2f})" for chance, _, what in named)
+        return best[1], f"{told}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
+
+    def _names(self, members: Sequence[int]) -> tuple[str, ...]:
+        return tuple(WHEELS[self._wheels[place]] for place in members)

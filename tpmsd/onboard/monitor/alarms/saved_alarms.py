@@ -1,0 +1,59 @@
+"""Standing tyre alarms as plain numbers for the state file, and back.
+
+In: an `AlarmEvent`. Out: JSON types; and the event again, or ValueError for what is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Container
+from typing import Any
+
+from tpmsd.foundation.bounds import LARGEST, number
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.evidence.first_start import BEFORE
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.settings import TYRE_SETS
+
+
+def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:
+    """What is kept of an alarm that stands; radii are not, for they are estimated anew."""
+    return {
+        "kind": str(event.kind),
+        "wheel": event.wheel,
+        "time_s": event.time_s,
+        "probability": event.probability,
+        "reason": event.reason,
+        "pressure_loss": _or_none(event.pressure_loss),
+        "pressure_loss_std": _or_none(event.pressure_loss_std),
+        "since": event.since,
+    }
+
+
+def alarm_from_json(entry: dict[str, Any], known: Container[tuple[AlarmKind, int]]) -> AlarmEvent:
+    """The alarm again; `known`: kinds and wheels that this car's monitor has. Raises ValueError, KeyError or
+    TypeError."""
+    event = AlarmEvent(
+        time_s=number(entry["time_s"], -LARGEST, LARGEST, "time"),
+        kind=AlarmKind(entry["kind"]),
+        wheel=str(entry["wheel"]),
+        state="raised",
+        deviation_m=math.nan,
+        std_m=math.nan,
+        probability=number(entry["probability"], 0.0, 1.0, "probability"),
+        reason=str(entry["reason"])[: TYRE_SETS.most_reason],
+        pressure_loss=_or_nan(entry.get("pressure_loss")),
+        pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
+        since=BEFORE if entry.get("since") else "",
+    )
+    if event.wheel not in WHEELS or (event.kind, WHEELS.index(event.wheel)) not in known:
+        raise ValueError(f"the saved {event.kind} alarm of {event.wheel} is not one of this car")
+    return event
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else number(value, -10.0, 10.0, "loss of pressure")

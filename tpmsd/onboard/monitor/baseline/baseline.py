@@ -1,0 +1,407 @@
+"""When the baseline is learned, and from what: it must never learn a fault.
+
+In: ticks, estimates, and whether anything is suspected. Out: the `Reference` and the change against it.
+
+It is ready when `learn_s` of driving have taught the wheels against each other. Then, while nothing is
+suspected, samples refine it: each range of speed takes `range_samples`, after which it is frozen. Load and
+day are learned in the first `drive_samples` after a standstill. An estimate is a mean over its memory, so
+samples are `sample_every_s` apart.
+
+A leak of half an hour looks like nothing from one sample to the next, and what learned it would hide it. So
+from `settled_samples` on what a drive shows of the car is learned in a shadow baseline (`_shadow`) and
+counts from the next drive on, unless something was suspected when this one ended.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.priors import GROWTH_S2PM
+from tpmsd.foundation.bounds import number, whole
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline.reference import Reference, speed_range
+from tpmsd.onboard.monitor.evidence.probability import chi_square_quantile
+from tpmsd.onboard.monitor.sampling.conditions import Conditions, ConditionTracker
+from tpmsd.onboard.monitor.sampling.drive_evidence import Accounts, DriveEvidence
+from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
+from tpmsd.onboard.monitor.sampling.slip_sums import SlopeSums
+from tpmsd.onboard.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
+from tpmsd.onboard.timeline.tick import Tick
+
+FIT_LIMIT = {count: chi_square_quantile(BASELINE.fit_probability, count) for count in range(1, 5)}
+"""Largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""
+
+
+_Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
+
+
+def typical(
+    moments: list[_Sample], expected: FloatArray, radius_m: FloatArray, fellows: FloatArray
+) -> _Sample:
+    """Of moments in a row the last one; or, where a wheel spins or is locked beside its fellow just then, the
+    one that is nearest to the median of each wheel. What both wheels of an axle do tells of grip, and stays.
+
+    `expected` (n,): parameters of the reference; radius_m (d,) nominal; fellows (a, d): 1 and -1 for the
+    wheels of an axle.
+    """
+    rest = np.stack([deviation - h @ expected * radius_m for deviation, _, _, h in moments])
+    apart = rest @ fellows.T
+    off = apart[-1] - np.median(apart, axis=0)
+    harmless_m2 = JUDGE.harmless.own**2 * np.diag(radius_m**2)
+    variance = np.diag(fellows @ (moments[-1][1] + harmless_m2) @ fellows.T)
+    if np.all(off**2 <= FIT_LIMIT[1] * variance):
+        return moments[-1]
+    return moments[int(np.abs(rest - np.median(rest, axis=0)).sum(axis=1).argmin())]
+
+
+def _added(one: _Sample, other: _Sample) -> _Sample:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2], one[3] + other[3]
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Radii against the baseline, of the monitored wheels."""
+
+    change_m: FloatArray
+    """(d,)"""
+    covariance_m2: FloatArray
+    """(d, d) of estimate and baseline."""
+    samples: int
+    """How many estimates it is the mean of."""
+    own_m2: FloatArray
+    """(d, d) of the estimate alone."""
+    fits: bool
+    """Whether it is what the baseline expects, harmless changes allowed for."""
+
+
+class Baseline:
+    """One set of tyres."""
+
+    def __init__(self, vehicle: VehicleConfig, wheels: list[int], learn_s: float) -> None:
+        self._vehicle = vehicle
+        self._wheels = wheels
+        self._radius = np.array(vehicle.wheel_radius_m)[wheels]
+        self._radius2 = np.outer(self._radius, self._radius)
+        self._grid = np.ix_(wheels, wheels)
+        pairs = [(w, w + 1) for w in (0, 2) if w in wheels and w + 1 in wheels]
+        self._fellows = np.array([[float(w == a) - float(w == b) for w in wheels] for a, b in pairs])
+        self._fellows = self._fellows.reshape(-1, len(wheels))
+        self._steep = BASELINE.steep.covariance(wheels, self._radius)
+        self._learn_s = learn_s
+        self._conditions = ConditionTracker()
+        self._slip = SlipSlope(vehicle)
+        self._slip_seen, self._slip_taught = SlopeSums(), SlopeSums()
+        """Since the last of the recent samples, and since the last that was learned."""
+        self.reference = Reference(vehicle)
+        self._shadow: Reference | None = None
+        """What counts from the next drive on; None as long as the car is learned for the first time."""
+        self._doubt = 0.0
+        """Share of the last minutes of driving during which something was suspected."""
+        self.ready = False
+        self._learned_s = 0.0
+        self._since_s = 0.0
+        self._drive_samples = 0
+        self._recent: deque[_Sample] = deque(maxlen=BASELINE.recent_samples)
+        self._recent_sum: tuple[_Sample, _Sample] | None = None
+        """Sum of the recent samples, and the newest one in it."""
+        self._recent_s = 0.0
+        self._moments: list[_Sample] = []
+        """Each second since the last of the recent samples."""
+        self._evidence: DriveEvidence | None = None
+        """Of this drive."""
+        self._first_drive = False
+        """Whether the car was not known when that began."""
+        self._by_drive = False
+        """Whether the last alarm was raised by the first drive as a whole alone."""
+        self._closed = False
+        """Whether this drive is not asked any more."""
+
+    @property
+    def fraction(self) -> float:
+        """How much of the first learning is done, 0 to 1."""
+        return 1.0 if self.ready else min(self._learned_s / self._learn_s, 0.99)
+
+    @property
+    def learned_s(self) -> float:
+        """Driving time that it was learned from."""
+        return self._learned_s
+
+    def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
+        """Take every tick: conditions, and what a standstill changes."""
+        stood_s = self._conditions.update(tick, estimate)
+        if (window := self._slip.update(tick)) is not None:
+            self._slip_seen += window
+            self._slip_taught += window
+        if stood_s >= CONDITIONS.parked_s:
+            if stood_s >= CONDITIONS.new_day_s:
+                self._adopt_shadow()
+            for reference in self._references():
+                reference.forget_drive(load_only=stood_s < CONDITIONS.new_day_s)
+            self._drive_samples = 0
+            self.forget_recent()
+        if estimate.informative:
+            self._since_s += tick.dt_s
+            self._recent_s += tick.dt_s
+            if not self.ready:
+                self._learned_s += tick.dt_s
+
+    @property
+    def settled(self) -> bool:
+        """Whether the car has been learned once, so that drives are held against what was known before."""
+        return self._shadow is not None
+
+    @property
+    def own_growth_m(self) -> FloatArray:
+        """(4,) what each wheel grows now with speed beyond the others."""
+        return self.reference.own_growth_m(self._conditions.now)
+
+    def _references(self) -> tuple[Reference, ...]:
+        return (self.reference,) if self._shadow is None else (self.reference, self._shadow)
+
+    def _adopt_shadow(self) -> None:
+        """Another drive begins: what the last ones taught counts now, unless they ended in doubt."""
+        if self._shadow is not None and self._doubt < 0.5:
+            self.reference = self._shadow
+        if self._shadow is not None or sum(self.reference.ranges) >= BASELINE.next_drive_samples:
+            self._shadow = self.reference.copy()
+        self._doubt = 0.0
+
+    def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
+        """Return the change now, and its mean over the last minutes; None where it is not known, or none of a
+        tyre. Nothing is taken up by asking: that is `observe`.
+
+        `harmless_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
+        better in the mean, for an estimate of the radius common to all wheels is known less well than
+        differences between them.
+        """
+        now = self._sample(estimate)
+        if now is None:
+            return None
+        one = self._change(now, 1, harmless_m2)
+        if not self._recent or self._jumped(now, harmless_m2):
+            return one, one
+        return one, self._change(_added(self._sum(), now), len(self._recent) + 1, harmless_m2)
+
+    def observe(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> None:
+        """Take a second of driving into what the last minutes and the drive as a whole say; `harmless_m2` as
+        in `changes`."""
+        now = self._sample(estimate)
+        if now is None:
+            return
+        if self._recent and self._jumped(now, harmless_m2):
+            self._recent.clear()
+        if self._evidence is None and not self._closed:
+            self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
+            self._first_drive = not self.settled
+        self._moments.append(now)
+        if self._recent_s < BASELINE.sample_every_s:
+            return
+        sample = typical(self._moments, self.reference.mean, self._radius, self._fellows)
+        self._recent.append(sample)
+        if self._evidence is not None:
+            self._evidence.take(*sample, self._recent_s, self._slip_seen.slope())
+        self._recent_s, self._slip_seen = 0.0, SlopeSums()
+        self._moments.clear()
+
+    def _sample(self, estimate: RadiusEstimate) -> _Sample | None:
+        """Return what this moment shows; None where it is not known, or nothing that a tyre does."""
+        found = self._known(estimate)
+        if found is None:
+            return None
+        now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
+        larger_m = found[0] - now[3] @ self.reference.mean * self._radius
+        return None if np.any(larger_m > JUDGE.most_larger * self._radius) else now
+
+    def alarm_turned(self, account: int | None) -> None:
+        """An alarm was raised or cleared; `account`: the one by which the drive as a whole raised it, and
+        nothing else did.
+
+        While the car is learned for the first time, what was learned on such a drive holds part of the loss,
+        and is estimated anew beside it. After any other alarm the drive is not asked again until the car has
+        stood: it would not show that the tyre is in order again.
+        """
+        if self.settled and not self._first_drive:
+            return
+        self._by_drive = account is not None
+        if self._evidence is None or account is None:
+            self._evidence, self._closed = None, True
+            return
+        ranges = self.reference.ranges
+        self.reference = self._evidence.reference_beside(account)
+        self.reference.ranges = list(ranges)
+        if self._shadow is not None:
+            self._shadow = self.reference.copy()
+
+    def forget_recent(self) -> None:
+        """What was seen in the last minutes is not to be believed, or is another drive's."""
+        self._slip_seen, self._slip_taught = SlopeSums(), SlopeSums()
+        self._recent.clear()
+        self._moments.clear()
+        self._evidence, self._closed, self._first_drive = None, False, False
+
+    def accounts(self, *, alarm_stands: bool) -> Accounts | None:
+        """What the drive as a whole says; None as long as it is too short. While an alarm stands a first
+        drive is asked if it alone raised it."""
+        asked = self.settled or self._by_drive or not alarm_stands
+        return self._evidence.accounts if asked and self._evidence is not None else None
+
+    def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
+        """Whether the radii are others than in the last minutes, so that a mean would mix two states."""
+        before, before_own = self._against_expected(self._sum(), len(self._recent))
+        change, own = self._against_expected(now, 1)
+        off = change - before
+        return bool(off @ np.linalg.solve(own + harmless_m2 + before_own, off) > FIT_LIMIT[off.size])
+
+    def _sum(self) -> _Sample:
+        """Of the recent samples, of which there is one at least."""
+        if self._recent_sum is None or self._recent_sum[1] is not self._recent[-1]:
+            self._recent_sum = functools.reduce(_added, self._recent), self._recent[-1]
+        return self._recent_sum[0]
+
+    def _against_expected(self, total: _Sample, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Mean of samples, whose sum is given, minus the mean of what is expected (d,), and the covariance
+        (d, d) of the mean alone."""
+        deviation, own, unsettled, h = total
+        change = (deviation - h @ self.reference.mean * self._radius) / samples
+        return change, (own / samples + unsettled) / samples
+
+    def _change(self, total: _Sample, samples: int, harmless_m2: FloatArray) -> Change:
+        """As `_against_expected`, with what is known of the expected."""
+        change, own_m2 = self._against_expected(total, samples)
+        h = total[3] / samples
+        covariance = own_m2 + h @ self.reference.covariance @ h.T * self._radius2
+        nis = float(change @ np.linalg.solve(covariance + harmless_m2, change))
+        return Change(change, covariance, samples, own_m2, bool(nis <= FIT_LIMIT[change.size]))
+
+    def learn(
+        self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool, elapsed_s: float
+    ) -> None:
+        """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre;
+        `elapsed_s`: driving since the last call."""
+        found = self._known(estimate)
+        if found is None:
+            return
+        self._note_doubt(trusted, elapsed_s)
+        at = self._conditions.now
+        if self._since_s < BASELINE.sample_every_s or not self._may_learn(found[1], trusted, at):
+            return
+        taught = self._shadow or self.reference
+        car = not self.ready or taught.ranges[speed_range(at)] < BASELINE.range_samples
+        first = self._drive_samples < BASELINE.drive_samples
+        if not car and not first:
+            return
+        self._learn_sample(found[0], found[1] + self._unsettled() + harmless_m2, at, car=car, first=first)
+        if self.ready:
+            self._learned_s += self._since_s
+        self.ready = True
+        self._drive_samples += 1
+        self._since_s = 0.0
+
+    def _note_doubt(self, trusted: bool, elapsed_s: float) -> None:
+        """Keep the share of driving in which something is suspected; what slipped then is not learned."""
+        if not self.ready:
+            return
+        self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)
+        if not trusted:
+            self._slip_taught = SlopeSums()
+
+    def _may_learn(self, covariance_m2: FloatArray, trusted: bool, at: Conditions) -> bool:
+        """Whether a sample of this covariance (d, d) may be learned now."""
+        if not self.ready:
+            return self._may_begin(covariance_m2)
+        return trusted and abs(at.unsettled) <= BASELINE.unsettled_speed2
+
+    def _learn_sample(
+        self, deviation_m: FloatArray, noise_m2: FloatArray, at: Conditions, *, car: bool, first: bool
+    ) -> None:
+        """Learn a sample (d,) with its noise (d, d). `car`: what belongs to the car as well; `first`: it is
+        one of the first of this drive, from which what counts now learns the drive."""
+        taught = self._shadow or self.reference
+        taught.wander(self._since_s)
+        taught.learn(deviation_m, noise_m2, self._wheels, at, car=car)
+        slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
+        if slope is not None and car:
+            taught.learn_slip(slope)
+        if self._shadow is not None and first:
+            self.reference.wander(self._since_s)
+            self.reference.learn(deviation_m, noise_m2, self._wheels, at, car=False)
+        elif self._shadow is None and sum(self.reference.ranges) >= BASELINE.settled_samples:
+            self._shadow = self.reference.copy()
+
+    def _may_begin(self, covariance_m2: FloatArray) -> bool:
+        """Whether enough was driven and the wheels are known against each other."""
+        if self._learned_s < self._learn_s:
+            return False
+        d = len(self._wheels)
+        centring = np.eye(d) - np.ones((d, d)) / d
+        contrast = math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
+        return contrast <= BASELINE.max_contrast_std * float(self._radius.mean())
+
+    def _known(self, estimate: RadiusEstimate) -> tuple[FloatArray, FloatArray] | None:
+        deviation = estimate.deviation_m[self._wheels]
+        covariance = estimate.covariance_m2[self._grid]
+        if not (np.isfinite(deviation).all() and np.isfinite(covariance).all()):
+            return None
+        return deviation, covariance
+
+    def _unsettled(self) -> FloatArray:
+        """(d, d) covariance of what the baseline cannot follow: growth while speed changes, and slopes."""
+        at = self._conditions.now
+        off = BASELINE.unsettled_share * GROWTH_S2PM.mean * at.unsettled
+        return off**2 + at.steep_mps2**2 * self._steep
+
+    def follow(self, other: Baseline) -> None:
+        """Take over from another baseline of the same car how it is being driven."""
+        self._conditions.take_up(other._conditions.to_json())
+
+    @property
+    def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
+        """Samples learned in each range of speed, by its middle in km/h; those of this drive among them."""
+        ranges = (self._shadow or self.reference).ranges
+        return tuple((round(3.6 * k), n) for k, n in zip(REFERENCE.knots_mps, ranges, strict=True))
+
+    # -- what survives a restart -----------------------------------------------------------------------------
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        return {
+            "ready": self.ready,
+            "learned_s": self._learned_s,
+            "since_s": self._since_s,
+            "drive_samples": self._drive_samples,
+            "conditions": self._conditions.to_json(),
+            "reference": self.reference.to_json(),
+            "lessons": None if self._shadow is None else self._shadow.to_json(),
+            "doubt": self._doubt,
+        }
+
+    def take_up(self, saved: dict[str, Any]) -> None:
+        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
+        try:
+            learned_s = number(saved["learned_s"], 0.0, BASELINE.longest_s, "learning time")
+            since_s = number(saved["since_s"], 0.0, BASELINE.longest_s, "learning time")
+            drive_samples = whole(saved["drive_samples"], 0, REFERENCE.most_samples, "number of samples")
+            ready = saved["ready"]
+            reference = Reference.from_json(saved["reference"], self._vehicle)
+            shadow = saved.get("lessons")  # states of before have none: the next drive begins anew
+            if shadow is not None:
+                shadow = Reference.from_json(shadow, self._vehicle)
+            doubt = number(saved.get("doubt", 0.0), 0.0, 1.0, "doubt")
+            conditions = ConditionTracker()
+            conditions.take_up(saved["conditions"])
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
+            raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
+        if not isinstance(ready, bool):
+            raise ValueError("the saved baseline is not one")
+        self._shadow, self._doubt = shadow, doubt
+        self.reference, self._conditions, self.ready = reference, conditions, ready
+        self._learned_s, self._since_s, self._drive_samples = learned_s, since_s, drive_samples

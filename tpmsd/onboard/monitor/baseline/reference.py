@@ -1,0 +1,306 @@
+"""The radii this car has while its tyres are in order, as a function of how it is driven.
+
+In: estimates with their covariance and conditions, while nothing is suspected. Out: the radii to expect under
+any conditions, with their covariance.
+
+A Bayesian linear regression (Kalman filter without measurement lag), relative to the nominal radii. What acts
+is taken from the physics catalogue, each with a prior of what cars have:
+
+    OWN         each wheel's radius, warm, extrapolated to standstill
+    GROWTH      centrifugal_growth of all wheels, GROWTH_OWN what one wheel grows more, both per v^2
+    DRAG        longitudinal_slip of the driven axle by air drag, per v^2
+    SPEED       what all wheels do else by speed, learned per range of speed
+    WARM        thermal_growth, two time constants; WARM_AXLE: front more than rear
+    HILL        longitudinal_slip and load_transfer_longitudinal on slopes, for each axle
+    AGE         of the receiver's speed, s: no radius, but what looks like slip where all wheels are driven
+    LOAD        load of each axle: another after the car has stood
+    DAY         temperature and pressure of the air: another on another day
+    WANDER      what comes and goes within a drive; WANDER_OWN of one wheel
+
+The first eight belong to the car and are learned once, each range of speed for itself, then frozen: what
+followed the radii would follow a slow leak too. The last three belong to the drive; they are learned in its
+first minutes and forgotten with it. So nothing that a leak does can be taken for longer than a drive, nor for
+more than load and weather can do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, SPEED_AGE_S, WARMTH_M
+from tpmsd.foundation.bounds import covariance, vector, whole
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
+from tpmsd.onboard.monitor.drive_settings import DriveModel
+from tpmsd.onboard.monitor.sampling.conditions import Conditions
+from tpmsd.onboard.monitor.sampling.slip_sums import Slope
+from tpmsd.onboard.monitor.settings import REFERENCE
+
+OWN, GROWTH_OWN, SPEED = slice(0, 4), slice(4, 8), slice(8, 13)
+GROWTH, DRAG = 13, 14
+WARM, WARM_AXLE, HILL, AGE = slice(15, 17), 17, slice(18, 20), 20
+CAR = 21
+"""So many parameters belong to the car; the rest to the drive."""
+LOAD, DAY, WANDER, WANDER_OWN = slice(21, 23), 23, 24, slice(25, 29)
+SIZE = 29
+
+KNOTS_MPS = np.array(REFERENCE.knots_mps)
+_PLACES = np.arange(float(KNOTS_MPS.size))
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """What one measurement update found, relative to the radii."""
+
+    value: FloatArray
+    """(d,) measured minus expected."""
+    spread: FloatArray
+    """(d, d) its covariance."""
+    gain: FloatArray
+    """(SIZE, d) Kalman's gain."""
+
+
+class Reference:
+    """What is known of the car's radii."""
+
+    def __init__(self, vehicle: VehicleConfig) -> None:
+        self._radius = np.array(vehicle.wheel_radius_m)
+        self._driven = np.array(
+            [vehicle.driven_axle in ("front", "all"), vehicle.driven_axle in ("rear", "all")]
+        )
+        self._share = 1.0 / max(int(self._driven.sum()), 1)
+        """Of the force that each driven axle transmits."""
+        self._acts = self._signs()
+        self.mean, self.covariance = self._prior()
+        self.ranges = [0] * KNOTS_MPS.size
+        """Samples learned in each range of speed, by its knot."""
+
+    def _prior(self) -> tuple[FloatArray, FloatArray]:
+        mean, std = np.zeros(SIZE), np.zeros(SIZE)
+        radius_m = float(self._radius.mean())
+        warmths = WARM.stop - WARM.start
+        for place, prior, unit in (
+            (GROWTH, GROWTH_S2PM, REFERENCE.per_speed2 / radius_m),
+            (DRAG, DRAG_SLIP_S2PM2, REFERENCE.per_speed2),
+            (WARM, WARMTH_M, 1.0 / warmths / radius_m),
+            (AGE, SPEED_AGE_S, 1.0),
+        ):
+            mean[place], std[place] = prior.mean * unit, prior.std * unit
+        std[GROWTH_OWN], std[SPEED] = REFERENCE.growth_own_std, REFERENCE.speed_std
+        std[WARM_AXLE] = REFERENCE.warm_axle_std
+        mean[HILL] = np.where(self._driven, -DRIVE_SLIP_S2PM.mean * self._share, 0.0)
+        std[HILL] = np.where(self._driven, DRIVE_SLIP_S2PM.std, REFERENCE.hill_free_std)
+        covariance = np.diag(std**2)
+        # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
+        covariance[OWN, OWN] = REFERENCE.own_std**2 * (0.75 + 0.25 * np.eye(4))
+        covariance[CAR:, CAR:] = np.diag(_drive_std() ** 2)
+        return mean, covariance
+
+    def _signs(self) -> FloatArray:
+        """(4, SIZE) on which wheels each parameter acts, and with which sign."""
+        out = np.zeros((4, SIZE))
+        out[:, OWN] = out[:, GROWTH_OWN] = out[:, WANDER_OWN] = np.eye(4)
+        out[:, SPEED] = out[:, GROWTH] = out[:, DAY] = out[:, WANDER] = 1.0
+        out[:, DRAG] = np.where(np.where(IS_FRONT, *self._driven), -1.0, 0.0)
+        out[:, WARM], out[:, WARM_AXLE] = -1.0, np.where(IS_FRONT, -1.0, 1.0)
+        for axle, mask in enumerate((IS_FRONT, ~IS_FRONT)):
+            out[mask, HILL.start + axle] = out[mask, LOAD.start + axle] = 1.0
+        return out
+
+    def features(self, at: Conditions) -> FloatArray:
+        """(4, SIZE) how each parameter acts on each wheel, relative to its radius."""
+        quantities = np.ones(SIZE)
+        speed2 = at.speed2 / REFERENCE.per_speed2
+        quantities[GROWTH_OWN] = quantities[GROWTH] = quantities[DRAG] = speed2
+        quantities[SPEED] = hats(math.sqrt(at.speed2))
+        quantities[WARM], quantities[WARM_AXLE] = at.cold, at.cold[1]
+        quantities[HILL] = at.slope_mps2
+        return np.asarray(self._acts * quantities)
+
+    def expected(self, at: Conditions) -> tuple[FloatArray, FloatArray]:
+        """Radius minus nominal to expect (4,), m, and its covariance (4, 4), m2."""
+        h = self.features(at)
+        return h @ self.mean * self._radius, h @ self.covariance @ h.T * np.outer(self._radius, self._radius)
+
+    def own_growth_m(self, at: Conditions) -> FloatArray:
+        """(4,) what each wheel grows with speed beyond the others, or slips against the drag, as far as it is
+        learned."""
+        slope = self.mean[GROWTH_OWN] + self._acts[:, DRAG] * self.mean[DRAG]
+        return np.asarray(slope * at.speed2 / REFERENCE.per_speed2 * self._radius)
+
+    def learn(
+        self,
+        deviation_m: FloatArray,
+        covariance_m2: FloatArray,
+        wheels: list[int],
+        at: Conditions,
+        *,
+        car: bool,
+    ) -> None:
+        """Take an estimate of these wheels, (d,) and (d, d), independent of those before.
+
+        `car`: whether it may change what belongs to the car; else only what belongs to the drive (Schmidt's
+        consider update: what is not taught keeps its mean and covariance).
+        """
+        radius = self._radius[wheels]
+        noise = covariance_m2 / np.outer(radius, radius)
+        self.correct(deviation_m / radius, noise, self.features(at)[wheels], car=car)
+        if car:
+            self.ranges[speed_range(at)] += 1
+
+    def learn_slip(self, slope: Slope, *, car: bool = True) -> tuple[Innovation, FloatArray]:
+        """Take a slip slope, `car` as in `learn`: the slip of the driven axle under the force of a slope is
+        that under an acceleration. Where both are driven it is the mean of both. What was found, and the
+        features (1, SIZE)."""
+        h = np.zeros((1, SIZE))
+        h[0, HILL] = -0.5 if self._driven.all() else np.where(self._driven, -1.0, 1.0)
+        h[0, AGE] = slope.per_age
+        value, variance = np.array([slope.slip_s2pm]), np.array([[slope.variance]])
+        return self.correct(value, variance, h, car=car), h
+
+    def correct(
+        self, deviation: FloatArray, noise: FloatArray, h: FloatArray, *, car: bool = True
+    ) -> Innovation:
+        """Kalman's measurement update with relative deviations (d,), their covariance (d, d) and features
+        (d, SIZE); `car` as in `learn`."""
+        innovation = deviation - h @ self.mean
+        spread = h @ self.covariance @ h.T + noise
+        gain = np.asarray(np.linalg.solve(spread, h @ self.covariance).T)
+        if not car:
+            gain[:CAR] = 0.0
+        self.mean = self.mean + gain @ innovation
+        # Joseph's form: right for any gain.
+        kept = np.eye(SIZE) - gain @ h
+        out = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
+        self.covariance = (out + out.T) / 2
+        return Innovation(innovation, spread, gain)
+
+    def wander(self, seconds: float) -> FloatArray:
+        """Driving goes on: what comes and goes within a drive has come and gone a little. (SIZE,) the share
+        that is left of each parameter."""
+        decay = math.exp(-seconds / REFERENCE.wander_s)
+        factor = np.ones(SIZE)
+        factor[WANDER] = factor[WANDER_OWN] = decay
+        self.mean = self.mean * factor
+        self.covariance = self.covariance * np.outer(factor, factor)
+        grown = (1.0 - decay**2) * _drive_std() ** 2
+        for place in (WANDER, *range(WANDER_OWN.start, WANDER_OWN.stop)):
+            self.covariance[place, place] += grown[place - CAR]
+        return factor
+
+    def widened(self, model: DriveModel) -> Reference:
+        """One in which this drive may differ from those before as `model` allows."""
+        out = self.copy()
+        slip_std = np.where(self._driven, self._share * model.slip_std, 0.0)
+        (hill, hill_std), (drag, drag_std) = model.hill_times, model.drag_times
+        places = {DRAG: math.hypot(model.drag_std, drag_std * self.mean[DRAG])}
+        out.mean[DRAG] *= drag
+        for axle in range(2):
+            places[LOAD.start + axle] = math.hypot(model.load_std[axle], slip_std[axle])
+            if self._driven[axle]:
+                place = HILL.start + axle
+                places[place] = math.hypot(model.hill_std, hill_std * self.mean[place])
+                out.mean[place] *= hill
+        for place, std in places.items():
+            out.covariance[place, place] += std**2
+        return out
+
+    def slip(self, model: DriveModel) -> FloatArray:
+        """(4, 4) relative covariance of what driven axles slip by `model` all drive long."""
+        return self._of_driven(self._share * model.slip_std)
+
+    def _of_driven(self, std: float) -> FloatArray:
+        driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
+        return np.asarray(np.where(driven[:, None], self._of_axles(std), 0.0))
+
+    def _of_axles(self, std: float) -> FloatArray:
+        return np.where(IS_FRONT[:, None] == IS_FRONT[None, :], std**2, 0.0)
+
+    def scatter(self, model: DriveModel) -> FloatArray:
+        """(4, 4) relative covariance of what `model` adds to every sample."""
+        return self._of_axles(model.axle_scatter) + np.eye(4) * model.own_scatter**2
+
+    def forget_drive(self, load_only: bool) -> None:
+        """The car has stood: its load is another, and unless `load_only` so is the day."""
+        std = _drive_std()
+        places = list(range(LOAD.start, LOAD.stop)) if load_only else list(range(CAR, SIZE))
+        self.mean[places] = 0.0
+        self.covariance[places, :] = 0.0
+        self.covariance[:, places] = 0.0
+        for place in places:
+            self.covariance[place, place] = std[place - CAR] ** 2
+
+    def copy(self) -> Reference:
+        """One that learns apart from this one."""
+        out = Reference.__new__(Reference)
+        out._radius, out._driven, out._share = self._radius, self._driven, self._share
+        out._acts = self._acts
+        out.mean, out.covariance, out.ranges = self.mean.copy(), self.covariance.copy(), list(self.ranges)
+        return out
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        return {
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+            "ranges": list(self.ranges),
+        }
+
+    @classmethod
+    def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> Reference:
+        """Back from the state file; ValueError if it is no baseline.
+
+        Learning only ever narrows the prior, so no variance may be much wider and no parameter far from it.
+        """
+        out = cls(vehicle)
+        prior_mean, prior = out._prior()
+        std = np.sqrt(np.diag(prior))
+        try:
+            if len(saved["mean"]) == SIZE - 1:
+                saved = _with_age(saved, prior_mean[AGE], prior[AGE, AGE])
+            mean = vector(saved["mean"], SIZE, "baseline")
+            spread = covariance(saved["covariance"], (REFERENCE.wider * std) ** 2, "baseline's covariance")
+            ranges = [whole(n, 0, REFERENCE.most_samples, "number of samples") for n in saved["ranges"]]
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"the saved baseline is not one: {error}") from error
+        if len(ranges) != KNOTS_MPS.size:
+            raise ValueError("the saved baseline has another shape")
+        if np.any(np.abs(mean - prior_mean) > REFERENCE.far_stds * std):
+            raise ValueError("the saved baseline is absurd (far from what any car has)")
+        out.mean, out.covariance, out.ranges = mean, spread, ranges
+        return out
+
+
+def _with_age(saved: dict[str, Any], mean: float, variance: float) -> dict[str, Any]:
+    """A baseline that was saved before `AGE` was learned (0.6 and earlier), with its prior."""
+    rows = [[*row[:AGE], 0.0, *row[AGE:]] for row in saved["covariance"]]
+    of_age = [variance if place == AGE else 0.0 for place in range(SIZE)]
+    return {
+        **saved,
+        "mean": [*saved["mean"][:AGE], mean, *saved["mean"][AGE:]],
+        "covariance": [*rows[:AGE], of_age, *rows[AGE:]],
+    }
+
+
+def _drive_std() -> FloatArray:
+    """(SIZE - CAR,) prior standard deviations of what belongs to the drive."""
+    out = np.empty(SIZE - CAR)
+    out[LOAD.start - CAR : LOAD.stop - CAR] = REFERENCE.load_std
+    out[DAY - CAR], out[WANDER - CAR] = REFERENCE.day_std, REFERENCE.wander_std
+    out[WANDER_OWN.start - CAR :] = REFERENCE.wander_own_std
+    return out
+
+
+def hats(speed_mps: float) -> FloatArray:
+    """(knots,) piecewise linear weights of the ranges of speed; their sum is 1."""
+    place = float(np.interp(speed_mps, KNOTS_MPS, _PLACES))
+    return np.asarray(np.maximum(1.0 - np.abs(_PLACES - place), 0.0))
+
+
+def speed_range(at: Conditions) -> int:
+    """In which range of speed these conditions are: the index of the nearest knot."""
+    return int(np.argmax(hats(math.sqrt(at.speed2))))

@@ -1,0 +1,76 @@
+"""What wheels slip now, and over minutes, under each drive model: one model of grip for all looks.
+
+In: the probability of each drive model by the drive as a whole, and a change. Out: accounts of that change:
+its covariance under each model, and the log weight of each if no tyre has changed.
+
+A drive that has shown low grip or loose ground is slippery for whoever looks: what an estimate of a few
+seconds, or a mean over minutes, may be off by is what the drive's samples were off by. The slip of a driven
+axle lasts, so no mean averages it out; what comes and goes between samples falls with their number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline.reference import Reference
+from tpmsd.onboard.monitor.evidence.nuisance import log_normal
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
+
+
+@dataclass(frozen=True, slots=True)
+class Slipping:
+    """Accounts of one change by m models."""
+
+    covariance_m2: FloatArray
+    """(m, d, d) with what slips."""
+    log_weight: FloatArray
+    """(m,) if no tyre has changed."""
+
+
+class Grip:
+    """The drive models of one car, as far as they slip."""
+
+    def __init__(self, vehicle: VehicleConfig, wheels: list[int], radius_m: FloatArray) -> None:
+        """radius_m (d,) nominal, of the monitored `wheels`."""
+        reference, grid = Reference(vehicle), np.ix_(wheels, wheels)
+        scale = np.outer(radius_m, radius_m)
+        models = DRIVE_EVIDENCE.models
+        self._lasting = np.stack([reference.slip(model)[grid] for model in models]) * scale
+        self._scatter = np.stack([reference.scatter(model)[grid] for model in models]) * scale
+        self._slipping = np.array([model.name in DRIVE_EVIDENCE.slipping for model in models])
+        self._event = np.stack([np.diag((model.event_std * radius_m) ** 2) for model in models])
+        self._event_share = np.array([model.event_share for model in models])
+
+    @staticmethod
+    def low(models: dict[str, float]) -> float:
+        """Probability that the drive slips."""
+        return sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.slipping)
+
+    @staticmethod
+    def uneven(models: dict[str, float]) -> float:
+        """Probability that wheels slip by now more, now less."""
+        uneven = set(DRIVE_EVIDENCE.slipping) - set(DRIVE_EVIDENCE.by_slope)
+        return sum(chance for name, chance in models.items() if name in uneven)
+
+    def accounts(
+        self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]
+    ) -> Slipping:
+        """Of a change (d,) that is the mean of so many samples, with the covariance (d, d) where nothing
+        slips. `models`: probability of each; empty while the drive is too short to tell."""
+        if not models:
+            return Slipping(covariance_m2[None], np.zeros(1))
+        chances = np.array([models[model.name] for model in DRIVE_EVIDENCE.models])
+        keep = self._slipping & (chances > 0.0)
+        slips = self._lasting[keep] + self._scatter[keep] / samples
+        events = slips + self._event[keep] / samples**2
+        total = np.concatenate([covariance_m2[None], covariance_m2 + slips, covariance_m2 + events])
+        eventful = 1.0 - (1.0 - self._event_share[keep]) ** samples
+        weights = np.concatenate(
+            [[chances[~self._slipping].sum()], chances[keep] * (1.0 - eventful), chances[keep] * eventful]
+        )
+        with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
+            return Slipping(total, np.log(weights) + log_normal(change_m, total))

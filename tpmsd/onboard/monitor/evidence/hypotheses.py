@@ -1,0 +1,267 @@
+"""Which tyres have lost radius? A comparison of hypotheses over all wheels at once.
+
+In: the change of the radii against the baseline with its covariance. Out: for each wheel the probability that
+it is deflated, and how large the loss is.
+
+Model: change = nuisance + noise - s * (1 on the wheels of subset S), with s > 0 the loss common to the
+subset's wheels. Nuisance are the harmless changes that every drive brings, by the way they act (physics
+catalogue): all wheels together (centrifugal growth, warm-up), axle against axle (drive slip, load), side
+against side (camber, cross-load), and each wheel's own. A hypothesis is a subset S; its likelihood is
+averaged over a grid of losses, so larger subsets and freer losses pay for their freedom. Because all wheels
+are judged together, a common growth is not taken for a loss and the right wheel is named. A single wheel may
+also have become larger: else the one beside it would seem to have shrunk.
+
+Beside any of these wheels may be of another size (`evidence.sizes`), which hides no loss.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.probability import normal_cdf
+from tpmsd.onboard.monitor.evidence.sizes import Sized, Sizes, no_sizes, subsets
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+
+LOSS_GRID = np.geomspace(*JUDGE.losses)
+NEGLIGIBLE = math.exp(-DRIVE_EVIDENCE.negligible_nats)
+"""Probability below which a hypothesis adds nothing to a deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Logarithms of the joint posterior, but for one constant, by r rows of sizes and s subsets; -inf for
+    what was left out."""
+
+    none: FloatArray
+    """(r,) nothing lost."""
+    larger: FloatArray
+    """(d,) the wheel is larger by any amount, nothing else; -inf where that is not compared."""
+    lost: FloatArray
+    """(r, s)"""
+    large: FloatArray
+    """(r, s) weighed by `severity`."""
+
+    @classmethod
+    def of(
+        cls,
+        row: NDArray[np.intp],
+        none: FloatArray,
+        logs: FloatArray,
+        threshold: float,
+        shape: tuple[int, int],
+    ) -> Table:
+        """By n accounts of `row` (n,): logs of nothing lost (n,) and of each hypothesis and loss of them
+        (n, h, losses); `shape`: r and s."""
+        r, s = shape
+        shift = np.maximum(np.maximum.reduce(logs, axis=(1, 2)), none)
+        shift = np.where(np.isfinite(shift), shift, -1e300)
+        scaled = np.exp(logs - shift[:, None, None])
+        top = np.full(r, -1e300)
+        np.maximum.at(top, row, shift)
+        plain = np.add.reduce(scaled, axis=2)
+        large = scaled[:, :s] @ severity(threshold)
+        parts = np.concatenate([np.exp(none - shift)[:, None], plain, large], axis=1)
+        of_row = (row == np.arange(r)[:, None]) * np.exp(shift - top[row])
+        with np.errstate(divide="ignore"):
+            found = np.log(of_row @ parts) + top[:, None]
+        return cls(found[:, 0], np.max(found[:, 1 + s : -s], axis=0), found[:, 1 : 1 + s], found[:, -s:])
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the comparison says."""
+
+    deflated: FloatArray
+    """(d,) probability that the wheel is deflated: a loss from the threshold on counts in full, a smaller one
+    by its share of it (`severity`)."""
+    none: float
+    """Probability that no wheel has lost anything."""
+    loss_m: FloatArray
+    """(d,) expected loss of each wheel, m."""
+    beyond: FloatArray
+    """(s,) the same that the wheels of each of `subsets`, and no other, are."""
+    off: FloatArray
+    """(s,) probability that these wheels are larger or smaller by more than the limit."""
+    sizes: FloatArray
+    """(r,) posterior probability of each row of sizes."""
+    larger: FloatArray
+    """(d,) probability that the wheel, and no other, is larger than was learned."""
+    suspicion: float
+    """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
+    likeliest account."""
+    chances: FloatArray
+    """(h,) posterior probability of a loss of each of `subsets`, then of each single wheel that is larger."""
+    gains: FloatArray
+    """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest account."""
+    best_loss_m: FloatArray
+    """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest account."""
+    accounts: FloatArray
+    """(n,) posterior probability of each account of the change."""
+    intact: FloatArray
+    """(n,) the same with nothing lost."""
+    table: Table
+    """The same joint posterior by rows of sizes, for `evidence.posterior`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What changes of d tyres are held against."""
+
+    radius_m: FloatArray
+    """(d,) nominal."""
+    threshold: float
+    """Loss, relative to the radius, beyond which a tyre is deflated."""
+    log_ratios: FloatArray | None = None
+    """(s,) log likelihood ratio of each of `subsets` to none lost by other, independent evidence; None if
+    there is none. It shifts the posterior, not the suspicion."""
+    one_alone: bool = False
+    """Whether only losses of one wheel are considered: where an axle may be of any size, others cannot be
+    told from them."""
+    sizes: Sizes | None = None
+    """Wheels that may be of another size beside a loss; None: none of them."""
+    limit: float = math.inf
+    """Change, relative, from which a wheel deviates."""
+
+    def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
+        """Posterior over all subsets and losses by one account of the change: change_m (d,), covariance_m2
+        (d, d) of change including nuisance."""
+        return self.of_accounts(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
+
+    def of_accounts(self, accounts: Sized) -> Verdict:
+        """Posterior over n accounts of one change as well, covariances including nuisance."""
+        d = self.radius_m.size
+        _, weights, log_shares = _hypotheses(d)
+        parabola = self._parabola(accounts.change_m, accounts.covariance_m2)
+        slope, curvature = (one[:, :, None] for one in parabola)
+        fit = np.asarray(LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature))
+        logs = accounts.log_weight[:, None, None] + fit + log_shares[:, None]
+        logs[accounts.row > 0, 2**d - 1 :] = -np.inf  # what is larger is a row of sizes there
+        if self.log_ratios is not None:
+            logs[:, : 2**d - 1] += self.log_ratios[:, None]
+        if self.one_alone:
+            logs[:, d:] = -np.inf  # subsets come by size
+        log_none = accounts.log_weight + math.log1p(-float(weights.sum()))
+        top = max(np.maximum.reduce(logs, axis=None), np.maximum.reduce(log_none))
+        posterior, none = np.exp(logs - top), np.exp(log_none - top)
+        total = np.add.reduce(none) + np.add.reduce(posterior, axis=None)
+        table = Table.of(accounts.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
+        return self._verdict(accounts, fit, parabola, posterior / total, none / total, table)
+
+    @property
+    def _rows(self) -> int:
+        return len((self.sizes or no_sizes(self.radius_m.size)).mean)
+
+    def _parabola(self, change_m: FloatArray, covariance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihood of a loss less that of none, a parabola over the size of the loss, by m accounts
+        (m, d), (m, d, d): its slope at no loss and its curvature, (m, h) each."""
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
+        seen = np.einsum("nij,nj->ni", whitener, change_m)
+        white = (_hypotheses(self.radius_m.size)[0] * self.radius_m) @ whitener.transpose(0, 2, 1)
+        return -np.einsum("ni,nsi->ns", seen, white), np.einsum("nsi,nsi->ns", white, white)
+
+    def _verdict(
+        self,
+        given: Sized,
+        fit: FloatArray,
+        parabola: tuple[FloatArray, FloatArray],
+        posterior: FloatArray,
+        none: FloatArray,
+        table: Table,
+    ) -> Verdict:
+        """Log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
+        d = self.radius_m.size
+        lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
+        accounts = none + np.add.reduce(posterior, axis=(1, 2))
+        best = int(accounts.argmax())
+        likeliest = fit[best]
+        # Whether anything is lost is asked of tyres of the size that was learned.
+        usual = fit[int(np.where(given.row == 0, accounts, -1.0).argmax())]
+        found = np.add.reduce(posterior)
+        of_losses = found[lost]
+        beyond = int(LOSS_GRID.searchsorted(self.threshold))
+        chances = np.add.reduce(found, axis=1)
+        large = of_losses @ severity(self.threshold)
+        of_best, size = divmod(int(of_losses.argmax()), LOSS_GRID.size)
+        # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
+        return Verdict(
+            deflated=np.minimum(large @ members, 1.0),
+            none=float(np.add.reduce(none[given.row == 0]) + found[lost.stop :].sum()),
+            loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
+            beyond=large,
+            off=self._off(given, parabola, posterior, accounts),
+            sizes=self._of_rows(given, accounts),
+            larger=chances[lost.stop :] if d > 2 else np.zeros(d),
+            suspicion=float(np.maximum.reduce(usual[lost, beyond:], axis=None)),
+            chances=chances,
+            gains=np.maximum.reduce(likeliest, axis=1),
+            best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
+            accounts=accounts,
+            intact=none,
+            table=table,
+        )
+
+    def _of_rows(self, given: Sized, accounts: FloatArray) -> FloatArray:
+        """(r,) probability of each row of sizes by that of each account (n,)."""
+        out = np.zeros(self._rows)
+        np.add.at(out, given.row, accounts)
+        return out
+
+    def _off(
+        self,
+        given: Sized,
+        parabola: tuple[FloatArray, FloatArray],
+        posterior: FloatArray,
+        accounts: FloatArray,
+    ) -> FloatArray:
+        """(s,) probability that wheels are off by more than the limit: by what they lost or gained, of which
+        (n, h, losses) is the posterior, or by their size."""
+        lost = 2**self.radius_m.size - 1
+        out = np.zeros(lost)
+        if not math.isfinite(self.limit):
+            return out
+        chances = np.add.reduce(posterior, axis=2)
+        slope, curvature = parabola
+        for account, found in np.argwhere(chances > NEGLIGIBLE).tolist():
+            std = 1.0 / math.sqrt(float(curvature[account, found]))
+            beyond = float(slope[account, found]) * std - self.limit / std
+            # Subsets come by size: what is larger is one wheel.
+            out[found % lost] += float(chances[account, found]) * normal_cdf(beyond)
+        subset = (self.sizes or no_sizes(self.radius_m.size)).subset
+        for account in np.flatnonzero((given.row > 0) & (accounts > NEGLIGIBLE)).tolist():
+            size, std = float(given.size[account]), max(float(given.size_std[account]), 1e-12)
+            over = normal_cdf((size - self.limit) / std) + normal_cdf((-size - self.limit) / std)
+            out[subset[int(given.row[account])]] += float(accounts[account]) * over
+        return out
+
+
+@functools.cache
+def severity(threshold: float) -> FloatArray:
+    """(grid,) how much of a deflation each loss of the grid is, for a relative threshold: 1 from it on, below
+    it loss over threshold.
+
+    An alarm without any loss is a false one; to name a tyre that has lost four fifths of the threshold is
+    hardly one. So what is not known of the size of a certain loss weighs less than whether there is one.
+    """
+    return np.minimum(LOSS_GRID / threshold, 1.0)
+
+
+@functools.cache
+def _hypotheses(d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What may have happened to d wheels, (h, d): 1 for those that lost, all subsets first; -1 for one that
+    is larger, where there are others to tell that by. And their prior probabilities (h,), and the logarithms
+    of each loss's share of them (h,).
+    """
+    found = subsets(d)
+    members = [[float(wheel in subset) for wheel in range(d)] for subset in found]
+    priors = [JUDGE.prior_by_size[len(subset) - 1] for subset in found]
+    if d > 2:
+        members += (-np.eye(d)).tolist()
+        priors += [JUDGE.prior_larger] * d
+    weights = np.array(priors)
+    return np.array(members), weights, np.log(weights / LOSS_GRID.size)

@@ -1,0 +1,1 @@
+"""Malfunctions: signals, encoders and configuration that keep the monitor from its work."""

@@ -1,0 +1,341 @@
+"""Whether monitoring can do its work: signals of wheels and receiver that stay away become malfunctions.
+
+In: ticks and their estimates. Out: malfunction events, raised after a time without and cleared after a time
+with the signal. A parked car whose bus goes quiet is in order. So is a receiver without a fix in a garage.
+Not so one that is unplugged, a bus on which another node sends the wheels' frames, or wheels and a receiver
+that disagree on the speed: frozen frames, a frozen receiver, or a DBC of another car.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.bounds import LARGEST, number
+from tpmsd.foundation.wheels import RL, RR, WHEELS
+from tpmsd.onboard.estimators.agreement import AGREED, Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.sampling.car_speed import CarSpeed
+from tpmsd.onboard.monitor.settings import SIGNALS
+from tpmsd.onboard.timeline.tick import Fix, Tick
+
+DISAGREE = "wheels and receiver disagree on the speed"
+NEVER_AGREED = " (is it the right DBC?)"
+AGREED_BEFORE = ", on which they agreed before"
+_ESTIMATED = 6
+"""GGA quality of dead reckoning: no witness."""
+
+
+def _known(speed_mps: float) -> float:
+    return speed_mps if math.isfinite(speed_mps) else 0.0
+
+
+class ReceiverSpeed:
+    """Speed over ground by the receiver alone: its own, or the way between its positions."""
+
+    def __init__(self) -> None:
+        self._speed_mps, self._time_s = math.nan, -math.inf
+        self._anchor: Fix | None = None
+
+    def update(self, tick: Tick) -> float:
+        """The speed now; NaN where it is not known."""
+        for fix in tick.fixes:
+            if fix.quality == _ESTIMATED:
+                continue
+            if math.isfinite(fix.speed_mps):
+                self._speed_mps, self._time_s = fix.speed_mps, fix.time_s
+            else:
+                self._by_position(fix)
+        return self._speed_mps if 0.0 <= tick.time_s - self._time_s <= SIGNALS.speed_fresh_s else math.nan
+
+    def _by_position(self, fix: Fix) -> None:
+        anchor = self._anchor
+        if anchor is not None and 0.0 <= fix.time_s - anchor.time_s < SIGNALS.chord_s:
+            return
+        self._anchor = fix
+        if anchor is not None and 0.0 < fix.time_s - anchor.time_s <= 2.0 * SIGNALS.chord_s:
+            way_m = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
+            self._speed_mps, self._time_s = way_m / (fix.time_s - anchor.time_s), fix.time_s
+
+
+class Watching(NamedTuple):
+    """What the monitor says of itself."""
+
+    sees: bool
+    """Whether a soft tyre would be seen now."""
+    undecided: bool
+    """Whether a reset waits for its new baseline."""
+    contradiction: str = ""
+    """What of the configuration the drive contradicts; empty if nothing."""
+    losing: Mapping[int, float] = MappingProxyType({})
+    """Wheels whose encoder loses counts, and which share of them."""
+
+
+@dataclass(slots=True)
+class _Malfunction:
+    """One way in which monitoring can be out of order."""
+
+    reason: str
+    wheel: int | None = None
+    clear_s: float = math.inf
+    """Time in good order that clears it, if that is less than the share of its limit."""
+    bad_s: float = 0.0
+    good_s: float = 0.0
+    raised: AlarmEvent | None = None
+
+    def update(self, bad: bool, good: bool, limit_s: float, tick: Tick) -> list[AlarmEvent]:
+        """Count bad time up to the limit; a tenth of it in good order clears. Neither: the counts stand
+        still."""
+        if not (bad or self.bad_s or self.raised):
+            return []  # as nearly always; the time in good order counts from the next bad tick on
+        if bad:
+            self.bad_s += tick.dt_s
+            self.good_s = 0.0
+        elif good:
+            self.good_s += tick.dt_s
+            if self.good_s > SIGNALS.forgive_after_s:
+                self.bad_s = 0.0
+        if self.raised is None and self.bad_s >= limit_s:
+            self.raised = self._event("raised", self.reason, tick)
+            return [self.raised]
+        if self.raised is not None and self.good_s >= min(
+            max(SIGNALS.clear_share * limit_s, SIGNALS.min_clear_s), self.clear_s
+        ):
+            self.raised, self.bad_s = None, 0.0
+            return [self._event("cleared", f"over: {self.reason}", tick)]
+        return []
+
+    def stand(self, time_s: float | None) -> None:
+        """Stand since that time, or not (None), as before the program was started anew."""
+        self.bad_s = self.good_s = 0.0
+        self.raised = None if time_s is None else self._at("raised", self.reason, time_s)
+
+    def _event(self, state: Literal["raised", "cleared"], reason: str, tick: Tick) -> AlarmEvent:
+        return self._at(state, reason, tick.host_time_s)
+
+    def _at(self, state: Literal["raised", "cleared"], reason: str, time_s: float) -> AlarmEvent:
+        wheel = None if self.wheel is None else WHEELS[self.wheel]
+        nan = math.nan
+        return AlarmEvent(time_s, AlarmKind.MALFUNCTION, wheel, state, nan, nan, 1.0, reason)
+
+
+class SignalWatch:
+    """Watches the wheels' signals, the bus as a whole and the receiver."""
+
+    def __init__(self, settings: MonitorConfig, wheels: Sequence[int]) -> None:
+        """`wheels`: indices of the wheels whose signals the bus should have."""
+        self._settings = settings
+        self._rear = _Malfunction("no usable signal of the rear wheels")
+        self._gnss = _Malfunction("no usable fix from the receiver while driving")
+        self._unplugged = _Malfunction("the receiver is unplugged or cannot be opened")
+        self._spoofed = _Malfunction("another node sends the wheels' frames: they are rejected")
+        self._disagree = _Malfunction(DISAGREE)
+        self._agreed_s = 0.0
+        """Driving (`SIGNALS.driving_mps`) in which wheels and receiver agreed."""
+        self._car_differs = _Malfunction("the wheels' speed is far from the car's own (OBD)")
+        self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
+        self._blind = _Malfunction(
+            "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
+        )
+        self._undecided = _Malfunction("a reset waits for its baseline for ten minutes of driving")
+        self._unsteady = _Malfunction("the wheels' readings jump again and again: they are rejected")
+        self._contradicted = _Malfunction("the drive contradicts the configuration")
+        self._last_fix_s = -math.inf
+        self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
+        self._receiver = ReceiverSpeed()
+        self.car = CarSpeed()
+        self._wheels = {
+            wheel: _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn", wheel)
+            for wheel in wheels
+        }
+        self._losing = {
+            wheel: _Malfunction(f"the encoder of wheel {WHEELS[wheel]} loses counts", wheel)
+            for wheel in wheels
+        }
+        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
+        own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
+        self._all = (*inputs, *own, *self._wheels.values(), *self._losing.values())
+        self._kept = {
+            "rear": self._rear,
+            "gnss": self._gnss,
+            "receiver": self._unplugged,
+            "blind": self._blind,
+        }
+        self._kept |= {WHEELS[wheel]: one for wheel, one in self._wheels.items()}
+        """That outlast a restart, by name."""
+        self._blinding = (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
+        """Those by which no wheel at all is watched."""
+        self._stood = False
+        self._bus_down = False
+        self._last_valid_s = dict.fromkeys(wheels, -math.inf)
+
+    @property
+    def standing(self) -> tuple[AlarmEvent, ...]:
+        """The malfunctions that stand now, each as it was raised."""
+        return tuple([m.raised for m in self._all if m.raised is not None])
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """Those of missing signals that stand, which the next start has to show at once (UN R141): they go as
+        ever, with the signal."""
+        return [
+            {"of": name, "time_s": one.raised.time_s}
+            for name, one in self._kept.items()
+            if one.raised is not None
+        ]
+
+    def restore(self, saved: list[dict[str, Any]]) -> None:
+        """Let those stand that were saved, and no other of their kind. ValueError, KeyError or TypeError
+        (nothing taken up) for what is none."""
+        times = {
+            str(entry["of"]): number(entry["time_s"], -LARGEST, LARGEST, "time") for entry in list(saved)
+        }
+        if unknown := times.keys() - self._kept.keys():
+            raise ValueError(f"the saved malfunction of {min(unknown)} is not one of this car")
+        for name, one in self._kept.items():
+            one.stand(times.get(name))
+
+    def heard(self, time_s: float) -> list[int]:
+        """Wheels of which there was a usable signal within the time that a malfunction takes."""
+        limit_s = self._settings.malfunction_s
+        return [wheel for wheel, valid_s in self._last_valid_s.items() if not time_s - valid_s > limit_s]
+
+    @property
+    def unusable(self) -> bool:
+        """Whether a malfunction stands by which no wheel at all is watched."""
+        return any([m.raised is not None for m in self._blinding])  # noqa: C419 - a list is faster
+
+    def update(
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        watching: Watching,
+        agreement: Agreement = AGREED,
+    ) -> list[AlarmEvent]:
+        """Take one tick; what it raised or cleared."""
+        # Plain numbers: for four of them numpy takes ten times as long, and this is asked every tick.
+        turned = tick.rotation_rad.tolist()
+        valid = [math.isfinite(angle) for angle in turned]
+        moving = estimate.speed_mps > SIGNALS.moving_mps
+        rear = valid[RL] and valid[RR]
+        self._hear(tick, valid, rear and not moving, rear)
+        receiver_mps = self._receiver.update(tick)
+        car = self.car.update(tick.time_s, estimate.speed_mps if rear else math.nan, receiver_mps)
+        # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
+        parked = self._stood and car.least_mps < SIGNALS.moving_mps
+        asleep = True not in valid and parked and not self._bus_down
+        limit_s = self._settings.malfunction_s
+        events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
+        events += self._fixes(tick, estimate, not rear or agreement.withheld, moving)
+        events += self._faults(tick)
+        fastest_mps = max(_known(estimate.speed_mps), _known(receiver_mps), car.least_mps)
+        driving = fastest_mps > SIGNALS.driving_mps
+        events += self._of_monitor(watching, driving, tick)
+        compared = self._compared(rear, estimate.speed_mps, receiver_mps)
+        events += self._disagreement(compared, agreement, driving, car.sides_with, tick)
+        # Against wheels and receiver together it is outvoted.
+        differs = car.wheels is False and car.receiver is not False
+        events += self._car_differs.update(differs, car.wheels is True, limit_s, tick)
+        events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
+        return events + self._each_wheel(turned, valid, watching.losing, tick)
+
+    def _hear(self, tick: Tick, valid: list[bool], stands: bool, rear: bool) -> None:
+        """Note which wheels were heard, whether the car stands, and whether the bus is gone."""
+        for wheel in self._wheels:
+            if valid[wheel]:
+                self._last_valid_s[wheel] = tick.time_s
+        if rear:
+            self._stood = stands
+        if True in valid:
+            self._bus_down = False
+        elif any(fault.kind == "down" and fault.source == "can" for fault in tick.faults):
+            self._bus_down = True
+
+    def _fixes(self, tick: Tick, estimate: RadiusEstimate, own: bool, moving: bool) -> list[AlarmEvent]:
+        """Fixes that stay away. `own`: the estimator uses none (without the rear wheels, or while they are
+        withheld), so the receiver's own silence counts."""
+        if any(math.isfinite(fix.east_m) for fix in tick.fixes):
+            self._last_fix_s = tick.time_s
+        age_s = tick.time_s - self._last_fix_s if own else estimate.gnss_age_s
+        stale = age_s > SIGNALS.gnss_fresh_s
+        return self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
+
+    def _of_monitor(self, watching: Watching, driving: bool, tick: Tick) -> list[AlarmEvent]:
+        """What the monitor says of itself."""
+        sees, undecided, wrong = watching.sees, watching.undecided, bool(watching.contradiction)
+        events = self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
+        events += self._undecided.update(driving and undecided, not undecided, SIGNALS.blind_s, tick)
+        if wrong:
+            self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
+        return events + self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
+
+    def _each_wheel(
+        self, turned: list[float], valid: list[bool], losing: Mapping[int, float], tick: Tick
+    ) -> list[AlarmEvent]:
+        """Wheels without a signal while others turn, and encoders that lose counts."""
+        events: list[AlarmEvent] = []
+        limit_s = self._settings.malfunction_s
+        turning = any(angle > SIGNALS.turning_rad for angle in turned)  # false for NaN
+        for wheel, malfunction in self._wheels.items():
+            events += malfunction.update(not valid[wheel] and turning, valid[wheel], limit_s, tick)
+        if losing or any(one.raised for one in self._losing.values()):
+            events += self._encoders(losing, tick)
+        return events
+
+    def _disagreement(
+        self, compared: tuple[bool, bool], agreement: Agreement, driving: bool, sides_with: str, tick: Tick
+    ) -> list[AlarmEvent]:
+        """Whether wheels and receiver state one speed; `compared`: whether both are known, and agree."""
+        known, good = compared
+        # While they recover they agree: a receiver's burst ends with it, and not with the fixes' return.
+        apart = (known and not good) or (agreement.withheld and not agreement.recovering)
+        good = known and good and not agreement.withheld
+        if good and driving:
+            self._agreed_s += tick.dt_s
+        cause = AGREED_BEFORE if self._agreed_s >= SIGNALS.agreed_s else NEVER_AGREED
+        self._disagree.reason = DISAGREE + cause + sides_with
+        return self._disagree.update(apart, good, self._settings.malfunction_s, tick)
+
+    def _encoders(self, losing: Mapping[int, float], tick: Tick) -> list[AlarmEvent]:
+        """Those that lose counts, and those that did; which share of them, by wheel."""
+        events: list[AlarmEvent] = []
+        for wheel, malfunction in self._losing.items():
+            bad = wheel in losing
+            if bad:
+                percent = 100.0 * losing[wheel]
+                malfunction.reason = (
+                    f"the encoder of wheel {WHEELS[wheel]} loses {percent:.2f} % of its counts: "
+                    "the ripple of its ring comes after fewer than that of the other wheel"
+                )
+            events += malfunction.update(bad, not bad, SIGNALS.at_once_s, tick)
+        return events
+
+    def _faults(self, tick: Tick) -> list[AlarmEvent]:
+        """What the inputs say of themselves."""
+        events: list[AlarmEvent] = []
+        for fault in tick.faults:
+            if fault.kind in self._heard_s:
+                self._heard_s[fault.kind] = tick.time_s
+        for kind, malfunction in (("unplugged", self._unplugged), ("spoofed", self._spoofed)):
+            bad = tick.time_s - self._heard_s[kind] <= max(SIGNALS.fault_fresh_s, tick.dt_s)
+            events += malfunction.update(bad, not bad, self._settings.malfunction_s, tick)
+        broke = self._heard_s["restarted"] == tick.time_s
+        good = tick.time_s - self._heard_s["restarted"] > self._settings.malfunction_s
+        events += self._restarted.update(broke, good, SIGNALS.at_once_s, tick)
+        return events
+
+    @staticmethod
+    def _compared(rear: bool, wheels_mps: float, receiver_mps: float) -> tuple[bool, bool]:
+        """Whether both speeds are known, and whether they agree."""
+        known = rear and math.isfinite(receiver_mps + wheels_mps)
+        apart = abs(wheels_mps - receiver_mps)
+        limit = (
+            max(SIGNALS.disagree_mps, SIGNALS.disagree_share * max(abs(wheels_mps), receiver_mps))
+            if known
+            else 0.0
+        )
+        return known, apart <= limit

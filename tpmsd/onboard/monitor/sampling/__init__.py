@@ -1,0 +1,1 @@
+"""Samples of a drive: conditions, slip and noise under which radii are compared."""

@@ -1,0 +1,150 @@
+"""What a drive as a whole says of the radii, under each drive model: as learned, another load, a trailer, low
+grip.
+
+In: the `Reference` as the drive began and a sample every 20 s. Out: `Accounts`: change hypotheses with their
+covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every loss: what it
+explains better is no loss.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline.reference import Reference
+from tpmsd.onboard.monitor.drive_settings import DriveModel
+from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal
+from tpmsd.onboard.monitor.evidence.sizes import sizes_of
+from tpmsd.onboard.monitor.sampling.level_noise import LevelNoise
+from tpmsd.onboard.monitor.sampling.slip_sums import Slope
+from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+
+
+@dataclass(frozen=True, slots=True)
+class Accounts:
+    """Change hypotheses of a drive, n of them over all drive models and rows of sizes."""
+
+    change_m: FloatArray
+    """(n, d)"""
+    covariance_m2: FloatArray
+    """(n, d, d) without what is harmless."""
+    log_weight: FloatArray
+    """(n,) log of prior probability times likelihood of the drive, had no tyre changed."""
+    model: NDArray[np.intp]
+    """(n,) index of the drive model."""
+    row: NDArray[np.intp]
+    """(n,) index of the row of sizes, and ..."""
+    place: NDArray[np.intp]
+    """(n,) ... of the hypothesis among those of its model."""
+    size: FloatArray
+    """(n,) of that row, relative, if no tyre has lost air, and ..."""
+    size_std: FloatArray
+    """(n,)"""
+
+    def allowing(self, harmless_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where radii may also have changed by something harmless of covariance (d, d): covariance of each
+        change (n, d, d), and log weights (n,) of the accounts if no tyre has changed.
+
+        What is harmless belongs to that likelihood as much as to the size of a loss: it is 0 in `log_weight`,
+        normal with `harmless_m2` here, and the ratio of the two is N(change; 0, C + H) / N(change; 0, C).
+        """
+        total_m2 = self.covariance_m2 + harmless_m2
+        log_density = log_normal(self.change_m, total_m2) - log_normal(self.change_m, self.covariance_m2)
+        return total_m2, self.log_weight + log_density
+
+    def likely(self, log_weight: FloatArray) -> NDArray[np.intp]:
+        """Indices of the accounts that count: under the others even the change that fits best is less likely
+        than the best account of `log_weight` (n,) without any loss."""
+        solved = np.linalg.solve(self.covariance_m2, self.change_m[:, :, None])[:, :, 0]
+        most = self.log_weight + 0.5 * np.einsum("nd,nd->n", self.change_m, solved)
+        return np.flatnonzero(most > log_weight.max() - DRIVE_EVIDENCE.negligible_nats)
+
+    def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
+        """Of each drive model by the posterior probabilities (n,) of the accounts."""
+        return {
+            model.name: float(chances[self.model == k].sum()) for k, model in enumerate(DRIVE_EVIDENCE.models)
+        }
+
+
+class DriveEvidence:
+    """One drive."""
+
+    def __init__(self, reference: Reference, wheels: list[int], radius_m: FloatArray) -> None:
+        """`radius_m` (d,) nominal, of the monitored wheels."""
+        index = np.ix_(wheels, wheels)
+        self._radius = radius_m
+        self._sizes = sizes_of(tuple(wheels))
+        self._banks = [
+            ChangeBank(reference.widened(model), reference.scatter(model)[index])
+            for model in DRIVE_EVIDENCE.models
+        ]
+        # Neighbouring samples of what comes and goes are alike: each counts for less.
+        alike = math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s)
+        quick = Nuisance(0.0, 0.0, JUDGE.harmless.side, JUDGE.harmless.own)
+        self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + alike) / (1.0 - alike)
+        self._level = LevelNoise(reference)
+        self._slopes = 0
+        """Slip slopes that were taken."""
+        self.accounts: Accounts | None = None
+        """By the samples so far; None as long as they are too few."""
+
+    def take(
+        self,
+        deviation_m: FloatArray,
+        estimate_m2: FloatArray,
+        unsettled_m2: FloatArray,
+        features: FloatArray,
+        elapsed_s: float,
+        slip: Slope | None = None,
+    ) -> None:
+        """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
+        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
+        the slip slope since then."""
+        scale = np.outer(self._radius, self._radius)
+        noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
+        own = estimate_m2 / scale
+        noise = noise + self._level.take(deviation_m / self._radius, own, features)
+        self._slopes += slip is not None
+        for bank in self._banks:
+            bank.take(deviation_m / self._radius, noise, features, elapsed_s, self._sizes)
+            if slip is not None:
+                bank.take_slip(slip)
+        found = [bank.changes(self._sizes) for bank in self._banks]
+        if not found[0].log_weight.size:
+            return
+        log_weight = np.stack(
+            [
+                self._log_prior(model) + bank.log_likelihood + one.log_weight
+                for model, bank, one in zip(DRIVE_EVIDENCE.models, self._banks, found, strict=True)
+            ]
+        )
+        model, row, place = (index.ravel() for index in np.indices(log_weight.shape))
+        size, variance = (
+            np.stack([getattr(one, name) for one in found])[model, row] for name in ("size", "size_variance")
+        )
+        self.accounts = Accounts(
+            change_m=np.stack([one.change for one in found]).reshape(-1, self._radius.size) * self._radius,
+            covariance_m2=np.stack([one.covariance for one in found]).reshape(-1, *scale.shape) * scale,
+            log_weight=log_weight.ravel(),
+            model=model,
+            row=row,
+            place=place,
+            size=size,
+            size_std=np.sqrt(variance),
+        )
+
+    def _log_prior(self, model: DriveModel) -> float:
+        told = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
+        return math.log(model.prior) if told else -math.inf
+
+    def reference_beside(self, account: int) -> Reference:
+        """What the drive says of the car beside the change of this one of `accounts`."""
+        assert self.accounts is not None
+        kept = self.accounts
+        bank = self._banks[int(kept.model[account])]
+        return bank.reference_beside(int(kept.row[account]), int(kept.place[account]), self._sizes)

@@ -1,0 +1,1 @@
+"""Slow leaks: loss of radius over days."""

@@ -1,0 +1,252 @@
+"""Notices of tyres that lose air over weeks: readings per drive, histories per set of tyres, events.
+
+In: ticks with their estimates, which set of tyres is driven, resets. Out: `AlarmEvent`s of the kind
+`slow_leak`. It is a notice: the wheel's state stays as it is.
+
+A drive gives one reading: the mean contrasts of radii (`leak_state`) over minutes 2 to 12 of informative
+driving, so that tyres are about equally warm in all of them, less what wheels grow or slip more than the
+others with speed. The trend over drives is judged once per drive (`leak_trend`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import date
+from typing import Any
+
+import numpy as np
+
+from tpmsd.car.config.model import TyreConfig, VehicleConfig
+from tpmsd.car.physics.tyre import tyre_model
+from tpmsd.foundation.bounds import LARGEST, number
+from tpmsd.foundation.wheels import AXLES, WHEELS, FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.settings import READINGS
+from tpmsd.onboard.monitor.slow_leaks.history import LeakHistory
+from tpmsd.onboard.monitor.slow_leaks.state import CONTRASTS, FRONT_REAR
+from tpmsd.onboard.monitor.slow_leaks.trend import Trend
+from tpmsd.onboard.timeline.tick import Tick
+
+DAY_S = 86400.0
+_EPOCH = date(1970, 1, 1).toordinal()
+_LAST_DAY = date(9999, 12, 31).toordinal() - _EPOCH
+
+
+class DriveReading:
+    """Gathers the reading of one drive."""
+
+    def __init__(self) -> None:
+        self._driven_s = self._since_s = 0.0
+        self._sums = np.zeros((2, 3))
+        """Of difference and variance, for each contrast."""
+        self._samples = 0
+        self._taken = False
+
+    def due(self, dt_s: float) -> bool:
+        """Let informative driving pass; whether a sample is to be taken."""
+        self._driven_s += dt_s
+        self._since_s += dt_s
+        return self._driven_s >= READINGS.warm_s and self._since_s >= READINGS.sample_s and not self._taken
+
+    def add(self, difference_m: FloatArray, variance_m2: FloatArray) -> None:
+        """Take a sample; (3,) each."""
+        self._since_s = 0.0
+        self._sums += np.stack([difference_m, variance_m2])
+        self._samples += 1
+
+    def result(self, *, over: bool) -> tuple[FloatArray, FloatArray] | None:
+        """Difference and variance (3,) once there is a reading, and only once; `over`: the drive is."""
+        enough = READINGS.warm_s + (READINGS.least_s if over else READINGS.full_s)
+        if self._taken or self._driven_s < enough or not self._samples:
+            return None
+        self._taken = True
+        # Estimates of one drive are not independent: their mean is no better known than each.
+        return self._sums[0] / self._samples, self._sums[1] / self._samples
+
+
+class SlowLeakWatch:
+    """All sets of tyres of one car."""
+
+    def __init__(self, vehicle: VehicleConfig, tyre: TyreConfig, wheels: list[int]) -> None:
+        self._axles = [k for k, pair in enumerate(AXLES) if set(pair) <= set(wheels)]
+        models = [tyre_model(tyre, float(np.mean(np.array(vehicle.wheel_radius_m)[list(p)]))) for p in AXLES]
+        front, rear = (-model.radius_change_m(0.1) / 10.0 for model in models)
+        self._per_percent = (front, rear, (front + rear) / 2.0)
+        self._contrasts = [*self._axles, FRONT_REAR] if len(self._axles) == len(AXLES) else self._axles
+        self._histories: dict[str, LeakHistory] = {}
+        self._tyres: str | None = None
+        self._notices: dict[int, AlarmEvent] = {}
+        self._reading = DriveReading()
+        self._day = math.nan
+        self._moved_s = math.nan
+
+    @property
+    def standing(self) -> tuple[AlarmEvent, ...]:
+        """The notices that stand, each as it was raised."""
+        return tuple(self._notices.values())
+
+    def reset(self, tyres: str) -> None:
+        """A reset was taken up: levels change, a leak goes on."""
+        if tyres in self._histories:
+            self._histories[tyres].mark_step()
+
+    def update(
+        self, tick: Tick, estimate: RadiusEstimate, baseline: Baseline, tyres: str, trusted: bool
+    ) -> list[AlarmEvent]:
+        """Take one tick. `baseline` knows what each wheel grows or slips with speed beyond the others;
+        `tyres`: the set that is driven; `trusted`: whether wheels and receiver agree."""
+        events = self._changed(tyres, tick)
+        begins = tick.time_s - self._moved_s > READINGS.new_drive_s
+        if begins:
+            events += self._commit(tick, over=True)
+            self._reading = DriveReading()
+        if not estimate.speed_mps < READINGS.standing_mps:
+            self._moved_s = tick.time_s
+        if not (estimate.informative and trusted and tick.host_time_s >= READINGS.earliest_s):
+            return events
+        if not self._reading.due(tick.dt_s):
+            return events
+        self._day = tick.host_time_s / DAY_S
+        radius = estimate.deviation_m - baseline.own_growth_m
+        known = self._contrasts
+        difference, variance = np.full(3, math.nan), np.full(3, math.nan)
+        variance[known] = np.diag(CONTRASTS @ estimate.covariance_m2 @ CONTRASTS.T)[known]
+        difference[known] = (CONTRASTS @ radius)[known]
+        sure = (variance[known] >= 0.0) & (variance[known] <= READINGS.most_std_m**2)
+        if known and sure.all() and np.isfinite(difference[known]).all():
+            self._reading.add(difference, variance)
+        return events + self._commit(tick, over=False)
+
+    def _changed(self, tyres: str, tick: Tick) -> list[AlarmEvent]:
+        """Other tyres are driven: what was said of those before is taken back."""
+        if tyres == self._tyres:
+            return []
+        events = []
+        if self._tyres is not None:
+            events = [_cleared(event, tick, f"{tyres} is driven now") for event in self._notices.values()]
+            self._notices.clear()
+            self._reading = DriveReading()
+        self._tyres = tyres
+        return events
+
+    def _commit(self, tick: Tick, *, over: bool) -> list[AlarmEvent]:
+        """The drive's reading, if it is due, and what the trend is with it."""
+        reading = self._reading.result(over=over)
+        if reading is None or self._tyres is None:
+            return []
+        history = self._histories.setdefault(self._tyres, LeakHistory())
+        while len(self._histories) > READINGS.most_sets:
+            del self._histories[next(iter(self._histories))]
+        if not history.add(self._day, *reading):
+            return []
+        return self._judge(history, tick)
+
+    def _judge(self, history: LeakHistory, tick: Tick) -> list[AlarmEvent]:
+        for wheel, notice in self._notices.items():
+            since = notice.time_s / DAY_S
+            rate = (notice.rate_percent_per_week, notice.rate_std_percent_per_week)
+            if history.ended(self._per_percent, wheel, rate, since):
+                del self._notices[wheel]
+                history.forget_before(history.last_since(since)[0].day)
+                return [_cleared(notice, tick, "the drives since then show no leak")]
+        trend = history.trend(self._per_percent)
+        if trend is None or not trend.noticeable() or self._notices:
+            return []
+        self._notices[trend.wheel] = notice_of(trend.wheel, trend, tick.host_time_s)
+        return [self._notices[trend.wheel]]
+
+    # -- what survives a restart -----------------------------------------------------------------------------
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        return {
+            "histories": {name: history.to_json() for name, history in self._histories.items()},
+            "tyres": self._tyres,
+            "notices": [_to_json(event) for event in self._notices.values()],
+        }
+
+    def take_up(self, saved: dict[str, Any]) -> None:
+        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
+        try:
+            histories = {str(name): LeakHistory.from_json(e) for name, e in saved["histories"].items()}
+            notices = {WHEELS.index(entry["wheel"]): _from_json(entry) for entry in saved["notices"]}
+            tyres = saved["tyres"]
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"the saved trends are none: {type(error).__name__}: {error}") from error
+        known = {wheel for axle in self._axles for wheel in AXLES[axle]}
+        if len(histories) > READINGS.most_sets or not notices.keys() <= known:
+            raise ValueError("the saved trends are not those of this car")
+        if tyres is not None and not isinstance(tyres, str):
+            raise ValueError("the saved trends are none")
+        self._histories, self._notices, self._tyres = histories, notices, tyres
+        self._reading = DriveReading()
+
+
+def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
+    """The notice of a leak of this wheel, now."""
+    early, middle, late = (_date(time_s / DAY_S + in_d) for in_d in trend.low_in_d)
+    reason = (
+        f"loses {trend.rate:.1f} +- {trend.rate_std:.1f} % of its pressure per week against its fellow, by "
+        f"{trend.days:.0f} days of driving in {trend.span_d:.0f} days; 20 % low on {middle} "
+        f"({early} to {late})"
+    )
+    return AlarmEvent(
+        time_s=time_s,
+        kind=AlarmKind.SLOW_LEAK,
+        wheel=WHEELS[wheel],
+        state="raised",
+        deviation_m=math.nan,
+        std_m=math.nan,
+        probability=min(trend.probability, 1.0),
+        reason=reason,
+        pressure_loss=trend.lost / 100.0,
+        rate_percent_per_week=trend.rate,
+        rate_std_percent_per_week=trend.rate_std,
+        low_on=middle,
+        low_between=(early, late),
+    )
+
+
+def _cleared(event: AlarmEvent, tick: Tick, why: str) -> AlarmEvent:
+    reason = f"no longer so ({why}): {event.reason}"
+    return replace(event, time_s=tick.host_time_s, state="cleared", probability=0.0, reason=reason)
+
+
+def _date(day: float) -> str:
+    return date.fromordinal(_EPOCH + int(min(max(day, 0.0), _LAST_DAY))).isoformat()
+
+
+def _to_json(event: AlarmEvent) -> dict[str, Any]:
+    return {
+        "wheel": event.wheel,
+        "time_s": event.time_s,
+        "probability": event.probability,
+        "reason": event.reason,
+        "pressure_loss": event.pressure_loss,
+        "rate": event.rate_percent_per_week,
+        "rate_std": event.rate_std_percent_per_week,
+        "low_on": event.low_on,
+        "low_between": list(event.low_between),
+    }
+
+
+def _from_json(saved: dict[str, Any]) -> AlarmEvent:
+    early, late = (date.fromisoformat(str(text)).isoformat() for text in saved["low_between"])
+    return AlarmEvent(
+        time_s=number(saved["time_s"], 0.0, LARGEST, "time"),
+        kind=AlarmKind.SLOW_LEAK,
+        wheel=str(saved["wheel"]),
+        state="raised",
+        deviation_m=math.nan,
+        std_m=math.nan,
+        probability=number(saved["probability"], 0.0, 1.0, "probability"),
+        reason=str(saved["reason"])[:500],
+        pressure_loss=number(saved["pressure_loss"], -1.0, 10.0, "loss of pressure"),
+        rate_percent_per_week=number(saved["rate"], 0.0, 100.0, "rate"),
+        rate_std_percent_per_week=number(saved["rate_std"], 0.0, 100.0, "rate"),
+        low_on=date.fromisoformat(str(saved["low_on"])).isoformat(),
+        low_between=(early, late),
+    )
