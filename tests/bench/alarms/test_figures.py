@@ -14,7 +14,7 @@ from bench.campaigns.onboard.alarms import run as bench
 from bench.campaigns.onboard.alarms.figures import bars, detection, figures, rate
 from bench.campaigns.onboard.alarms.play import Said
 from bench.campaigns.onboard.alarms.score import incidents_of
-from bench.campaigns.onboard.alarms.text import markdown
+from bench.campaigns.onboard.alarms.text import markdown, page
 from bench.cli import main, parse
 from bench.statistics import percent
 
@@ -141,6 +141,26 @@ def test_the_text_names_what_was_missed_and_why() -> None:
     assert "city2`: the change is hidden in the estimate: fl" in text
     assert "(ferry): deflation of fl at 10 s" in text
     assert percent(detection(rows[:2])["detected"]) in text
+
+
+def test_the_page_has_misses_by_cause_and_confounders_without_alarms_in_one_line() -> None:
+    """One miss of two cases; one false alarm on 100 km with a ferry, none on 300 km with ice."""
+    rows = [
+        case(1),
+        case(2, detected=False, fast_s=None, named=[], reason="the change is hidden in the estimate: fl"),
+        leg(["ferry"], 100.0, deflation=[[10.0, ["fl"], "smaller"]], malfunction=[[5.0, [], "why"]]),
+        leg(["ice"], 300.0),
+    ]
+    text = page(figures(rows))
+
+    assert "| r141-puncture | 1/2 = 50.0 % [1.3, 98.7] | 10 | - | 10 | 1/1 = 100.0 % [2.5, 100.0] |" in text
+    assert (
+        "Missed, the change is hidden in the estimate: `development/1/r141-puncture-fl-fast-city2`." in text
+    )
+    assert "| ferry | the car stands, its position moves | 1 in 100 km = 100.0 [2.5, 557.2] |" in text
+    assert "None on drives with ice (300 km)." in text
+    assert "`radius_deviation`: none." in text
+    assert "`malfunction`: ferry 1." in text
 
 
 def arguments(**changed: Any) -> argparse.Namespace:

@@ -28,7 +28,7 @@ from bench.campaigns.onboard.alarms.lives import SLIPPERY_OF, kinds, life, slipp
 from bench.campaigns.onboard.alarms.one import one
 from bench.campaigns.onboard.alarms.recorded import play_recordings
 from bench.campaigns.onboard.alarms.score import play_group, play_life
-from bench.campaigns.onboard.alarms.text import markdown
+from bench.campaigns.onboard.alarms.text import markdown, page
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume
@@ -195,7 +195,7 @@ def report(out: Path) -> str:
     for half, title in (("held-out", "Held-out half"), ("development", "Development half")):
         if (out / half / "results.jsonl").exists():
             rows = [row for unit in last_state(out / half / "results.jsonl") for row in unit]
-            text += [f"### {title}", "", markdown(figures(rows))]
+            text += [f"### {title}", "", page(figures(rows))]
     if not text:
         raise UsageError(f"no results in {out}")
     return "\n".join(text)

@@ -1,4 +1,4 @@
-"""The figures as Markdown.
+"""The figures as Markdown: all of them for `summary.md`, a page of them for `bench/results/alarms.md`.
 
 In: what `figures` gives. Out: text.
 """
@@ -18,10 +18,61 @@ MOST = 40
 
 
 def markdown(found: Figures) -> str:
-    """The whole report."""
+    """Return the whole report."""
     return "\n".join(
         [*_bars(found), *_detections(found), *_missed(found), *_reliability(found), *_false(found), ""]
     )
+
+
+def page(found: Figures) -> str:
+    """Return the bars, the cases by standard, the misses and the false alarms by what confounds."""
+    return "\n".join([*_bars(found), *_standards(found), *_misses(found), *_confounders(found), ""])
+
+
+def _standards(found: Figures) -> list[str]:
+    """Return a row for each standard's cases, with what was measured of them."""
+    of_each = {name: part for name, part in found["by_standard"].items() if part["detected"]["of"]}
+    optional = [name for name in ("by_law", "stands") if any(part[name]["of"] for part in of_each.values())]
+    titles = ["cases", "detected in time", "median s", "95 % s", "longest s", "right wheel"]
+    titles += [name.replace("_", " ") for name in optional]
+    out = ["", f"| {' | '.join(titles)} |", "| --- " * len(titles) + "|"]
+    for name, part in of_each.items():
+        times = [part[key] for key in ("median_s", "p95_s", "longest_s")]
+        cells = [name, percent(part["detected"]), *("-" if s is None else f"{s:.0f}" for s in times)]
+        cells += [percent(part["right_wheel"]), *(percent(part[key]) for key in optional)]
+        out.append(f"| {' | '.join(cells)} |")
+    return out
+
+
+def _misses(found: Figures) -> list[str]:
+    """Return each missed case by its name, which `--one` plays again, under its cause."""
+    out = []
+    for cause in sorted(found["causes"], key=lambda cause: -found["causes"][cause]):
+        names = [f"`{each['name']}`" for each in found["missed"] if each["reason"].startswith(cause)]
+        out += ["", f"Missed, {cause}: {', '.join(names)}."]
+    return out
+
+
+def _confounders(found: Figures) -> list[str]:
+    """Return the false alarms by what confounds; what has none in one line."""
+    by_tag = found["false"]["by_tag"]
+    none = [tag for tag, kinds in by_tag.items() if not kinds["deflation"]["events"]]
+    out = []
+    if len(none) < len(by_tag):
+        out += ["", "| false `deflation` per 10,000 km on drives with | | |", "| --- | --- | --- |"]
+        out += [
+            f"| {tag} | {TAGS[tag]} | {rated(by_tag[tag]['deflation'])} |"
+            for tag in by_tag
+            if tag not in none
+        ]
+    if none:
+        distances = (f"{tag} ({by_tag[tag]['deflation']['km']:.0f} km)" for tag in none)
+        out += ["", f"None on drives with {', '.join(distances)}."]
+    for kind in ("radius_deviation", "malfunction"):
+        having = {tag: kinds[kind]["events"] for tag, kinds in by_tag.items() if kinds[kind]["events"]}
+        numbers = ", ".join(f"{tag} {number}" for tag, number in having.items()) or "none"
+        out += ["", f"`{kind}`: {numbers}."]
+    return out
 
 
 def _reliability(found: Figures) -> list[str]:
