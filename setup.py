@@ -28,7 +28,7 @@ KERNELS = [
         optional=not PLATFORM,
     )
     for name in (
-        "tpmsd.onboard.estimators._bank",
+        "tpmsd.onboard.estimators.bank._bank",
         "tpmsd.offline.inference._gains",
         "tpmsd.onboard.sources.can._candump",
     )

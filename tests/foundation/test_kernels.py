@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tpmsd.foundation import kernels
-from tpmsd.onboard.estimators.bank_kernel import compiled, usable
+from tpmsd.onboard.estimators.bank.kernel import compiled, usable
 
 
 def test_what_is_not_there_or_not_for_this_machine_is_not_loadable(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from pathlib import Path
 REPO = Path(__file__).resolve().parents[2]
 TREE = REPO / "build" / "sanitized"
 PARTS = (
-    "tpmsd/onboard/estimators/_bank",
+    "tpmsd/onboard/estimators/bank/_bank",
     "tpmsd/offline/inference/_gains",
     "tpmsd/onboard/sources/can/_candump",
 )

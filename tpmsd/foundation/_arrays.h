@@ -1,4 +1,4 @@
-/* Arguments of the compiled parts: arrays of doubles, C-contiguous. Included by `onboard/estimators/_bank.c` and
+/* Arguments of the compiled parts: arrays of doubles, C-contiguous. Included by `onboard/estimators/bank/_bank.c` and
  * `offline/inference/_gains.c`, after their `Py_LIMITED_API`.
  */
 #ifndef TPMSD_ARRAYS_H

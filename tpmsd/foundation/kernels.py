@@ -12,7 +12,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 FILES = {
-    "bank": "onboard/estimators/_bank",
+    "bank": "onboard/estimators/bank/_bank",
     "gains": "offline/inference/_gains",
     "candump": "onboard/sources/can/_candump",
 }

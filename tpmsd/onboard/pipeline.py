@@ -21,7 +21,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.bounds import check_like, check_plain
 from tpmsd.onboard.estimators.base import Estimator, RadiusEstimate
 from tpmsd.onboard.estimators.build import build_estimator, monitored_wheels
-from tpmsd.onboard.estimators.guarded import GuardedEstimator
+from tpmsd.onboard.estimators.gates.guarded import GuardedEstimator
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.resonance.watch import ResonanceWatch

@@ -23,10 +23,10 @@ from bench.campaigns.onboard.estimators.methods import ALL, DEFAULT, config_of
 from bench.campaigns.onboard.estimators.play import EVERY, LEVEL, SETTLE_S
 from bench.campaigns.onboard.estimators.tasks import driven
 from bench.worlds.paper_drive import RL, TICK_S
+from tpmsd.onboard.estimators.bank.error_state import MU
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses
+from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.build import build_filter
-from tpmsd.onboard.estimators.error_state import MU
-from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank, JumpHypotheses
-from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.table import TABLE
 
 Array = NDArray[np.float64]

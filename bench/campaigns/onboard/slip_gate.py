@@ -41,7 +41,7 @@ from tpmsd.car.vehicle_state.car import CarDynamics, typical
 from tpmsd.car.vehicle_state.slips import slip_traces
 from tpmsd.foundation.wheels import RL, RR, FloatArray
 from tpmsd.onboard.estimators.build import build_filter
-from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.timeline.tick import Tick
 
 SETTLED_TICK = 1200

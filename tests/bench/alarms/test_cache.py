@@ -76,7 +76,7 @@ def test_the_key_is_of_readings_and_of_code(leaking: Driven) -> None:
     drive = leaking.drive
     other = replace(drive, gyro=drive.gyro + np.eye(1, len(drive.gyro))[0])
     slower = replace(config, filter=FilterConfig(rate_hz=5.0))
-    names = [path.stem for path in code_of(["tpmsd.onboard.estimators.mixture"])]
+    names = [path.stem for path in code_of(["tpmsd.onboard.estimators.bank.mixture"])]
 
     keys = [
         key_of(drive, config, estimator, False),

@@ -7,7 +7,7 @@ import pytest
 from bench.campaigns.onboard.drift_levels import variances
 from bench.campaigns.onboard.estimators.methods import DEFAULT, build
 from bench.campaigns.onboard.estimators.tasks import driven
-from tpmsd.onboard.estimators.mixture import MixtureBelief
+from tpmsd.onboard.estimators.bank.mixture import MixtureBelief
 from tpmsd.onboard.estimators.radius_filter import RadiusFilter
 
 

@@ -24,7 +24,7 @@ from bench.cli import main, parse
 from bench.worlds.paper_drive import PUNCTURE_M, RADIUS_M, RL, RR, SCENARIOS, Driven, drive
 from tests.bench.estimators.drives import RURAL, piece
 from tpmsd.car.config.model import FilterConfig
-from tpmsd.onboard.estimators.radius_models import NiwRadii
+from tpmsd.onboard.estimators.published.radius_models import NiwRadii
 
 UNBALANCED_MM = -1.5
 

@@ -142,7 +142,7 @@ def test_a_straight_line_is_found_linear() -> None:
 
 def test_time_of_a_library_is_put_down_to_those_who_call_it() -> None:
     """By the share that each caller caused."""
-    caller = ("/x/tpmsd/onboard/estimators/niw.py", 1, "learn")
+    caller = ("/x/tpmsd/onboard/estimators/published/niw.py", 1, "learn")
     other = ("/x/numpy/core.py", 1, "mean")
     entry = (3, 3, 0.5, 0.5, {caller: (1, 1, 0.4, 0.4), other: (2, 2, 0.1, 0.1)})
     assert owners(("~", 0, "<built-in>"), entry) == {"niw": 0.4, "NumPy's own Python": 0.1}

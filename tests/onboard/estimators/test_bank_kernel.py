@@ -11,8 +11,11 @@ import pytest
 
 from tests.onboard.estimators.test_error_state import NOMINAL, TRACK_M
 from tpmsd.car.config.model import FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.onboard.estimators import measurements
-from tpmsd.onboard.estimators.bank_kernel import (
+from tpmsd.onboard.estimators.bank import measurements
+from tpmsd.onboard.estimators.bank.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.bank.error_state import GYRO, PSI, SLIP, Motion, ProcessModel, side_by_side
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank
+from tpmsd.onboard.estimators.bank.kernel import (
     ArrayKernel,
     BankKernel,
     CompiledKernel,
@@ -20,13 +23,10 @@ from tpmsd.onboard.estimators.bank_kernel import (
     compiled,
     usable,
 )
-from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.bank.marginal import MarginalPieces
+from tpmsd.onboard.estimators.bank.mixture import MixturePieces
 from tpmsd.onboard.estimators.build import build_filter
-from tpmsd.onboard.estimators.error_state import GYRO, PSI, SLIP, Motion, ProcessModel, side_by_side
-from tpmsd.onboard.estimators.fix_gate import igg3_weights
-from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank
-from tpmsd.onboard.estimators.marginal import MarginalPieces
-from tpmsd.onboard.estimators.mixture import MixturePieces
+from tpmsd.onboard.estimators.gates.fix_gate import igg3_weights
 from tpmsd.onboard.estimators.table import TABLE
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

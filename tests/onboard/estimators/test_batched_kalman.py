@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.batched_kalman import scalar_update, symmetrise
+from tpmsd.onboard.estimators.bank.batched_kalman import scalar_update, symmetrise
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 ROBUST_FROM = SETTINGS.robust_from

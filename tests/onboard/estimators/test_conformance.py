@@ -15,13 +15,13 @@ import pytest
 
 from tests.onboard.estimators.world import METHODS, VEHICLE, Drive, World, estimator, run
 from tpmsd.car.config.model import FilterConfig, GnssConfig
+from tpmsd.onboard.estimators.bank.marginal import MarginalBelief
+from tpmsd.onboard.estimators.bank.mixture import MixtureBelief
 from tpmsd.onboard.estimators.base import RadiusEstimate, unsound
 from tpmsd.onboard.estimators.build import build_filter
-from tpmsd.onboard.estimators.gaussian import GaussianBelief
-from tpmsd.onboard.estimators.marginal import MarginalBelief
-from tpmsd.onboard.estimators.mixture import MixtureBelief
+from tpmsd.onboard.estimators.published.gaussian import GaussianBelief
+from tpmsd.onboard.estimators.published.samples import SampledBelief
 from tpmsd.onboard.estimators.radius_filter import RadiusFilter
-from tpmsd.onboard.estimators.samples import SampledBelief
 from tpmsd.onboard.estimators.table import ALIASES
 from tpmsd.onboard.timeline.tick import Tick
 

@@ -11,10 +11,10 @@ import pytest
 
 from tests.onboard.estimators.world import Receiver, World, estimator
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.bank_kernel import HALF_KERNEL, HalfKernel
-from tpmsd.onboard.estimators.jump_hypotheses import UNUSED, Bank
-from tpmsd.onboard.estimators.marginal import MarginalBelief
-from tpmsd.onboard.estimators.mixture import MixtureBelief
+from tpmsd.onboard.estimators.bank.jump_hypotheses import UNUSED, Bank
+from tpmsd.onboard.estimators.bank.kernel import HALF_KERNEL, HalfKernel
+from tpmsd.onboard.estimators.bank.marginal import MarginalBelief
+from tpmsd.onboard.estimators.bank.mixture import MixtureBelief
 from tpmsd.onboard.timeline.tick import Tick
 
 ROUNDING = 1e-12

@@ -14,7 +14,7 @@ from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.effect import Parameter
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.calibration.joint import PRIOR as CALIBRATION_PRIOR
-from tpmsd.onboard.estimators.error_state import (
+from tpmsd.onboard.estimators.bank.error_state import (
     BE,
     BN,
     FWD,

@@ -31,8 +31,8 @@ from tests.onboard.estimators.world import (
 )
 from tpmsd.car.config.model import FILTER_METHODS, FilterConfig
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.bank.error_state import FWD, GAIN, LAT, LOAD, PRIORS, TRK
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.estimators.error_state import FWD, GAIN, LAT, LOAD, PRIORS, TRK
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.estimators.table import ALIASES, TABLE
 from tpmsd.onboard.timeline.tick import Fix, Tick

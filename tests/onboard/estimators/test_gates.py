@@ -10,8 +10,8 @@ import pytest
 
 from tests.onboard.estimators.world import RADIUS_M, TRACK_M, Receiver, World, soft_rear, straight
 from tpmsd.car.config.model import FilterConfig
-from tpmsd.onboard.estimators.fix_gate import FixGate
-from tpmsd.onboard.estimators.motion_gate import CourseRate, MotionGate
+from tpmsd.onboard.estimators.gates.fix_gate import FixGate
+from tpmsd.onboard.estimators.gates.motion_gate import CourseRate, MotionGate
 from tpmsd.onboard.estimators.pose_start import PoseFinder
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

@@ -9,9 +9,9 @@ import pytest
 
 from tests.onboard.monitor.drives import RADIUS_M
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.agreement import AGREED, Agreement
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate
-from tpmsd.onboard.estimators.guarded import KEEP_EVERY_S, GuardedEstimator
+from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
+from tpmsd.onboard.estimators.gates.guarded import KEEP_EVERY_S, GuardedEstimator
 from tpmsd.onboard.timeline.tick import Tick
 
 FAR_M = 0.04

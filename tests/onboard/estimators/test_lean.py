@@ -10,7 +10,7 @@ import pytest
 
 from tests.onboard.estimators.world import World, estimator, run
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.error_state import GYRO, LAT
+from tpmsd.onboard.estimators.bank.error_state import GYRO, LAT
 
 USUAL_S2 = 2.0e-4
 """Of a car with soft tyres: at 27 m/s its wheels show 1.5 times its turn."""

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators import measurements
-from tpmsd.onboard.estimators.error_state import (
+from tpmsd.onboard.estimators.bank import measurements
+from tpmsd.onboard.estimators.bank.error_state import (
     BE,
     FWD,
     GAIN,
@@ -28,7 +28,7 @@ from tpmsd.onboard.estimators.error_state import (
     N,
     initial_state,
 )
-from tpmsd.onboard.estimators.measurements import Present
+from tpmsd.onboard.estimators.bank.measurements import Present
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

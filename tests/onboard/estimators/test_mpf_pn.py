@@ -23,9 +23,9 @@ from tests.onboard.estimators.world import (
 )
 from tpmsd.car.config.model import FilterConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.niw import NormalInverseWishart
-from tpmsd.onboard.estimators.radius_models import Floors, NiwRadii
-from tpmsd.onboard.estimators.samples import SampledPieces
+from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.published.radius_models import Floors, NiwRadii
+from tpmsd.onboard.estimators.published.samples import SampledPieces
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.estimators.table import TABLE, Row
 from tpmsd.onboard.timeline.tick import Fix, Tick

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
 
 
 def prior(dimension: int, particles: int = 1, seed: int = 3) -> NormalInverseWishart:

@@ -31,12 +31,12 @@ from tpmsd.car.config.model import FilterConfig
 from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.estimators.front_contrast import FrontContrast
-from tpmsd.onboard.estimators.gaussian import GaussianPieces, Transform, linearised, unscented
-from tpmsd.onboard.estimators.gnss_likelihood import gaussian_log
-from tpmsd.onboard.estimators.niw import NormalInverseWishart
-from tpmsd.onboard.estimators.radius_models import NiwRadii, WalkingRadii, step_sigma
-from tpmsd.onboard.estimators.samples import SampledPieces
+from tpmsd.onboard.estimators.published.front_contrast import FrontContrast
+from tpmsd.onboard.estimators.published.gaussian import GaussianPieces, Transform, linearised, unscented
+from tpmsd.onboard.estimators.published.gnss_likelihood import gaussian_log
+from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.published.radius_models import NiwRadii, WalkingRadii, step_sigma
+from tpmsd.onboard.estimators.published.samples import SampledPieces
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.estimators.table import Row
 from tpmsd.onboard.timeline.tick import Tick

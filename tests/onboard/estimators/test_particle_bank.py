@@ -10,11 +10,11 @@ import pytest
 from tests.onboard.estimators.test_error_state import NOMINAL
 from tests.onboard.estimators.world import VEHICLE, Receiver, World, errors_m, estimator, run, stds_m
 from tpmsd.car.config.model import GnssConfig
+from tpmsd.onboard.estimators.bank.error_state import MU, PSI, E, N
+from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
+from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses, moments_of, shrunk
 from tpmsd.onboard.estimators.belief import Moment, Sight
 from tpmsd.onboard.estimators.build import car_of
-from tpmsd.onboard.estimators.error_state import MU, PSI, E, N
-from tpmsd.onboard.estimators.marginal import MarginalBelief, MarginalPieces
-from tpmsd.onboard.estimators.particle_bank import SampledHypotheses, moments_of, shrunk
 from tpmsd.onboard.estimators.resampling import Lineage
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick

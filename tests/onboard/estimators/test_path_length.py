@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.onboard.estimators.path_length import PathLength
+from tpmsd.onboard.estimators.gates.path_length import PathLength
 from tpmsd.onboard.estimators.settings import PATH_LENGTH
 from tpmsd.onboard.timeline.tick import Fix
 

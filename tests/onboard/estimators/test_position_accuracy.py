@@ -15,7 +15,7 @@ from tests.onboard.estimators.world import START_S, Receiver, World, errors_m, e
 from tpmsd.foundation.wheels import RR, FloatArray
 from tpmsd.offline.drives.reading import DESK_RATE_HZ, read_ticks
 from tpmsd.onboard.estimators.build import build_estimator
-from tpmsd.onboard.estimators.position_accuracy import PositionAccuracy
+from tpmsd.onboard.estimators.gates.position_accuracy import PositionAccuracy
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from tests.onboard.estimators.world import World, estimator, run
-from tpmsd.onboard.estimators.position_noise import PositionNoise
-from tpmsd.onboard.estimators.samples import SampledBelief
+from tpmsd.onboard.estimators.published.position_noise import PositionNoise
+from tpmsd.onboard.estimators.published.samples import SampledBelief
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 WINDOW_S = 20.0

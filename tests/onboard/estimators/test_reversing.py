@@ -10,7 +10,7 @@ import pytest
 
 from tests.onboard.estimators.world import Drive, Receiver, World, errors_m, estimator, run
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.reversing import ReverseWatch
+from tpmsd.onboard.estimators.gates.reversing import ReverseWatch
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 KNOTS_S = (0, 3, 5, 14, 16, 20, 40, 95, 105, 110, 112, 121, 123, 127, 145, 240)

@@ -20,11 +20,11 @@ from tests.onboard.estimators.world import (
     soft_rear,
 )
 from tpmsd.car.config.model import FilterConfig, GnssConfig
-from tpmsd.onboard.estimators.batched_kalman import square_weights
+from tpmsd.onboard.estimators.bank.batched_kalman import square_weights
 from tpmsd.onboard.estimators.build import build_filter
-from tpmsd.onboard.estimators.fix_gate import FIX_WEIGHTS, igg3_weights
-from tpmsd.onboard.estimators.motion_gate import MotionGate
-from tpmsd.onboard.estimators.slip_gate import SlipGate, make_gate
+from tpmsd.onboard.estimators.gates.fix_gate import FIX_WEIGHTS, igg3_weights
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.slip_gate import SlipGate, make_gate
 from tpmsd.onboard.timeline.tick import Tick
 
 SLIP = FilterConfig(gate="slip")

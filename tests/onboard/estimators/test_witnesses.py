@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tpmsd.car.physics.grade import MAX_GRADE, MIN_SPAN_M, WINDOW_M, GradeTracker
-from tpmsd.onboard.estimators.error_state import Motion, ProcessModel, initial_state
-from tpmsd.onboard.estimators.gyro_check import GyroCheck
+from tpmsd.onboard.estimators.bank.error_state import Motion, ProcessModel, initial_state
+from tpmsd.onboard.estimators.gates.gyro_check import GyroCheck
 
 
 def _climb(tracker: GradeTracker, sine: float, metres: int, noise: float = 0.0, start: float = 0.0) -> None:

@@ -11,8 +11,8 @@ import pytest
 
 from tests.onboard.monitor.drives import ALL, RADIUS_M
 from tpmsd.car.config.model import MonitorConfig
-from tpmsd.onboard.estimators.agreement import AGREED, Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
 from tpmsd.onboard.monitor.alarms.saved_alarms import alarm_from_json, alarm_to_json
 from tpmsd.onboard.monitor.health.signal_watch import ReceiverSpeed, SignalWatch, Watching
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind

@@ -10,8 +10,8 @@ import pytest
 
 from tests.onboard.monitor.drives import ALL, RADIUS_M
 from tpmsd.car.config.model import MonitorConfig
-from tpmsd.onboard.estimators.agreement import AgreementWatch
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.gates.agreement import AgreementWatch
 from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.timeline.tick import Fix, Tick

@@ -11,9 +11,9 @@ from tests.onboard.daemon.fakes import car
 from tests.onboard.resonance.test_watch import RADIUS_M, RATE_HZ, drive, readings
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
-from tpmsd.onboard.estimators.agreement import Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.build import monitored_wheels
+from tpmsd.onboard.estimators.gates.agreement import Agreement
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.pipeline import Pipeline

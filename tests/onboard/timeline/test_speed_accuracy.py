@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.estimators import measurements
-from tpmsd.onboard.estimators.error_state import PSI
-from tpmsd.onboard.estimators.measurements import Present
+from tpmsd.onboard.estimators.bank import measurements
+from tpmsd.onboard.estimators.bank.error_state import PSI
+from tpmsd.onboard.estimators.bank.measurements import Present
 from tpmsd.onboard.sources.events import GnssFix
 from tpmsd.onboard.timeline.speed_accuracy import MOST, TOLERATED, USUAL_MPS, SpeedAccuracy
 from tpmsd.onboard.timeline.tick import Fix, Tick

@@ -13,17 +13,17 @@ from tpmsd.car.config.model import Config, FilterConfig, GnssConfig, VehicleConf
 from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FL, FR, RL, RR
+from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
+from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.belief import Belief, Car
-from tpmsd.onboard.estimators.fix_gate import FIX_WEIGHTS
-from tpmsd.onboard.estimators.front_contrast import FrontBeside
-from tpmsd.onboard.estimators.gaussian import GaussianBelief, GaussianPieces
-from tpmsd.onboard.estimators.marginal import MarginalBelief, MarginalPieces
-from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
-from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.fix_gate import FIX_WEIGHTS
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.slip_gate import make_gate
+from tpmsd.onboard.estimators.published.front_contrast import FrontBeside
+from tpmsd.onboard.estimators.published.gaussian import GaussianBelief, GaussianPieces
+from tpmsd.onboard.estimators.published.samples import SampledBelief
 from tpmsd.onboard.estimators.radius_filter import RadiusFilter
-from tpmsd.onboard.estimators.samples import SampledBelief
 from tpmsd.onboard.estimators.settings import SETTINGS
-from tpmsd.onboard.estimators.slip_gate import make_gate
 from tpmsd.onboard.estimators.table import ALIASES, TABLE, Row, row_of
 
 

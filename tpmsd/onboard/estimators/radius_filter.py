@@ -25,12 +25,12 @@ from tpmsd.onboard.estimators.belief import (
     Standing,
     numbers,
 )
-from tpmsd.onboard.estimators.fix_gate import FixGate
 from tpmsd.onboard.estimators.frame_measurements import FrameBlocks, Heard
-from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.fix_gate import FixGate
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.position_accuracy import PositionAccuracy
+from tpmsd.onboard.estimators.gates.reversing import ReverseWatch
 from tpmsd.onboard.estimators.pose_start import PoseFinder
-from tpmsd.onboard.estimators.position_accuracy import PositionAccuracy
-from tpmsd.onboard.estimators.reversing import ReverseWatch
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

@@ -22,16 +22,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from tpmsd.onboard.estimators.changes import PoissonChanges
-from tpmsd.onboard.estimators.gaussian import GaussianPieces, linearised, unscented
-from tpmsd.onboard.estimators.gnss_likelihood import gaussian_log
-from tpmsd.onboard.estimators.marginal import MarginalPieces
-from tpmsd.onboard.estimators.mixture import MixturePieces
-from tpmsd.onboard.estimators.position_noise import PositionNoise
+from tpmsd.onboard.estimators.bank.marginal import MarginalPieces
+from tpmsd.onboard.estimators.bank.mixture import MixturePieces
+from tpmsd.onboard.estimators.published.changes import PoissonChanges
+from tpmsd.onboard.estimators.published.gaussian import GaussianPieces, linearised, unscented
+from tpmsd.onboard.estimators.published.gnss_likelihood import gaussian_log
+from tpmsd.onboard.estimators.published.position_noise import PositionNoise
+from tpmsd.onboard.estimators.published.radius_models import Floors, NiwRadii, WalkingRadii
+from tpmsd.onboard.estimators.published.sampled_motion import WheelsMeasured
+from tpmsd.onboard.estimators.published.samples import SampledPieces
 from tpmsd.onboard.estimators.radius_filter import GATED, Gates
-from tpmsd.onboard.estimators.radius_models import Floors, NiwRadii, WalkingRadii
-from tpmsd.onboard.estimators.sampled_motion import WheelsMeasured
-from tpmsd.onboard.estimators.samples import SampledPieces
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.onboard.estimators.agreement import AGREED, Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
 from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
 from tpmsd.onboard.monitor.alarms.explanation import Explanation
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement

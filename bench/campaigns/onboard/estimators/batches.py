@@ -23,10 +23,10 @@ from bench.campaigns.onboard.estimators.methods import POSITIONS, TEXTBOOK, conf
 from bench.campaigns.onboard.estimators.play import Played, score
 from bench.worlds.paper_drive import RADIUS_M, RL, SCENARIOS, TICK_S, drive
 from bench.worlds.paper_route import TRACK_M
-from tpmsd.onboard.estimators.gnss_likelihood import PositionLog, gaussian_log, student_t_log
-from tpmsd.onboard.estimators.motion_gate import MotionGate
-from tpmsd.onboard.estimators.niw import NormalInverseWishart
-from tpmsd.onboard.estimators.radius_models import NiwRadii, RadiusModel, WalkingRadii
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
+from tpmsd.onboard.estimators.published.gnss_likelihood import PositionLog, gaussian_log, student_t_log
+from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.published.radius_models import NiwRadii, RadiusModel, WalkingRadii
 from tpmsd.onboard.estimators.resampling import systematic
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Tick

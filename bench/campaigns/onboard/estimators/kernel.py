@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from bench.campaigns.onboard.estimators.methods import TEXTBOOK, VEHICLE, config_of
 from tpmsd.foundation.wheels import RL, RR
-from tpmsd.onboard.estimators.gnss_likelihood import position_variance
-from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.estimators.pose_start import PoseFinder
+from tpmsd.onboard.estimators.published.gnss_likelihood import position_variance
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Tick
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.onboard.estimators.agreement import Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.gates.agreement import Agreement
 from tpmsd.onboard.monitor.alarms.judge import Finding, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
 from tpmsd.onboard.monitor.baseline.tyre_sets import TyreSets

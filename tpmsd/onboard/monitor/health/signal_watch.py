@@ -17,8 +17,8 @@ from typing import Any, Literal, NamedTuple
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.bounds import LARGEST, number
 from tpmsd.foundation.wheels import RL, RR, WHEELS
-from tpmsd.onboard.estimators.agreement import AGREED, Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.onboard.monitor.sampling.car_speed import CarSpeed
 from tpmsd.onboard.monitor.settings import SIGNALS

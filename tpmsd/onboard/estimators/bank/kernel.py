@@ -14,22 +14,22 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators import measurements
-from tpmsd.onboard.estimators.batched_kalman import (
+from tpmsd.onboard.estimators.bank import measurements
+from tpmsd.onboard.estimators.bank.batched_kalman import (
     LEAST_VARIANCE,
     Weights,
     scalar_update,
     square_weights,
     symmetrise,
 )
-from tpmsd.onboard.estimators.error_state import MU, PSI, Motion, ProcessModel
-from tpmsd.onboard.estimators.jump_hypotheses import Bank
+from tpmsd.onboard.estimators.bank.error_state import MU, PSI, Motion, ProcessModel
+from tpmsd.onboard.estimators.bank.jump_hypotheses import Bank
 from tpmsd.onboard.estimators.resampling import effective_number
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 try:
-    from tpmsd.onboard.estimators import _bank as compiled
+    from tpmsd.onboard.estimators.bank import _bank as compiled
 except ImportError:  # not built: there was no compiler, or it was left out
     compiled: ModuleType | None = None  # type: ignore[no-redef]
 
@@ -139,7 +139,7 @@ class CompiledKernel:
     """By compiled code; banks must lie in memory as `error_state.side_by_side` lays them."""
 
     def __init__(self, module: ModuleType) -> None:
-        """`module`: `tpmsd.onboard.estimators._bank`."""
+        """`module`: `tpmsd.onboard.estimators.bank._bank`."""
         self._propagate, self._update = module.propagate, module.update
         self._moments, self._antenna = module.moments, module.antenna
         self._symmetrise = module.symmetrise
@@ -211,7 +211,7 @@ class HalfKernel(CompiledKernel):
     the memory is read and written. The lower triangle is made of it where it is asked for (`complete`)."""
 
     def __init__(self, module: ModuleType) -> None:
-        """`module`: `tpmsd.onboard.estimators._bank`."""
+        """`module`: `tpmsd.onboard.estimators.bank._bank`."""
         super().__init__(module)
         self._propagate, self._update = module.propagate_half, module.update_half
         self._symmetrise, self._mirror = module.clamp, module.mirror

@@ -30,9 +30,9 @@ from tpmsd.onboard.estimators.belief import (
     Sight,
     saved_radii,
 )
-from tpmsd.onboard.estimators.niw import NormalInverseWishart
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 

@@ -27,10 +27,26 @@ import numpy as np
 from tpmsd.car.physics.grade import GradeTracker
 from tpmsd.foundation.bounds import no_wider
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators import measurements
-from tpmsd.onboard.estimators.bank_kernel import KERNEL, BankKernel
+from tpmsd.onboard.estimators.bank import measurements
+from tpmsd.onboard.estimators.bank.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.bank.error_state import (
+    BE,
+    BN,
+    FWD,
+    GYRO,
+    LAT,
+    MU,
+    PSI,
+    SLIP,
+    E,
+    Motion,
+    N,
+    ProcessModel,
+    initial_state,
+)
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses
+from tpmsd.onboard.estimators.bank.kernel import KERNEL, BankKernel
 from tpmsd.onboard.estimators.base import NIGHT_S
-from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
 from tpmsd.onboard.estimators.belief import (
     Car,
     Coasting,
@@ -46,22 +62,6 @@ from tpmsd.onboard.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.onboard.estimators.error_state import (
-    BE,
-    BN,
-    FWD,
-    GYRO,
-    LAT,
-    MU,
-    PSI,
-    SLIP,
-    E,
-    Motion,
-    N,
-    ProcessModel,
-    initial_state,
-)
-from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank, JumpHypotheses
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.settings import SETTINGS

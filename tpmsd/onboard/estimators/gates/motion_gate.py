@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from tpmsd.car.config.model import FilterConfig
-from tpmsd.onboard.estimators.gyro_check import GyroCheck
+from tpmsd.onboard.estimators.gates.gyro_check import GyroCheck
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

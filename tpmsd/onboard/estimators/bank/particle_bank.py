@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.error_state import MU, PSI, initial_state
-from tpmsd.onboard.estimators.jump_hypotheses import UNUSED, Bank
+from tpmsd.onboard.estimators.bank.error_state import MU, PSI, initial_state
+from tpmsd.onboard.estimators.bank.jump_hypotheses import UNUSED, Bank
 from tpmsd.onboard.estimators.resampling import Lineage, systematic
 from tpmsd.onboard.estimators.settings import SETTINGS
 

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.belief import Car, Rolling
-from tpmsd.onboard.estimators.position_noise import PositionStatistics
-from tpmsd.onboard.estimators.radius_models import RadiusModel
+from tpmsd.onboard.estimators.published.position_noise import PositionStatistics
+from tpmsd.onboard.estimators.published.radius_models import RadiusModel
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 

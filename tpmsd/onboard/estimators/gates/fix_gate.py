@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.car.vehicle_state.robust import igg3
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.bank.batched_kalman import Weights, square_weights
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 

@@ -21,8 +21,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.bank.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.onboard.estimators.base import NIGHT_S
-from tpmsd.onboard.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.onboard.estimators.belief import (
     Car,
     Coasting,
@@ -36,10 +36,10 @@ from tpmsd.onboard.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.onboard.estimators.gnss_likelihood import position_variance, seen_course, seen_in_block
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
-from tpmsd.onboard.estimators.samples import saved_noise
+from tpmsd.onboard.estimators.published.gnss_likelihood import position_variance, seen_course, seen_in_block
+from tpmsd.onboard.estimators.published.samples import saved_noise
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
 

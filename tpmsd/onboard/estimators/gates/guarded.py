@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.agreement import Agreement, AgreementWatch
 from tpmsd.onboard.estimators.base import NIGHT_S, Estimator, RadiusEstimate, unsound
+from tpmsd.onboard.estimators.gates.agreement import Agreement, AgreementWatch
 from tpmsd.onboard.sources.events import SourceFault
 from tpmsd.onboard.timeline.tick import Tick
 

@@ -18,7 +18,7 @@ import numpy as np
 from tpmsd.car.config.model import FilterConfig, VehicleConfig
 from tpmsd.car.vehicle_state.car import typical
 from tpmsd.car.vehicle_state.slips import slip_traces
-from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.timeline.tick import Tick
 
 

@@ -6,7 +6,7 @@
  * is off (setup.py), so that machines with and without fused multiply-add round alike.
  */
 #define Py_LIMITED_API 0x030b0000
-#include "../../foundation/_arrays.h"
+#include "../../../foundation/_arrays.h"
 #include <math.h>
 
 /* Loops over hypotheses are also compiled for wider vectors, chosen when the module is loaded. Each hypothesis is
@@ -699,7 +699,7 @@ static int add_constants(PyObject *module)
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_constants}, {0, NULL}};
 static struct PyModuleDef module = {
-    PyModuleDef_HEAD_INIT, "tpmsd.onboard.estimators._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
+    PyModuleDef_HEAD_INIT, "tpmsd.onboard.estimators.bank._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
     NULL, NULL, NULL,
 };
 

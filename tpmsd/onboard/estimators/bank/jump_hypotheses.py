@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.error_state import MU, PSI, initial_state
+from tpmsd.onboard.estimators.bank.error_state import MU, PSI, initial_state
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 UNUSED = -1e9

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.error_state import (
+from tpmsd.onboard.estimators.bank.error_state import (
     BE,
     BN,
     FWD,

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.onboard.estimators.bank_kernel import HALF_KERNEL
+from tpmsd.onboard.estimators.bank.error_state import MU, E, N
+from tpmsd.onboard.estimators.bank.kernel import HALF_KERNEL
+from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
+from tpmsd.onboard.estimators.bank.particle_bank import ParticleBank, SampledHypotheses
 from tpmsd.onboard.estimators.belief import Car, Moment, Moments, Sight
-from tpmsd.onboard.estimators.error_state import MU, E, N
-from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.odometry_block import Block
-from tpmsd.onboard.estimators.particle_bank import ParticleBank, SampledHypotheses
 from tpmsd.onboard.estimators.resampling import Lineage, between_std
 from tpmsd.onboard.estimators.settings import SETTINGS
 

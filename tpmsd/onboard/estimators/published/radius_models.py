@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 

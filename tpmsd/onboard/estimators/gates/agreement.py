@@ -21,7 +21,7 @@ from statistics import median
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.path_length import PathLength
+from tpmsd.onboard.estimators.gates.path_length import PathLength
 from tpmsd.onboard.estimators.settings import AGREEMENT, PATH_LENGTH
 from tpmsd.onboard.timeline.tick import Fix, Tick
 

@@ -13,8 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from tpmsd.onboard.estimators.belief import Car, Rolling
-from tpmsd.onboard.estimators.radius_models import RadiusModel
-from tpmsd.onboard.estimators.sampled_motion import Particles
+from tpmsd.onboard.estimators.published.radius_models import RadiusModel
+from tpmsd.onboard.estimators.published.sampled_motion import Particles
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 

@@ -34,20 +34,26 @@ from tpmsd.onboard.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.onboard.estimators.changes import ChangeModel
-from tpmsd.onboard.estimators.gnss_likelihood import (
+from tpmsd.onboard.estimators.odometry_block import Block
+from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.published.changes import ChangeModel
+from tpmsd.onboard.estimators.published.gnss_likelihood import (
     PositionLog,
     position_variance,
     seen_course,
     seen_in_block,
     student_t_log,
 )
-from tpmsd.onboard.estimators.odometry_block import Block
-from tpmsd.onboard.estimators.pose_start import PoseStart
-from tpmsd.onboard.estimators.position_noise import PositionNoise
-from tpmsd.onboard.estimators.radius_models import NIW, RadiusModel
+from tpmsd.onboard.estimators.published.position_noise import PositionNoise
+from tpmsd.onboard.estimators.published.radius_models import NIW, RadiusModel
+from tpmsd.onboard.estimators.published.sampled_motion import (
+    MID_STEP,
+    WHEELS_IN,
+    Particles,
+    SampledMotion,
+    go,
+)
 from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Lineage, Systematic, between_std, effective_number
-from tpmsd.onboard.estimators.sampled_motion import MID_STEP, WHEELS_IN, Particles, SampledMotion, go
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
 

@@ -1,0 +1,1 @@
+"""Which ticks and fixes are used, and whether wheels and receiver agree."""
