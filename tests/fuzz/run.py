@@ -1,7 +1,9 @@
 """The coverage-guided run: `make fuzz`. Each target gets a process of its own and so many seconds.
 
-In: seconds per target, names of targets. Out: a line per target; findings and the corpus below build/fuzz.
-Exit code 1 if there is a finding. Needs the extra `fuzz` (atheris).
+In: seconds per target, names of targets. Out: a row of a table per target; findings and the corpus below
+build/fuzz. Two of three inputs are changed in their form (`structure`), the third by libFuzzer itself. Exit
+code 1 if there is a finding: an exception, a signal, a case of more than `TIMEOUT_S`, or memory beyond
+`MEMORY_MB` on top of what the process has when it begins. Needs the extra `fuzz` (atheris).
 
     python -m tests.fuzz.run --seconds 120 nmea toml
 """
@@ -9,14 +11,50 @@ Exit code 1 if there is a finding. Needs the extra `fuzz` (atheris).
 from __future__ import annotations
 
 import argparse
+import json
+import random
 import re
+import resource
 import subprocess
 import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 BUILD = Path("build/fuzz")
-MEMORY_MB = 700
-TIMEOUT_S = 10
+MEMORY_MB = 300
+TIMEOUT_S = 20
+MOST_BYTES = 65536
+"""Size of an input, at most; the packed logs that are seeds take 10 kB."""
+OWN = 1.0 / 3.0
+"""Share of inputs that libFuzzer changes by itself, byte by byte."""
+
+
+@dataclass
+class Watched:
+    """A target, with its longest case and its memory."""
+
+    target: Callable[[bytes], None]
+    out: Path
+    began_kb: int = 0
+    longest_s: float = 0.0
+    peak_kb: int = 0
+
+    def __call__(self, data: bytes) -> None:
+        began = time.monotonic()
+        self.target(data)
+        took_s = time.monotonic() - began
+        own_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        self.began_kb = self.began_kb or own_kb
+        if took_s > self.longest_s or own_kb > 1.02 * self.peak_kb:
+            self.longest_s = max(self.longest_s, took_s)
+            self.peak_kb = own_kb
+            figures = {"longest_s": self.longest_s, "began_mb": self.began_kb / 1024}
+            figures["peak_mb"] = own_kb / 1024
+            self.out.write_text(json.dumps(figures), "utf-8")
+        if own_kb - self.began_kb > 1024 * MEMORY_MB:
+            raise MemoryError(f"{(own_kb - self.began_kb) // 1024} MB more than at the beginning")
 
 
 def fuzz(name: str, seconds: int) -> None:
@@ -24,9 +62,17 @@ def fuzz(name: str, seconds: int) -> None:
     import atheris
 
     with atheris.instrument_imports(include=["tpmsd", "tomllib", "can.io", "json"]):
+        from tests.fuzz.structure import mutated
         from tests.fuzz.targets import SEEDS, TARGETS
 
         seeds = SEEDS[name]()
+
+    def changed(data: bytes, most_bytes: int, seed: int) -> bytes:
+        rng = random.Random(seed)
+        if rng.random() < OWN:
+            return bytes(atheris.Mutate(data, most_bytes))
+        return mutated(name, bytes(data), rng, most_bytes)
+
     corpus = BUILD / name
     corpus.mkdir(parents=True, exist_ok=True)
     for number, seed in enumerate(seeds):
@@ -35,13 +81,14 @@ def fuzz(name: str, seconds: int) -> None:
         sys.argv[0],
         f"-max_total_time={seconds}",
         f"-timeout={TIMEOUT_S}",
-        f"-rss_limit_mb={MEMORY_MB}",
-        "-max_len=8192",
+        "-rss_limit_mb=2000",
+        f"-max_len={MOST_BYTES}",
         f"-artifact_prefix={BUILD}/{name}-",
         "-print_final_stats=1",
         str(corpus),
     ]
-    atheris.Setup(options, TARGETS[name])
+    watched = Watched(TARGETS[name], BUILD / f"{name}.json")
+    atheris.Setup(options, watched, custom_mutator=changed)
     atheris.Fuzz()
 
 
@@ -67,20 +114,35 @@ def main() -> int:
         print(f"no such target: {' '.join(unknown)}; there are {' '.join(TARGETS)}", file=sys.stderr)
         return 2
     BUILD.mkdir(parents=True, exist_ok=True)
+    print("| format | executions | edges | findings | memory | longest case |")
+    print("| --- | --- | --- | --- | --- | --- |")
     failed = 0
     for name in args.targets or sorted(TARGETS):
-        command = [sys.executable, "-m", "tests.fuzz.run", "--one", name, "--seconds", str(args.seconds)]
-        log = BUILD / f"{name}.log"
-        with log.open("wb") as out:
-            code = subprocess.run(command, stdout=out, stderr=subprocess.STDOUT).returncode
-        text = log.read_text("utf-8", "replace")
-        runs = re.findall(r"number_of_executed_units: *(\d+)", text) or ["?"]
-        peak = re.findall(r"peak_rss_mb: *(\d+)", text) or ["?"]
-        edges = re.findall(r"cov: (\d+)", text) or ["?"]
-        said = "no finding" if code == 0 else f"FINDING, see {log}"
-        print(f"{name:10s} {runs[-1]:>9s} runs  {edges[-1]:>6s} edges  {peak[-1]:>5s} MB  {said}", flush=True)
+        row, code = played(name, args.seconds)
+        print(row, flush=True)
         failed += code != 0
     return 1 if failed else 0
+
+
+def played(name: str, seconds: int) -> tuple[str, int]:
+    """Fuzz one target in a process of its own; its row, and the exit code."""
+    command = [sys.executable, "-m", "tests.fuzz.run", "--one", name, "--seconds", str(seconds)]
+    log, figures = BUILD / f"{name}.log", BUILD / f"{name}.json"
+    figures.unlink(missing_ok=True)
+    with log.open("wb") as out:
+        code = subprocess.run(command, stdout=out, stderr=subprocess.STDOUT).returncode
+    text = log.read_text("utf-8", "replace")
+    runs = (
+        re.findall(r"number_of_executed_units: *(\d+)", text) or re.findall(r"^#(\d+)", text, re.M) or ["?"]
+    )
+    edges = re.findall(r"cov: (\d+)", text) or ["?"]
+    found = "none" if code == 0 else f"one, see {log}"
+    memory = longest = "?"
+    if figures.is_file():
+        seen = json.loads(figures.read_text("utf-8"))
+        memory = f"{seen['peak_mb']:.0f} MB ({seen['began_mb']:.0f} at the beginning)"
+        longest = f"{seen['longest_s']:.2f} s"
+    return f"| {name} | {runs[-1] if runs else '?'} | {edges[-1]} | {found} | {memory} | {longest} |", code
 
 
 if __name__ == "__main__":

@@ -23,6 +23,11 @@ import can as can_module
 import numpy as np
 from cantools.database.can import Database
 
+from tests.interfaces.api.test_from_tables import straight
+from tests.interfaces.api.test_tables import MAP, frame_of
+from tests.interfaces.api.test_tables import hdf5 as write_hdf5
+from tests.interfaces.bridges.documents import alarm
+from tests.offline.fleet.test_damaged_store import KEYS, RESULT, store_of
 from tests.onboard.daemon.fakes import VEHICLE
 from tests.onboard.gnss import sentences
 from tests.onboard.gnss.test_gpsd_json import GST, SKY, TPV
@@ -32,7 +37,11 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import InputError, TpmsdError
+from tpmsd.interfaces.api.import_table import load_table
+from tpmsd.interfaces.bridges.mqtt_messages import recalled
 from tpmsd.offline.drives.reading import ignore_note
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.tables import parquet_of, rows_of
 from tpmsd.offline.signals.vbo import read_vbo
 from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
 from tpmsd.onboard.pipeline import Pipeline
@@ -387,6 +396,69 @@ def receiver(data: bytes) -> None:
         assert isinstance(stream.hint, str)
 
 
+def table(name: str, data: bytes, map_text: bytes = MAP.encode()) -> None:
+    """A table of a user's logger: a drive, or one line."""
+    try:
+        load_table(file(name, data), file("map.toml", map_text))
+    except TpmsdError as error:
+        assert str(error)
+
+
+def csv(data: bytes) -> None:
+    """A CSV table."""
+    table("log.csv", data)
+
+
+def parquet(data: bytes) -> None:
+    """A Parquet table, read in a child."""
+    table("log.parquet", data)
+
+
+def hdf5(data: bytes) -> None:
+    """A MATLAB v7.3 table, read in a child."""
+    table("log.mat", data)
+
+
+def table_map(data: bytes) -> None:
+    """A map of a sound table."""
+    table("sound.csv", _table_seed("csv"), data)
+
+
+@functools.cache
+def _table_seed(kind: str) -> bytes:
+    """A table of some seconds."""
+    frame = frame_of(*straight(0.5 if kind == "csv" else 2.0))
+    path = folder() / f"seed.{kind}"
+    if kind == "csv":
+        frame.to_csv(path, index=False)
+    elif kind == "parquet":
+        frame.to_parquet(path)
+    else:
+        write_hdf5(frame, path)
+    return path.read_bytes()
+
+
+@functools.cache
+def fleet() -> Store:
+    """A store of two drives."""
+    return store_of(folder() / "fleet")
+
+
+def store(data: bytes) -> None:
+    """The result of one drive of a fleet: the other drive has its rows all the same."""
+    (fleet().results / f"{KEYS[0]}.json").write_bytes(data)
+    fleet().damaged.clear()
+    rows = rows_of(fleet())
+    assert all(parquet_of(name, made) for name, made in rows.items())
+    assert ["done"] == [row["status"] for row in rows["drives"] if row["key"] == KEYS[1]]
+
+
+def retained(data: bytes) -> None:
+    """A broker's retained message of the alarms: names of kinds and wheels and finite times, or nothing."""
+    for one in recalled(data):
+        json.dumps([one.kind, one.wheel, one.time_s], allow_nan=False)
+
+
 TARGETS: dict[str, Callable[[bytes], None]] = {
     "nmea": nmea,
     "receiver": receiver,
@@ -404,7 +476,15 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "model": model,
     "state": state,
     "status": status,
+    "csv": csv,
+    "parquet": parquet,
+    "hdf5": hdf5,
+    "map": table_map,
+    "store": store,
+    "retained": retained,
 }
+IN_A_CHILD = ("parquet", "hdf5")
+"""Targets whose reader is a process of its own, which takes a second each."""
 SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "nmea": lambda: [
         sentences.nmea(RMC) + b"\r\n" + sentences.nmea(GGA) + b"\r\n",
@@ -428,4 +508,10 @@ SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "model": lambda: [b'[[effect]]\nname = "centrifugal_growth"\ncoefficient = 2e-06\n[effect.std]\n'],
     "state": lambda: [_state_seed(), json.dumps(MEMORY).encode("ascii")],
     "status": lambda: [b"status\n", b'{"request": "watch"}\n', b'{"version": 1}'],
+    "csv": lambda: [_table_seed("csv")],
+    "parquet": lambda: [_table_seed("parquet")],
+    "hdf5": lambda: [_table_seed("mat")],
+    "map": lambda: [MAP.encode()],
+    "store": lambda: [json.dumps(RESULT).encode()],
+    "retained": lambda: [json.dumps([alarm()]).encode(), b"[]"],
 }

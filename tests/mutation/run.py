@@ -2,11 +2,13 @@
 
 In: rooms, and how many places of each (`tests/mutation/table.py`). Out: a line per mutant that no test
 killed, and the share killed. Exit code 1 if a mutation by name survived or the share of the sample is below
-the bar. Works on a copy below build/mutation. Needs the extra `mutation`: cosmic-ray's operators make the
-sample. `make mutation` runs it.
+the bar. A mutant of the sample meets the room's tests that run its line (`covering`), the quickest first, up
+to the first that fails. Works on a copy below build/mutation. Needs the extra `mutation`: cosmic-ray's
+operators make the sample. `make mutation` runs it.
 
     python -m tests.mutation.run --named
-    python -m tests.mutation.run --sample 30 --seed 2 state_file health
+    python -m tests.mutation.run --sample 40 --seed 2 state_file timeline
+    python -m tests.mutation.run --sample 40 --seed 2 --page      the tables of bench/results/mutation.md
 """
 
 from __future__ import annotations
@@ -22,15 +24,19 @@ import signal
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from tests.mutation.table import NAMED, ROOMS
+from tests.mutation.covering import Covering, Recorder
+from tests.mutation.reasons import REASONS
+from tests.mutation.table import NAMED, ROOMS, Room
 
 REPO = Path(__file__).resolve().parents[2]
 TREE = REPO / "build" / "mutation"
-BAR = 0.85
+BAR = 0.90
 OPERATORS_LEFT_OUT = ("VariableReplacer", "VariableInserter", "RemoveDecorator")
 """The first two take arguments; decorators say how a class is stored (slots, frozen), not what it does."""
 PATIENCE = 10.0
@@ -134,8 +140,13 @@ def copy_tree() -> None:
     compileall.compile_dir(TREE / "tpmsd", quiet=1)
 
 
-def fails(tests: tuple[str, ...], left_out: str, limit_s: float) -> bool:
-    """Whether the tests of the copy fail as it is now (or hang), in a process of their own."""
+def fails(
+    tests: Sequence[str], left_out: str, limit_s: float, recorded: tuple[tuple[str, ...], Path] | None = None
+) -> bool:
+    """Whether the tests of the copy fail as it is now (or hang), in a process of their own.
+
+    With `recorded`, lines of these modules are kept in that file.
+    """
     child = os.fork()
     if child == 0:
         os.setsid()
@@ -149,16 +160,26 @@ def fails(tests: tuple[str, ...], left_out: str, limit_s: float) -> bool:
             os.dup2(os.open("build.log", mode | os.O_CREAT | os.O_TRUNC), descriptor)
         import pytest
 
+        recorder = Recorder(*recorded) if recorded is not None else None
+        if recorder is not None:
+            recorder.start()
         options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
-        os._exit(pytest.main(options + (["-k", f"not ({left_out})"] if left_out else [])))
+        options += ["-k", f"not ({left_out})"] if left_out else []
+        code = pytest.main(options, plugins=[] if recorder is None else [recorder])
+        if recorder is not None:
+            recorder.save()
+        os._exit(code)
     _, status = os.waitpid(child, 0)
-    if os.WIFEXITED(status) and os.WEXITSTATUS(status) in (4, 5):
+    unread = "ERROR collecting" in (TREE / "build.log").read_text("utf-8", "replace")  # the mutant's import
+    if os.WIFEXITED(status) and os.WEXITSTATUS(status) in (4, 5) and not unread:
         raise SystemExit(f"no tests ran: {tests}; see {TREE / 'build.log'}")
     return status != 0
 
 
-def killed(module: str, text: str, tests: tuple[str, ...], left_out: str, limit_s: float) -> bool:
-    """Whether the tests notice the mutant; the copy is whole again afterwards."""
+def killed(module: str, text: str, tests: Sequence[str], left_out: str, limit_s: float) -> bool:
+    """Whether the tests notice the mutant; the copy is whole again afterwards. Without tests none does."""
+    if not tests:
+        return False
     target = TREE / module
     for compiled in (target.parent / "__pycache__").glob(f"{target.stem}.*"):
         compiled.unlink()
@@ -182,6 +203,94 @@ def shown(module: str, text: str) -> str:
     return f"{module}:{at}  {'   '.join(lines)}"
 
 
+def changed_line(module: str, text: str) -> int:
+    """The first line of the module that the mutant changes."""
+    before = (REPO / module).read_text("utf-8").splitlines()
+    changes = difflib.SequenceMatcher(None, before, text.splitlines(), autojunk=False).get_opcodes()
+    return next((low + 1 for tag, low, *_ in changes if tag != "equal"), 1)
+
+
+def seen_lines(name: str, room: Room) -> Covering:
+    """Run the tests of a room without a mutation, and keep which lines each of them runs."""
+    file = TREE.parent / f"mutation-{name}.json"
+    modules = tuple(str(TREE / module) for module in room.modules)
+    if fails(room.tests, room.left_out, 3600.0, (modules, file)):
+        raise SystemExit(f"{' '.join(room.tests)} fail without a mutation; see {TREE / 'build.log'}")
+    return Covering.load(file, TREE)
+
+
+@dataclass
+class Judged:
+    """What came of the sample of a room."""
+
+    name: str
+    seen: int = 0
+    survivors: list[tuple[str, str]] = field(default_factory=list)
+    """Module, and the change on one line."""
+
+    @property
+    def dead(self) -> int:
+        return self.seen - len(self.survivors)
+
+
+def judge(name: str, sample: int, seed: int, until_s: float, every: bool) -> Judged:
+    """Judge a sample of the room; ends early when the clock passes `until_s`."""
+    room, rng = ROOMS[name], np.random.default_rng([seed, *name.encode("ascii")])
+    covering, judged = seen_lines(name, room), Judged(name)
+    for module, text in sampled(room.modules, sample, rng):
+        if time.monotonic() > until_s:
+            break
+        tests = covering.tests(module, (REPO / module).read_text("utf-8"), changed_line(module, text))
+        limit_s = 20.0 + PATIENCE * sum(covering.taken_s[test] for test in tests)
+        died = killed(module, text, tests, "", limit_s)
+        judged.seen += 1
+        if not died:
+            judged.survivors.append((module, shown(module, text)))
+        if every or not died:
+            print(f"  {'killed' if died else 'survived'}: {shown(module, text)}", flush=True)
+    print(f"{name:14s} {judged.dead:3d} of {judged.seen:3d} killed", flush=True)
+    return judged
+
+
+def reason(change: str) -> str:
+    """The reason that the table gives for a survivor; empty where there is none."""
+    return next((why for piece, why in REASONS.items() if piece in change), "")
+
+
+def page(rooms: list[Judged], sample: int, seed: int) -> str:
+    """The tables of bench/results/mutation.md."""
+    lines = ["| room | mutants | killed | without those that change nothing | command |", "| --- " * 5 + "|"]
+    for room in rooms:
+        same = sum(reason(change).startswith("same") for _, change in room.survivors)
+        command = f"python -m tests.mutation.run --sample {sample} --seed {seed} {room.name}"
+        share = f"{room.dead} of {room.seen - same}"
+        lines.append(f"| {room.name} | {room.seen} | {room.dead} | {share} | `{command}` |")
+    lines += ["", "| room | survivor | reason |", "| --- | --- | --- |"]
+    for room in rooms:
+        for _, change in room.survivors:
+            text = change.replace("|", "\\|")
+            lines.append(f"| {room.name} | `{text}` | {reason(change) or 'missed'} |")
+    return "\n".join(lines)
+
+
+def judge_named() -> int:
+    """Judge the mutations by name; 1 if one survives."""
+    limits: dict[tuple[str, ...], float] = {}
+    total = dead = 0
+    for module, text, tests in named():
+        if tests not in limits:
+            began = time.monotonic()
+            if fails(tests, "", 3600.0):
+                raise SystemExit(f"{' '.join(tests)} fail without a mutation; see {TREE / 'build.log'}")
+            limits[tests] = 20.0 + PATIENCE * (time.monotonic() - began)
+        died = killed(module, text, tests, "", limits[tests])
+        total, dead = total + 1, dead + died
+        if not died:
+            print(f"  survived: {shown(module, text)}", flush=True)
+    print(f"{dead} of {total} killed")
+    return 0 if dead == total else 1
+
+
 def main() -> int:
     """Run the mutations by name, or the sample of the rooms."""
     parser = argparse.ArgumentParser(description="mutation testing")
@@ -189,6 +298,8 @@ def main() -> int:
     parser.add_argument("--sample", type=int, default=25, help="places of each room")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--all", action="store_true", help="a line for killed mutants, too")
+    parser.add_argument("--page", action="store_true", help="print tables for bench/results/mutation.md")
+    parser.add_argument("--minutes", type=float, default=1e6, help="for each room; it ends early after these")
     parser.add_argument("rooms", nargs="*", help=f"default: all of {' '.join(ROOMS)}")
     args = parser.parse_args()
     if unknown := sorted(set(args.rooms) - set(ROOMS)):
@@ -197,32 +308,17 @@ def main() -> int:
     copy_tree()
     for name in WARM:
         importlib.import_module(name)
-    work: list[tuple[str, list[tuple[str, str]], tuple[str, ...], str]] = []
     if args.named:
-        work = [(f"named {module}", [(module, text)], tests, "") for module, text, tests in named()]
-    else:
-        for name in args.rooms or ROOMS:
-            room, rng = ROOMS[name], np.random.default_rng([args.seed, *name.encode("ascii")])
-            work.append((name, sampled(room.modules, args.sample, rng), room.tests, room.left_out))
-    total = dead = 0
-    limits: dict[tuple[str, ...], float] = {}
-    for name, mutants, tests, left_out in work:
-        if tests not in limits:
-            began = time.monotonic()
-            if fails(tests, left_out, 3600.0):
-                raise SystemExit(f"{' '.join(tests)} fail without a mutation; see {TREE / 'build.log'}")
-            limits[tests] = 20.0 + PATIENCE * (time.monotonic() - began)
-        room_dead = 0
-        for module, text in mutants:
-            died = killed(module, text, tests, left_out, limits[tests])
-            room_dead += died
-            if args.all or not died:
-                print(f"  {'killed' if died else 'survived'}: {shown(module, text)}", flush=True)
-        total, dead = total + len(mutants), dead + room_dead
-        if not args.named:
-            print(f"{name:14s} {room_dead:3d} of {len(mutants):3d} killed", flush=True)
+        return judge_named()
+    rooms = [
+        judge(name, args.sample, args.seed, time.monotonic() + 60.0 * args.minutes, args.all)
+        for name in args.rooms or ROOMS
+    ]
+    if args.page:
+        print(f"\n{page(rooms, args.sample, args.seed)}\n")
+    dead, total = sum(room.dead for room in rooms), sum(room.seen for room in rooms)
     print(f"{dead} of {total} killed, {100.0 * dead / max(total, 1):.0f} %")
-    return 0 if dead >= (total if args.named else BAR * total) else 1
+    return 0 if dead >= BAR * total else 1
 
 
 if __name__ == "__main__":

@@ -6,6 +6,9 @@ A mutation by name is one that tests once missed. It stays here with the tests t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+
+REPO = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,24 +31,39 @@ class Named:
     tests: tuple[str, ...]
 
 
+def _modules(folder: str, *left_out: str) -> tuple[str, ...]:
+    """The modules of a room and of the rooms in it, without those that hold numbers alone."""
+    skipped = {"__init__", *left_out}
+    found = sorted(path for path in (REPO / folder).rglob("*.py") if path.stem not in skipped)
+    return tuple(str(path.relative_to(REPO)) for path in found)
+
+
+def _daemon_tests() -> tuple[str, ...]:
+    """The tests of the daemon that run it in their own process."""
+    names = "can_errors health inputs link_ends links loop notify obd record recorder reset state_keeper time"
+    return tuple(f"tests/onboard/daemon/test_{name}.py" for name in names.split())
+
+
 ROOMS = {
     "monitor": Room(
-        tuple(
-            f"tpmsd/onboard/monitor/{name}.py"
-            for name in (
-                "monitor",
-                *("alarms/judge", "alarms/alarm_state", "alarms/saved_alarms"),
-                *("evidence/hypotheses", "health/signal_watch"),
-            )
-        ),
+        _modules("tpmsd/onboard/monitor", "settings", "drive_settings", "encoder_settings"),
         ("tests/onboard/monitor",),
         "TestLife or slow_leak or no_history_of_radii_flaps or reset_away_minute",
     ),
+    "timeline": Room(
+        _modules("tpmsd/onboard/timeline"),
+        (
+            "tests/onboard/timeline",
+            "tests/onboard/gnss/test_utc_offset.py",
+            "tests/onboard/gnss/test_local_plane.py",
+        ),
+    ),
+    "daemon": Room(_modules("tpmsd/onboard/daemon"), _daemon_tests()),
     "wheel_counter": Room(
         ("tpmsd/onboard/sources/wheel_counter.py",),
         tuple(
             f"tests/onboard/sources_can/test_{name}.py"
-            for name in ("wheel_reach", "wheel_counter", "can_decoder")
+            for name in ("wheel_reach", "wheel_counter", "can_decoder", "regular_readings")
         ),
     ),
     "epochs": Room(
