@@ -140,9 +140,10 @@ def drive(
     seed: int,
     route: Route | None = None,
     offsets_m: Array | None = None,
+    added_m: Array | float = 0.0,
 ) -> Driven:
     """Drive the route once; everything that is random follows from the seed. `offsets_m` (n + 1, 4) replaces
-    what the scenario would draw."""
+    what the scenario would draw, `added_m` is added to it."""
     route = paper_route() if route is None else route
     rng = np.random.default_rng([seed, 4])
     errors = draw_errors(receiver, rng)
@@ -150,7 +151,7 @@ def drive(
     rolled = route.rolled_m[::every]
     count = rolled.shape[0] - 1
     drawn = drawn_offsets(scenario, route.speed_mps[::every], rng)
-    offsets = drawn if offsets_m is None else offsets_m
+    offsets = (drawn if offsets_m is None else offsets_m) + added_m
     ways = np.diff(rolled, axis=0)
     rough = ROUGHNESS_M * np.sqrt(np.abs(ways)) * rng.standard_normal(ways.shape)
     middle = RADIUS_M + (offsets[1:] + offsets[:-1]) / 2

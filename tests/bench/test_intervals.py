@@ -26,6 +26,14 @@ def row(method: str, seed: int, nees_pair: float, **more: Any) -> dict[str, Any]
         "cover_radius": 0.95,
         "cover_difference": 1.0,
         "diverged": "",
+        "stated": {
+            "nees_pair": 2.0 * nees_pair,
+            "nees_four": 2.0 * more.get("nees_four", math.nan),
+            "nees_difference": 2.0,
+            "cover_radius": 0.85,
+            "cover_difference": 0.9,
+        },
+        "drift": "drift",
         **more,
     }
 
@@ -43,19 +51,31 @@ def test_nees_is_per_radius() -> None:
     rows += [row("mpf-pn", k, 9.0, front=True, nees_four=4.0) for k in range(2)]
     pair, four = intervals.cells(rows)
     assert ((2, 3, 1.0), (4, 2, 1.0)) == tuple(
-        (cell["wheels"], cell["drives"], cell["nees"][0]) for cell in (pair, four)
+        (cell["wheels"], cell["drives"], cell["all"]["nees"][0]) for cell in (pair, four)
     )
-    assert "2 of 2 cells are within 0.7 to 1.4, and 2 cover a radius in 90 to 98 %" in intervals.markdown(
-        [pair, four]
+    told = intervals.markdown([pair, four])
+    assert "all hypotheses together: NEES per radius from 1.00 to 1.00, mean 1.00; 2 of 2 cells" in told
+    assert (
+        "as stated: NEES per radius from 2.00 to 2.00, mean 2.00; 0 of 2 cells are within 0.7 to 1.4." in told
     )
+    assert "mean 85.0 %; 0 cells are within 90 to 98 %" in told
 
 
 def test_each_cell_is_played_by_both_filters() -> None:
     """Two filters on two drives, with two wheels and with four, of one kind."""
-    tasks = intervals.plan(2, 400, ["balanced"], ["white"])
-    assert 8 == len(tasks) == len(set(tasks))
-    assert {"gaussian-sum", "mpf-pn"} == {task.method for task in tasks}
-    assert {"all"} == {task.inputs for task in tasks}
+    units = intervals.plan(2, 400, ["balanced"], ["white"], ["drift", "none"])
+    assert 16 == len(units) == len(set(units))
+    assert {"gaussian-sum", "mpf-pn"} == {unit.task.method for unit in units}
+    assert {"all"} == {unit.task.inputs for unit in units}
+
+
+def test_each_kind_of_drift_has_a_table_of_its_own() -> None:
+    """Cells of drawn drift are not averaged with those of none."""
+    rows = [row("mpf-pn", k, 2.0) for k in range(2)] + [row("mpf-pn", k, 8.0, drift="none") for k in range(2)]
+    drawn, none = intervals.tables(rows).split("## No drift")
+    assert "## Drift drawn from the filter's prior" in drawn
+    assert "| 1.00 ± 0.00 |" in drawn and "| 4.00 ± 0.00 |" not in drawn
+    assert "| 4.00 ± 0.00 |" in none
 
 
 def test_an_unknown_kind_of_drive_is_told(tmp_path: Path) -> None:

@@ -1,14 +1,17 @@
 """NEES and coverage of the intervals that both filters of the product state, cell by cell.
 
-    python -m bench run intervals                       four drives a cell, some minutes
+    python -m bench run intervals                       eight drives a cell, half an hour
     python -m bench run intervals --drives 20 --minutes 30
     python -m bench report intervals --write
 
-A cell is a kind of drive, a receiver and the wheels that are estimated; each filter plays the very same
-drives with the product's settings and all that it can hear. The normalised estimation error squared (NEES) is
-the mean of e' P^-1 e over the number of radii: 1 if the filter knows its error, less where it states too
-much [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]. Ticks of one drive are not independent, so the
-interval of a figure comes from the spread between drives.
+A cell is a kind of drive, a receiver and the wheels that are estimated; each filter plays its drives with the
+product's settings and all that it can hear. A Bayesian filter's intervals cover what they say on average over
+its own prior: so the drift of the radii is drawn for each drive from the prior that the filter states
+(`drift_prior`), or with sudden changes beside it, or there is none. The normalised estimation error squared
+(NEES) is the mean of e' P^-1 e over the number of radii: 1 if the filter knows its error, less where it
+states too much [Bar-Shalom, Li and Kirubarajan 2001, section 5.4]. Ticks of one drive are
+not independent, so the interval of a figure comes from the spread between drives. Two statements are held
+against the truth: all hypotheses together, which the alarms judge, and `RadiusEstimate.stated`.
 """
 
 from __future__ import annotations
@@ -16,18 +19,22 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import scipy.stats
 
+from bench.campaigns.onboard.estimators.drift_prior import CHANGES, DRIFT, KINDS, NONE, drawn
 from bench.campaigns.onboard.estimators.methods import ALL
 from bench.campaigns.onboard.estimators.tasks import FOUR, RECEIVERS, Task, perform
 from bench.places import OUT, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume
-from bench.worlds.paper_drive import SCENARIOS
+from bench.worlds.paper_drive import SCENARIOS, TICK_S, drive
+from bench.worlds.paper_route import STEP_S, Route, paper_route
 
 Row = dict[str, Any]
 NEES_BAR = (0.7, 1.4)
@@ -35,11 +42,30 @@ COVERAGE_BAR = (0.90, 0.98)
 """Of intervals of 95 %."""
 
 
-def plan(drives: int, first: int, scenarios: Sequence[str], receivers: Sequence[str]) -> list[Task]:
+@dataclass(frozen=True)
+class Unit:
+    """One drive through one filter."""
+
+    task: Task
+    drift: str
+    """One of `drift_prior.KINDS`."""
+
+
+TITLES = {
+    DRIFT: "Drift drawn from the filter's prior",
+    NONE: "No drift",
+    CHANGES: "Drift and sudden changes drawn from the filter's prior",
+}
+
+
+def plan(
+    drives: int, first: int, scenarios: Sequence[str], receivers: Sequence[str], drifts: Sequence[str]
+) -> list[Unit]:
     """Every cell with both filters, drive by drive."""
     return [
-        Task(scenario, receiver, seed, method, 0, front, ALL)
+        Unit(Task(scenario, receiver, seed, method, 0, front, ALL), drift)
         for seed in range(first, first + drives)
+        for drift in drifts
         for scenario in scenarios
         for receiver in receivers
         for front in (False, True)
@@ -47,11 +73,24 @@ def plan(drives: int, first: int, scenarios: Sequence[str], receivers: Sequence[
     ]
 
 
-def work(task: Task) -> Row:
+@lru_cache(maxsize=1)
+def _route() -> Route:
+    return paper_route()
+
+
+def work(unit: Unit) -> Row:
     """One drive through one filter: the figures that the cells are made of."""
-    row = perform(task)
+    task, route = unit.task, _route()
+    speed = route.speed_mps[:: round(TICK_S / STEP_S)]
+    rng = np.random.default_rng([task.seed, 11])
+    drift = drawn(task.method, 4 if task.front else 2, speed[1:] + speed[:-1] > 0.0, unit.drift, rng)
+    row = perform(task, drive(SCENARIOS[task.scenario], task.receiver, task.seed, route, added_m=drift))
     row.pop("series", None)
-    return row
+    return {**row, "drift": unit.drift}
+
+
+FIGURES = ("nees_difference", "cover_radius", "cover_difference")
+"""Beside NEES per radius, of a `Score`."""
 
 
 def spread(values: Sequence[float]) -> tuple[float, float]:
@@ -73,7 +112,6 @@ def cells(rows: Sequence[Row]) -> list[Row]:
             for r in rows
             if (r["scenario"], r["receiver"], r["front"], r["method"]) == (scenario, receiver, front, method)
         ]
-        nees = [r["nees_four"] / 4 if front else r["nees_pair"] / 2 for r in own]
         out.append(
             {
                 "scenario": scenario,
@@ -81,14 +119,20 @@ def cells(rows: Sequence[Row]) -> list[Row]:
                 "wheels": 4 if front else 2,
                 "method": method,
                 "drives": len(own),
-                "nees": spread(nees),
-                "nees_difference": spread([r["nees_difference"] for r in own]),
-                "cover_radius": spread([r["cover_radius"] for r in own]),
-                "cover_difference": spread([r["cover_difference"] for r in own]),
+                "all": statement(own, front),
+                "stated": statement([r["stated"] for r in own], front),
                 "diverged": sum(bool(r["diverged"]) for r in own),
             }
         )
     return out
+
+
+def statement(rows: Sequence[Row], front: bool) -> Row:
+    """Means over drives of what one of the two statements scores."""
+    return {
+        "nees": spread([r["nees_four"] / 4 if front else r["nees_pair"] / 2 for r in rows]),
+        **{key: spread([r[key] for r in rows]) for key in FIGURES},
+    }
 
 
 def _told(value: tuple[float, float], factor: float = 1.0, digits: int = 2) -> str:
@@ -99,47 +143,72 @@ def _told(value: tuple[float, float], factor: float = 1.0, digits: int = 2) -> s
 def markdown(found: Sequence[Row]) -> str:
     """The table of the cells, and how many stand within the bars."""
     lines = [
-        "| drives | receiver | wheels | filter | n | NEES per radius | NEES, left-right | "
-        "coverage of a radius % | coverage, left-right % |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| drives | receiver | wheels | filter | n | NEES per radius | as stated | "
+        "coverage of a radius % | as stated | left-right: NEES | as stated | coverage % | as stated |",
+        "|" + 13 * " --- |",
     ]
     for one in found:
+        each = [one["all"], one["stated"]]
+        told = [
+            *(_told(said["nees"]) for said in each),
+            *(_told(said["cover_radius"], 100.0, 0) for said in each),
+            *(_told(said["nees_difference"]) for said in each),
+            *(_told(said["cover_difference"], 100.0, 0) for said in each),
+        ]
         lines.append(
             f"| {one['scenario']} | {one['receiver']} | {one['wheels']} | `{one['method']}` | "
-            f"{one['drives']} | {_told(one['nees'])} | {_told(one['nees_difference'])} | "
-            f"{_told(one['cover_radius'], 100.0, 0)} | {_told(one['cover_difference'], 100.0, 0)} |"
+            f"{one['drives']} | {' | '.join(told)} |"
         )
-    lines.append("")
+    return "\n".join([*lines, "", *_within_bars(found)])
+
+
+def _within_bars(found: Sequence[Row]) -> list[str]:
+    """Of each filter and statement, how many cells stand within the bars, and the worst ones."""
+    lines = []
     for method in FOUR:
-        own = [one for one in found if one["method"] == method]
-        if not own:
-            continue
-        honest = sum(NEES_BAR[0] <= one["nees"][0] <= NEES_BAR[1] for one in own)
-        covered = sum(COVERAGE_BAR[0] <= one["cover_radius"][0] <= COVERAGE_BAR[1] for one in own)
-        low, high = (pick(one["nees"][0] for one in own) for pick in (min, max))
-        lines.append(
-            f"`{method}`: NEES per radius from {low:.2f} to {high:.2f}; {honest} of {len(own)} cells are "
-            f"within {NEES_BAR[0]:g} to {NEES_BAR[1]:g}, and {covered} cover a radius in "
-            f"{100 * COVERAGE_BAR[0]:.0f} to {100 * COVERAGE_BAR[1]:.0f} %."
-        )
-        lines.append("")
-    return "\n".join(lines)
+        for key, title in (("all", "all hypotheses together"), ("stated", "as stated")):
+            own = [one[key] for one in found if one["method"] == method]
+            if not own:
+                continue
+            nees, cover = [said["nees"][0] for said in own], [said["cover_radius"][0] for said in own]
+            honest = sum(NEES_BAR[0] <= value <= NEES_BAR[1] for value in nees)
+            covered = sum(COVERAGE_BAR[0] <= value <= COVERAGE_BAR[1] for value in cover)
+            lines += [
+                f"`{method}`, {title}: NEES per radius from {min(nees):.2f} to {max(nees):.2f}, mean "
+                f"{np.mean(nees):.2f}; {honest} of {len(own)} cells are within {NEES_BAR[0]:g} to "
+                f"{NEES_BAR[1]:g}. Coverage of a radius from {100 * min(cover):.0f} to "
+                f"{100 * max(cover):.0f} %, mean {100 * np.mean(cover):.1f} %; {covered} cells are within "
+                f"{100 * COVERAGE_BAR[0]:.0f} to {100 * COVERAGE_BAR[1]:.0f} %.",
+                "",
+            ]
+    return lines
+
+
+def tables(rows: Sequence[Row]) -> str:
+    """A table for each kind of drift that was played."""
+    parts = []
+    for drift, title in TITLES.items():
+        own = [row for row in rows if row["drift"] == drift]
+        if own:
+            parts.append(f"## {title}\n\n{markdown(cells(own))}")
+    return "\n".join(parts)
 
 
 def report(out: Path) -> str:
-    """The table of what stands in a folder; UsageError where there is nothing."""
+    """The tables of what stands in a folder; UsageError where there is nothing."""
     rows = last_state(out / "results.jsonl")
     if not rows:
         raise UsageError(f"no results in {out}")
-    return markdown(cells(rows))
+    return tables(rows)
 
 
 def options(parser: argparse.ArgumentParser) -> None:
     """Its options."""
-    parser.add_argument("--drives", type=int, default=4, metavar="N", help="of each cell")
+    parser.add_argument("--drives", type=int, default=8, metavar="N", help="of each cell")
     parser.add_argument("--first", type=int, default=400, metavar="SEED", help="seed of the first drive")
     parser.add_argument("--scenarios", default=",".join(SCENARIOS), metavar="LIST")
     parser.add_argument("--receivers", default=",".join(RECEIVERS), metavar="LIST")
+    parser.add_argument("--drifts", default=",".join((DRIFT, NONE)), metavar="LIST", help=", ".join(KINDS))
     parser.add_argument("--jobs", type=int, default=1, metavar="N")
     parser.add_argument("--minutes", type=float, help="stop after this time; run again to go on")
     parser.add_argument("--out", type=Path, default=OUT / "intervals")
@@ -147,19 +216,21 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
     """Play what is not done yet and print the table."""
-    scenarios, receivers = args.scenarios.split(","), args.receivers.split(",")
-    if strange := {*scenarios, *receivers} - {*SCENARIOS, *RECEIVERS}:
+    scenarios, receivers, drifts = (
+        given.split(",") for given in (args.scenarios, args.receivers, args.drifts)
+    )
+    if strange := {*scenarios, *receivers, *drifts} - {*SCENARIOS, *RECEIVERS, *KINDS}:
         raise UsageError(f"unknown: {', '.join(sorted(strange))}")
     state = code_state(REPO / "tpmsd", REPO / "bench" / "worlds", Path(__file__).parent / "estimators")
     found = resume(
         args.out / "results.jsonl",
         state,
-        plan(args.drives, args.first, scenarios, receivers),
+        plan(args.drives, args.first, scenarios, receivers, drifts),
         work,
-        lambda task, row: f"{task.label}: NEES {row['nees_pair'] / 2:.2f}",
+        lambda unit, row: f"{unit.task.label}, {unit.drift}: NEES {row['nees_pair'] / 2:.2f}",
         jobs=args.jobs,
         minutes=args.minutes,
     )
-    by_cell = cells([row for _, row in found])
-    print(markdown(by_cell))
-    return {"cells": by_cell}
+    rows = [row for _, row in found]
+    print(tables(rows))
+    return {drift: cells([row for row in rows if row["drift"] == drift]) for drift in drifts}

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,8 @@ class Played:
     """(n, 4) all wheels, where all are estimated, ..."""
     all_covariance_m2: Array | None = None
     """(n, 4, 4) ... and their covariance; every `EVERY`th tick of the settled ones is looked at."""
+    stated: Played | None = None
+    """The same by `RadiusEstimate.stated`, where the filter has it."""
 
 
 def play(estimator: Estimator, ticks: list[Tick]) -> Played:
@@ -68,6 +70,7 @@ def play(estimator: Estimator, ticks: list[Tick]) -> Played:
     covariance = np.empty((count, 2, 2))
     noise = np.empty((count, 2))
     four, four_cov = np.empty((count, 4)), np.empty((count, 4, 4))
+    stated, stated_cov = np.full((count, 4), np.nan), np.full((count, 4, 4), np.nan)
     begun = time.process_time()
     for k, tick in enumerate(ticks):
         estimate = estimator.step(tick)
@@ -76,12 +79,20 @@ def play(estimator: Estimator, ticks: list[Tick]) -> Played:
         noise[k] = estimate.noise_std_m[RL:]
         four[k], four_cov[k] = estimate.deviation_m, estimate.covariance_m2
         place[k] = estimate.east_m, estimate.north_m
+        if estimate.stated is not None:
+            stated[k], stated_cov[k] = estimate.stated.mean_m, estimate.stated.covariance_m2
     cpu_s = time.process_time() - begun
     counts: dict[str, int] = getattr(estimator, "counts", {})
     lost = counts.get("lost_pose", 0)
-    if not np.all(np.isfinite(four_cov[-1])):
-        return Played(rear, covariance, place, lost, cpu_s, noise)
-    return Played(rear, covariance, place, lost, cpu_s, noise, four, four_cov)
+    out = Played(rear, covariance, place, lost, cpu_s, noise)
+    if np.all(np.isfinite(four_cov[-1])):
+        out = replace(out, all_m=four, all_covariance_m2=four_cov)
+    if not np.all(np.isfinite(stated[-1, RL:])):
+        return out
+    two = replace(out, rear_m=stated[:, RL:], covariance_m2=stated_cov[:, RL:, RL:])
+    if out.all_m is not None:
+        two = replace(two, all_m=stated, all_covariance_m2=stated_cov)
+    return replace(out, stated=two)
 
 
 @dataclass(frozen=True)

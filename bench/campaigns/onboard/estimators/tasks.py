@@ -110,10 +110,10 @@ def plan(runs: int, receivers: tuple[str, ...] = RECEIVERS) -> list[Task]:
     return sorted(out, key=lambda t: (t.seed, t.particles >= NUMBERS[-1]))
 
 
-def perform(task: Task) -> dict[str, Any]:
-    """Do one run; the row says what it was and how it went."""
+def perform(task: Task, d: Driven | None = None) -> dict[str, Any]:
+    """Do one run, on `d` in place of the task's drive if given; the row says what it was and how it went."""
     begun = time.monotonic()
-    d = driven(task.scenario, task.receiver, task.seed)
+    d = driven(task.scenario, task.receiver, task.seed) if d is None else d
     truth, place = d.offsets_m[:, RL:], d.pose[1:, :2]
     row: dict[str, Any] = asdict(task)
     if task.method == LIMIT:
@@ -130,6 +130,9 @@ def perform(task: Task) -> dict[str, Any]:
     played = play(estimator, d.ticks)
     row |= score(played, truth, place, TICK_S).row()
     row["nees_four"] = nees_four(played, d.offsets_m, TICK_S)
+    if played.stated is not None:
+        row["stated"] = score(played.stated, truth, place, TICK_S).row()
+        row["stated"]["nees_four"] = nees_four(played.stated, d.offsets_m, TICK_S)
     row["elapsed_s"] = time.monotonic() - begun
     if task.seed == 0 and task.particles in (0, USUAL) and task.inputs == POSITIONS:
         some = slice(None, None, SERIES_EVERY)
