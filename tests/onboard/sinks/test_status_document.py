@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from tpmsd import __version__
 from tpmsd.interfaces.cli.status import colour_wanted, show, watch
 from tpmsd.interfaces.cli.status_table import render_status
-from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
 from tpmsd.onboard.monitor.evidence.sight import Sight
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
@@ -75,6 +75,7 @@ ESTIMATE = RadiusEstimate(
     effective_particles=31.5,
     ancestors=17.0,
     between_std_m=2.5e-4,
+    stated=Stated(np.array([np.nan, np.nan, 1e-3, -2e-3]), 1e-8 * np.diag([np.nan, np.nan, 1.0, 4.0]), 0.125),
 )
 LOOP = LoopHealth(uptime_s=3725.0, ticks=37250, missed_deadlines=2)
 CAN = SourceHealth(SourceState.OK, "can0", 1234567, {"lost": 3, "checksum": 1}, 0.004, "", {"lost": 1})
@@ -187,6 +188,13 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "effective_particles": 31.5,
             "ancestors": 17.0,
             "between_std_mm": 0.25,
+            "change_probability": 0.125,
+            "stated": {
+                "fl": {"deviation_mm": None, "std_mm": None},
+                "fr": {"deviation_mm": None, "std_mm": None},
+                "rl": {"deviation_mm": 1.0, "std_mm": 0.1},
+                "rr": {"deviation_mm": -2.0, "std_mm": 0.2},
+            },
         },
     } == {key: value for key, value in DOCUMENT.items() if key not in ("watch", "wheels")}
     assert ["fl", "fr", "rl", "rr"] == list(DOCUMENT["wheels"])

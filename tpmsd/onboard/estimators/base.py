@@ -13,6 +13,19 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.timeline.tick import Tick
 
 
+class Stated(NamedTuple):
+    """What is told of the radii, apart from the chance that one of them has just changed:
+    p(x) = rho p(x | change) + (1 - rho) p(x | none), with a change within `SETTINGS.recent_change_s`."""
+
+    mean_m: FloatArray
+    """(d,) radius minus nominal, given the more probable of the two answers; (4,) and NaN for a wheel that is
+    not estimated in an estimate."""
+    covariance_m2: FloatArray
+    """(d, d) its covariance."""
+    change_probability: float
+    """rho."""
+
+
 class RadiusEstimate(NamedTuple):
     """Joint posterior of the four radii, and the pose that came with it, at the end of one tick. A named
     tuple: one is made in every tick."""
@@ -43,6 +56,9 @@ class RadiusEstimate(NamedTuple):
     between_std_m: float = math.nan
     """Standard deviation of the mean radii between the particles, root mean square over the wheels; NaN where
     nothing is drawn."""
+    stated: Stated | None = None
+    """Of the last block of odometry; None before the first, and of filters that suppose no changes of single
+    wheels. Judgements take `deviation_m` and `covariance_m2`, which hold both answers."""
 
 
 NIGHT_S = 1000.0

@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.base import NIGHT_S, Stated
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -76,6 +76,8 @@ class Moments(NamedTuple):
     ancestors: float = math.nan
     """As of `RadiusEstimate`."""
     between_std_m: float = math.nan
+    """As of `RadiusEstimate`."""
+    stated: Stated | None = None
     """As of `RadiusEstimate`."""
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.car.config.model import FilterConfig, VehicleConfig
-from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, Stated
 from tpmsd.onboard.estimators.belief import (
     Belief,
     Car,
@@ -94,6 +94,8 @@ class RadiusFilter:
         self._speed, self._yaw_rate = 0.0, 0.0
         self._steady_yaw_rate = 0.0
         """By the present radii, smoothed."""
+        self._stated: tuple[Stated | None, Stated | None] = (None, None)
+        """What the belief has stated last, and the same of four wheels."""
         self.counts: dict[str, int] = {"fixes": 0, "rejected_fixes": 0, "lost_pose": 0}
 
     def step(self, tick: Tick) -> RadiusEstimate:
@@ -256,7 +258,18 @@ class RadiusFilter:
             effective_particles=said.effective,
             ancestors=said.ancestors,
             between_std_m=said.between_std_m,
+            stated=self._of_four(said.stated),
         )
+
+    def _of_four(self, stated: Stated | None) -> Stated | None:
+        """In the order of all wheels; made once of each."""
+        if stated is not self._stated[0]:
+            assert stated is not None
+            mean, full = np.full(4, np.nan), np.full((4, 4), np.nan)
+            mean[self._places] = stated.mean_m
+            full[self._grid] = stated.covariance_m2
+            self._stated = stated, Stated(mean, full, stated.change_probability)
+        return self._stated[1]
 
     def snapshot(self) -> dict[str, Any]:
         """What was learned, as plain numbers."""

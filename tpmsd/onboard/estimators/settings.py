@@ -198,6 +198,9 @@ class EstimatorSettings:
     other: there one that drifts alone is all that drift."""
     level_floor: float = 0.003
     """Least weight of each level, relative to the best hypothesis."""
+    recent_change_s: float = 10.0
+    """What is stated of a radius leaves out changes within so much driving, or all else: blocks judge a
+    change within two to five seconds (bench: 2 to 60 s state the same)."""
 
     # -- the particles of MPF-PN (`particle_bank`) --
 

@@ -17,7 +17,7 @@ from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.plain import finite, millimetres
 from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
 from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
 from tpmsd.onboard.monitor.evidence.sight import Sight
 from tpmsd.onboard.monitor.records import (
@@ -240,4 +240,20 @@ def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
         "effective_particles": finite(estimate.effective_particles),
         "ancestors": finite(estimate.ancestors),
         "between_std_mm": millimetres(estimate.between_std_m),
+        **_stated(estimate.stated),
+    }
+
+
+def _stated(stated: Stated | None) -> dict[str, Any]:
+    """The radii without the chance that one has just changed, and that chance."""
+    if stated is None:
+        return {}
+    std = [math.sqrt(max(variance, 0.0)) for variance in stated.covariance_m2.diagonal().tolist()]
+    rows = zip(WHEELS, stated.mean_m.tolist(), std, strict=True)
+    return {
+        "change_probability": finite(stated.change_probability),
+        "stated": {
+            wheel: {"deviation_mm": millimetres(off_m), "std_mm": millimetres(std_m)}
+            for wheel, off_m, std_m in rows
+        },
     }

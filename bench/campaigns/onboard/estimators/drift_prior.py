@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from bench.worlds.paper_drive import FL, FR, RADIUS_M, RL, RR, TICK_S
 from bench.worlds.paper_route import TRACK_M
-from tpmsd.onboard.estimators.error_state import ProcessModel
-from tpmsd.onboard.estimators.jump_hypotheses import JUMPS
-from tpmsd.onboard.estimators.particle_bank import SampledHypotheses
+from tpmsd.onboard.estimators.bank.error_state import ProcessModel
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS
+from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 Array = NDArray[np.float64]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, initial_state
+from tpmsd.onboard.estimators.base import Stated
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 UNUSED = -1e9
@@ -40,6 +41,10 @@ class Bank:
     """(N, d) process-noise level of each wheel's radius that a hypothesis assumes."""
     kind: NDArray[np.intp]
     """(N,) which of the kinds of hypothesis that is (`JumpHypotheses.kinds`)."""
+    since_s: FloatArray = field(init=False)
+    """(N,) informative driving since a hypothesis last supposed a change; infinite: never."""
+    raised: FloatArray = field(init=False)
+    """(N,) by how much a log-weight is above what prior and evidence give (`JumpHypotheses.keep_levels`)."""
     noise_factor: FloatArray = field(init=False)
     """(N,) on the variances of way and heading that grow with the way."""
     state: FloatArray = field(init=False)
@@ -49,6 +54,8 @@ class Bank:
 
     def __post_init__(self) -> None:
         self.noise_factor = np.ones(self.log_weights.size)
+        self.since_s = np.full(self.log_weights.size, np.inf)
+        self.raised = np.zeros(self.log_weights.size)
         self.state, self.spread = self.mean.T, self.covariance.transpose(1, 2, 0)
 
     def copy(self, child: int, parent: int) -> None:
@@ -57,6 +64,7 @@ class Bank:
         self.covariance[child] = self.covariance[parent]
         self.level[child] = self.level[parent]
         self.kind[child] = self.kind[parent]
+        self.since_s[child], self.raised[child] = self.since_s[parent], self.raised[parent]
 
     def weights(self) -> FloatArray:
         """(N,) normalised."""
@@ -106,10 +114,12 @@ class JumpHypotheses:
             bank.log_weights[place] = math.log(chance)
         return bank
 
-    def keep_levels(self, bank: Bank) -> None:
+    def keep_levels(self, bank: Bank, duration_s: float) -> None:
         """Keep one hypothesis of each kind in play, with at least a share of the best one's weight.
 
         What a kind has lost beyond that it has lost with radii of its own; it begins again at the best ones.
+        The share makes the bank quick; what is stated takes of a kind what the evidence has left of it, or
+        the probability that the level has changed to it within `duration_s`: `raised` is the difference.
         """
         kinds = _kinds(self, bank.level.shape[1])
         if bank.log_weights.size < 4 * len(kinds):
@@ -119,12 +129,16 @@ class JumpHypotheses:
         if len(in_play) == len(kinds):
             return
         best = int(bank.ascending()[-1])
-        for kind, (level, _) in enumerate(kinds):
+        best_log = float(bank.log_weights[best] - bank.raised[best])
+        for kind, (level, chance) in enumerate(kinds):
             if kind in in_play:
                 continue
+            evidence = np.max((bank.log_weights - bank.raised)[bank.kind == kind], initial=-np.inf)
+            honest = max(float(evidence), best_log + math.log(chance * duration_s / SETTINGS.level_tau_s))
             child = int(bank.ascending()[0])
             bank.copy(child, best)
             bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
+            bank.raised[child] = least - honest
 
     def branch(self, bank: Bank, duration_s: float, nominal_m: FloatArray, next_wheel: int) -> int:
         """For each wheel, one hypothesis branches off the best: this wheel has just changed.
@@ -143,9 +157,30 @@ class JumpHypotheses:
             place = MU + next_wheel
             bank.covariance[child, place, place] += (self.std * nominal_m[next_wheel]) ** 2
             bank.covariance[child, PSI, PSI] += self.heading_std_rad**2
+            bank.since_s[child] = 0.0
             bank.log_weights[child] = bank.log_weights[best] + chance
             next_wheel = (next_wheel + 1) % wheels
         return next_wheel
+
+
+def stated(bank: Bank) -> Stated:
+    """What is told of the radii: moments of the hypotheses that suppose no change within `recent_change_s`,
+    or of the others where these are more probable, by weights of prior and evidence (`Bank.raised`)."""
+    log_weights = bank.log_weights - bank.raised
+    weights = np.exp(log_weights - np.maximum.reduce(log_weights))
+    weights /= np.add.reduce(weights)
+    recent = bank.since_s <= SETTINGS.recent_change_s
+    chance = float(weights @ recent)
+    weights *= recent if chance > 0.5 else ~recent
+    weights /= np.add.reduce(weights)
+    radii, spread = bank.state[MU:], bank.spread[MU:, MU:]
+    mean = radii @ weights
+    off = radii - mean[:, None]
+    wheels = len(radii)
+    within = (spread.reshape(wheels * wheels, -1) @ weights).reshape(wheels, wheels)
+    upper = np.triu(within, 1)  # a kernel may keep this triangle alone
+    covariance = upper + upper.T + np.diag(np.diag(within)) + (off * weights) @ off.T
+    return Stated(mean, covariance, chance)
 
 
 @functools.cache

@@ -44,9 +44,9 @@ from tpmsd.onboard.estimators.bank.error_state import (
     ProcessModel,
     initial_state,
 )
-from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses, stated
 from tpmsd.onboard.estimators.bank.kernel import KERNEL, BankKernel
-from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.base import NIGHT_S, Stated
 from tpmsd.onboard.estimators.belief import (
     Car,
     Coasting,
@@ -104,6 +104,7 @@ class MixtureBelief:
         self._slow_yaw_rate = 0.0
         """The wheels' by the present radii, smoothed over `SETTINGS.slow_yaw_s`."""
         self._gyro_bias = 0.0
+        self._stated: Stated | None = None
         self._expected: tuple[Fix, FloatArray, FloatArray, FloatArray, FloatArray] | None = None
         """A fix with the antenna's position and its rows, between its judgement and its use."""
 
@@ -224,15 +225,17 @@ class MixtureBelief:
         if block is None:
             return
         if block.informative:
+            self.bank.since_s += block.duration_s
             self._suppose(block, moment.gyro_trusted)
             self._learn(block, moment.gyro_trusted)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
+        self._stated = stated(self.bank)
 
     def _suppose(self, block: Block, gyro_trusted: bool) -> None:
         """Branch hypotheses off: what may have changed within the block."""
         changes = self._pieces.changes
-        changes.keep_levels(self.bank)
+        changes.keep_levels(self.bank, block.duration_s)
         nominal = self._car.nominal_m
         self._next_wheel = changes.branch(self.bank, block.duration_s, nominal, self._next_wheel)
         self._drift = self._process.drift_at(self.bank.level)
@@ -307,7 +310,7 @@ class MixtureBelief:
             position_std_m=math.sqrt(max((said.east_m2 + said.north_m2) / 2, 0.0)),
             heading_std_rad=math.sqrt(max(said.heading_rad2, 0.0)),
         )
-        return Moments(self._radii, said.radii_m2, self._noise_std, pose, said.effective)
+        return Moments(self._radii, said.radii_m2, self._noise_std, pose, said.effective, stated=self._stated)
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of everything but the pose."""

@@ -43,6 +43,7 @@ class ParticleBank(Bank):
         self.state[:] = self.state[:, index]
         self.spread[:] = self.spread[:, :, index]
         self.theta[:] = self.theta[:, index]
+        self.since_s[:] = self.since_s[index]
         self.log_weights[:] = 0.0
         self.log_weights[self.log_weights.size - free :] = UNUSED
 
@@ -52,6 +53,7 @@ class ParticleBank(Bank):
         self.spread[:, :, places] = self.spread[:, :, parents]
         self.theta[:, places] = self.theta[:, parents]
         self.level[places] = self.level[parents]
+        self.since_s[places] = self.since_s[parents]
         self.noise_factor[places] = self.noise_factor[parents]
 
     def set_levels(self) -> None:
@@ -144,6 +146,7 @@ class SampledHypotheses:
         what it has done before it was supposed."""
         bank.spread[MU + wheel, MU + wheel, who] += np.square(self.std * nominal_m[wheel])
         bank.spread[PSI, PSI, who] += self.heading_std_rad**2
+        bank.since_s[who] = 0.0
 
     def resample(
         self, bank: ParticleBank, lineage: Lineage, effective: float, rng: np.random.Generator
