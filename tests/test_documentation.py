@@ -10,8 +10,10 @@ other processors round otherwise; lines may be broken elsewhere, and `...` leave
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import shlex
+import subprocess
 import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -45,6 +47,20 @@ CITED = re.compile(rf"\[({NAME}) {YEAR}\]|({NAME})(?:(?:,|\s+and)\s+(?:{NAME}|ot
 """A citation as a link, [Lundquist 2013], and in words, (Davison and Hinkley 1997) or Liu (2022)."""
 
 
+RESULTS = sorted((REPO / "bench" / "results").glob("*.md"))
+SUFFIX = r"\.(?:py|c|h|md|toml|svg|png|dbc|service|json|cfg)"
+FILE = re.compile(rf"`([\w./-]+{SUFFIX}|(?:tpmsd|bench|tests|tools|docs)(?:/[\w.-]+)+/?)(?::\d+)?`")
+"""A file or folder of the repository in words: `tests/language.py`, `inference/reading`."""
+DOTTED = re.compile(r"`(tpmsd(?:\.\w+)+)`")
+"""A module or a name in one: `tpmsd.foundation.errors`, `tpmsd.ConfigError`."""
+ELSEWHERE = re.compile(
+    # of a user, a topic of MQTT, made by a contributor, made by a command
+    r"/.*|[\w-]+\.(?:toml|json|png|md)|tpmsd/car/(?:state|alarms|event|availability)"
+    r"|.*aerodynamic_lift\.py|build/.*|\w+/(?:vehicle|truth|provenance|run)\.(?:toml|json)|tpmsd\.effects"
+)
+"""Names that look like files or modules of the repository, and are none."""
+
+
 @dataclass(frozen=True)
 class Block:
     """One fenced block of a page."""
@@ -67,6 +83,9 @@ def blocks() -> Iterator[Block]:
             )
 
 
+TRACKED = subprocess.run(
+    ["git", "ls-files"], cwd=REPO, capture_output=True, text=True, check=False
+).stdout.splitlines() or [str(path.relative_to(REPO)) for path in REPO.rglob("*")]
 ALL = list(blocks())
 CONSOLE = [block for block in ALL if block.language == "console"]
 PYTHON = [
@@ -110,6 +129,46 @@ def test_every_citation_is_resolved_once() -> None:
     assert len(keys) == len(set(keys))
     assert [] == [key for *key, text in entries if not text.startswith(key[0])]
     assert len(keys) < len(cited)
+
+
+def absent_names(text: str) -> list[str]:
+    """Return the files, folders and modules that a text names and that do not exist, in order.
+
+    A path may leave out its first folders; a word in capitals (`effects/NAME.py`) stands for any name.
+    """
+    absent = []
+    for name in FILE.findall(text):
+        parts = re.sub(r"(?<![A-Za-z])[A-Z]{2,}(?![A-Za-z])", "*", name.strip("/").removeprefix("./"))
+        wanted = re.compile(r"(?:.*/)?" + re.escape(parts).replace(r"\*", "[^/]+") + r"(?:/.*)?")
+        if not ELSEWHERE.fullmatch(name) and not any(map(wanted.fullmatch, TRACKED)):
+            absent.append(name)
+    for name in DOTTED.findall(text):
+        if not ELSEWHERE.fullmatch(name) and not resolves(name):
+            absent.append(name)
+    return absent
+
+
+def resolves(dotted: str) -> bool:
+    """Return whether a dotted name can be imported, as a module or as an attribute of one."""
+    try:
+        pkgutil.resolve_name(dotted)
+    except (ImportError, AttributeError):
+        return False
+    return True
+
+
+def test_files_and_modules_that_pages_name_exist() -> None:
+    """Every path and dotted name in README, docs, CONTRIBUTING and the results is one of the repository."""
+    found = {page.name: absent_names(page.read_text(encoding="utf-8")) for page in [*PAGES, *RESULTS]}
+
+    assert {} == {name: absent for name, absent in found.items() if absent}
+
+
+def test_a_file_or_module_that_does_not_exist_is_found() -> None:
+    """A wrong folder, a module that moved and a name that is not exported are found."""
+    text = "`tests/language.py`, `inference/language.py`, `effects/NAME.py`, `tpmsd.ConfigError`, `tpmsd.Nil`"
+
+    assert ["inference/language.py", "tpmsd.Nil"] == absent_names(text)
 
 
 def test_commands_that_are_not_run_are_such_as_the_parser_takes() -> None:
