@@ -245,7 +245,7 @@ def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
 
 
 def _stated(stated: Stated | None) -> dict[str, Any]:
-    """The radii without the chance that one has just changed, and that chance."""
+    """Return the radii without the chance that one has just changed, and that chance."""
     if stated is None:
         return {}
     std = [math.sqrt(max(variance, 0.0)) for variance in stated.covariance_m2.diagonal().tolist()]
