@@ -185,6 +185,18 @@ def test_height_and_downforce_act_by_the_loads_at_the_limit() -> None:
     assert high < 0.0 < pressed
 
 
+def test_a_share_of_the_drive_force_costs_its_axle_side_force() -> None:
+    """With the drive force at the rear the slips F / (C - F) change axles; a share of 1 has a derivative."""
+    hard = replace(held(0.12, 22.0, 3.0), drive_n=np.array([4000.0]))
+    model = ThreeDof(CAR, forces=True)
+    moved = model.frame(FORCED, hard, (make_dynamics_effect("drive_share_error", relative=-1.0),))
+    rear = ThreeDof(replace(CAR, drive_front_share=0.0), forces=True).frame(FORCED, hard, ())
+
+    assert moved.rates["r"] == pytest.approx(rear.rates["r"])
+    assert abs(rates("drive_share_error", model, hard, relative=0.001)[1]) > 0.0
+    assert not DYNAMICS_EFFECTS["drive_share_error"].applies(nonlinear=False, forces=True)
+
+
 def test_a_relaxed_slip_angle_follows_with_its_length() -> None:
     """d(alpha')/dt = u / L (alpha - alpha'), and the force is that of alpha'."""
     model = SingleTrack(CAR)
@@ -226,6 +238,8 @@ def test_what_instruments_read() -> None:
     assert readings("accelerometer_tilt", "accel_lat", yaw_rad=0.05) == pytest.approx(-0.05 * -1.5)
     assert readings("accelerometer_position", "accel_lat", forward_m=0.5) == pytest.approx(0.5 * turn)
     assert readings("accelerometer_roll", "accel_lat", coefficient=0.05) == pytest.approx(0.05 * lat)
+    assert readings("velocity_position", "velocity_lat", forward_m=0.4) == pytest.approx(0.4 * 0.15)
+    assert readings("velocity_position", "side_slip", forward_m=0.4) == pytest.approx(0.4 * 0.15 / 22.0)
     assert abs(rates("accelerometer_bias", lat_mps2=0.2)).max() == 0.0
 
 

@@ -21,6 +21,8 @@ from tpmsd.foundation.wheels import FloatArray
 
 MOST_SLIP_FORCE = 0.3
 """Largest F / C_sigma that is turned into a slip: beyond, a wheel spins or locks."""
+SHARE_MARGIN = 0.02
+"""By which a share of force may leave 0 and 1: more than the difference of a derivative, less than shows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,5 +99,5 @@ def carried_slip(frame: Frame) -> FloatArray:
 
 
 def _share(value: Real) -> Real:
-    """Return a share within 0 and 1."""
-    return np.clip(value, 0.0, 1.0)
+    """Return a share within 0 and 1, and a little beyond, so that it has a derivative at either."""
+    return np.clip(value, -SHARE_MARGIN, 1.0 + SHARE_MARGIN)
