@@ -28,8 +28,6 @@ SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6}
 """Prior standard deviations of a term without a name on an equation: m/s2, m/s2, rad/s2."""
 OUTPUT_SIZES = 5.0
 """The same on an output, in standard deviations of a reading."""
-NAMELESS_NATS = 3.0
-"""Nats against a term without a name: odds of twenty that physics has one."""
 
 
 @dataclass(frozen=True)
@@ -245,7 +243,7 @@ def _sizes(search: Search) -> dict[str, float]:
 
 def nameless_penalty(search: Search) -> float:
     """Return the nats against a term without a name: the odds that physics has one, and their number."""
-    return NAMELESS_NATS + math.log(len(_sizes(search)) * len(COVARIATES))
+    return SETTINGS.nameless_nats + math.log(len(_sizes(search)) * len(COVARIATES))
 
 
 def _knots(values: FloatArray, over: str) -> tuple[float, ...]:

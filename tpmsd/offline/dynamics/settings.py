@@ -59,6 +59,8 @@ class DynamicsSettings:
     unusual_prior_stds: float = 3.0
     """A value farther from its prior than that is one that a car in 400 has: its effect may stand in for
     something else."""
+    nameless_nats: float = 3.0
+    """Log odds against a cause without a name: of twenty effects on a car the catalogue has nineteen."""
     most_worse: float = 0.003
     """Largest increase of the mean log error of the prediction, over outputs and blocks, that a step may
     cost: what explains how readings follow each other but predicts them worse is a property of the noise."""

@@ -72,7 +72,8 @@ def _nameless_first(setup: Setup, fixed: tuple[DynamicsEffect, ...], threshold: 
 
 
 def total(search: Search, judge: Search) -> float:
-    """Return the log-likelihood of a selection under another one's noise, less half log n per free value."""
+    """Return the log-likelihood of a selection under another one's noise with the priors of its values, less
+    half log n per free value."""
     effects, noise = search.theta, judge.noise
     states = len(search.setup.states(effects))
     white = np.concatenate([noise.white[:states], search.noise.white[len(noise.white) :]])
@@ -80,7 +81,8 @@ def total(search: Search, judge: Search) -> float:
     at = smoothed(search.setup, effects, search.at.path, noise)
     free = sum(len(term.free) for term in search.terms)
     count = np.isfinite(at.reading_residual).sum()
-    return -0.5 * path_cost(search.setup, at, noise) - 0.5 * free * math.log(float(count))
+    away = sum(float(term.prior()[0] ** 2 @ term.prior()[1]) for term in search.terms)
+    return -0.5 * (path_cost(search.setup, at, noise) + away + free * math.log(float(count)))
 
 
 def _locate(search: Search, threshold: float) -> bool:

@@ -5,6 +5,7 @@ In: a baseline. Out: `Term`s, one per effect, or one per value of its grid where
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -126,6 +127,19 @@ class Term:
             return False
         away = np.abs(self.values() - np.array(self.prior_mean)) / np.array(self.prior_std)
         return bool(np.any(away > SETTINGS.unusual_prior_stds))
+
+    @property
+    def stand_in_nats(self) -> float:
+        """Return the log odds, by size alone, that something without a name is taken for this effect.
+
+        Sizes of the effect have the density of its prior, those of what has no name Cauchy's of the same
+        scale: the odds grow with exp(z^2 / 2) / (1 + z^2), z in standard deviations of the prior.
+        """
+        if self.free[0].startswith("heights["):
+            return -math.inf
+        away = (self.values() - np.array(self.prior_mean)) / np.array(self.prior_std)
+        ratio = 0.5 * away**2 - np.log1p(away**2) - 0.5 * math.log(0.5 * math.pi)
+        return float(np.sum(ratio)) - SETTINGS.nameless_nats
 
     @property
     def columns(self) -> int:
