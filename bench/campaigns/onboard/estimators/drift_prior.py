@@ -33,7 +33,7 @@ KINDS = (NONE, DRIFT, CHANGES)
 
 
 def levels(method: str, wheels: int, ticks: int, rng: np.random.Generator) -> Array:
-    """(ticks, wheels) levels of drift, relative to the usual one, as the filter's prior has them."""
+    """(ticks, wheels) process-noise levels, relative to the usual one, as the filter's prior has them."""
     if method == "mpf-pn":
         return _walking(wheels, ticks, rng)
     kinds = JUMPS.kinds(wheels)
