@@ -108,6 +108,12 @@ CAMPAIGNS = {
             page="filters.md",
         ),
         _campaign(
+            "onboard",
+            "filter-drives",
+            "both filters on the demonstration's drives and on recordings, and their cost",
+            page="filters.md",
+        ),
+        _campaign(
             "onboard", "intervals", "NEES and coverage of both filters, cell by cell", page="intervals.md"
         ),
         _campaign("onboard", "first-start", "tyres that were soft before the first start"),
