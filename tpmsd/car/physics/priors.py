@@ -1,10 +1,13 @@
 """Priors that several rooms share: of what an effect, the daemon's filter and the calibration all estimate.
 
-In: nothing (plain records). Out: one `Prior` each. They stand apart from the effects because the daemon's
-filter needs the numbers and not the catalogue, whose import costs a second and 80 MB.
+In: nothing (plain records). Out: one `Prior` each, and nats against a size in a prior's tail. They stand
+apart from the effects because the daemon's filter needs the numbers and not the catalogue, whose import costs
+a second and 80 MB.
 """
 
 from __future__ import annotations
+
+import math
 
 from tpmsd.car.physics.parameters import Prior
 
@@ -22,3 +25,12 @@ MOST_LOAD_LONGITUDINAL_S2 = 3e-4
 """Longitudinal load transfer of a car, s2, beyond which it is something else: five standard deviations above
 the usual 6e-5."""
 LATERAL_LOAD_S2 = Prior(1e-4, 1e-4, "270 N per wheel and m/s2, 0.25 mm per 500 N")
+
+
+def tail_nats(beyond: float, prior: Prior) -> float:
+    """Return 2.5 ln(1 + (beyond / 2 std)^2), nats against a size that far from a prior's mean.
+
+    It is Student's distribution with four degrees of freedom: 0.6 at one standard deviation, 1.7 at two, 5 at
+    five. Sizes of cars have longer tails than a normal distribution.
+    """
+    return 2.5 * math.log1p((beyond / (2.0 * prior.std)) ** 2)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from tests.car.physics.motions import car, steady
-from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
 from tpmsd.car.physics.kinematics import wheel_speeds
 
 
@@ -24,3 +26,12 @@ def test_in_a_bend_each_wheel_is_shown_by_its_own_speed() -> None:
     slip = make_effect("speed_scale_nonlinearity", per_mps=1e-4).wheel_slip(motion, car())
 
     assert np.allclose(hubs * (1.0 + 1e-4 * hubs), hubs * (1.0 + slip), rtol=1e-12)
+
+
+def test_a_scale_that_no_bus_has_is_penalised() -> None:
+    """Nats by Student's distribution: k of 5e-5 s/m costs half a nat, five times as much costs five."""
+    against = EFFECTS["speed_scale_nonlinearity"].against
+    usual, rare = against(5e-5) - against(0.0), against(-2.5e-4) - against(0.0)
+
+    assert pytest.approx(2.5 * math.log(1.25)) == usual
+    assert pytest.approx(2.5 * math.log(7.25)) == rare

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
-from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2
+from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 USUAL = Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N")
@@ -61,8 +60,7 @@ class LoadTransferLongitudinal(Effect):
     @classmethod
     def against(cls, value: float) -> float:
         """Beyond what usual cars have as their spread says, by Student's distribution."""
-        beyond = max(value - USUAL.mean, 0.0) / (2.0 * USUAL.std)
-        return super().against(value) + 2.5 * math.log1p(beyond**2)
+        return super().against(value) + tail_nats(max(value - USUAL.mean, 0.0), USUAL)
 
     @classmethod
     def goes_before(cls, value: float) -> bool:

@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from tpmsd.car.physics.effect import Parameter, Prior
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import tail_nats
 from tpmsd.car.physics.speed_signal import SpeedSignalFault
 from tpmsd.foundation.wheels import FloatArray
+
+USUAL = Prior(0.0, 5e-5, "capture units are late by some microseconds")
 
 
 @dataclass(frozen=True)
@@ -34,10 +37,15 @@ class SpeedScaleNonlinearity(SpeedSignalFault):
             2e-3,
             "k, relative error per speed",
             probe=1e-7,
-            prior=Prior(0.0, 5e-5, "capture units are late by some microseconds"),
+            prior=USUAL,
         ),
     )
     per_mps: float
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """Beyond what capture units are late by: growth with speed reads much the same."""
+        return super().against(value) + tail_nats(value, USUAL)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) k * v, v of each wheel."""
