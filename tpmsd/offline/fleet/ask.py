@@ -33,8 +33,9 @@ _KINDS = ("SELECT", "EXPLAIN")
 def ask(
     store: Store, query: str, most_s: float = SETTINGS.query_s
 ) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """The answer; ConfigError with one line where there are no tables yet, or the query is wrong, or takes
-    more than it may. Columns of one name are told apart by a number."""
+    """Return the answer; ConfigError where there are no tables yet, or the query is wrong or too expensive.
+
+    Columns of one name are numbered."""
     duckdb = need("duckdb", "fleet", "questions in SQL")
     with duckdb.connect(":memory:") as database:
         for name in COLUMNS:
@@ -69,7 +70,7 @@ def ask(
 
 
 def apart(names: list[str]) -> list[str]:
-    """The names, each once: `car`, `car_2`, `car_3`."""
+    """Return the names, each once: `car`, `car_2`, `car_3`."""
     found: list[str] = []
     for name in names:
         made, number = name, 1
@@ -81,7 +82,7 @@ def apart(names: list[str]) -> list[str]:
 
 
 def as_text(names: list[str], rows: list[tuple[Any, ...]]) -> str:
-    """The answer in columns, for people."""
+    """Return the answer in columns, for people."""
     cells = [[_cell(value, name) for name, value in zip(names, row, strict=True)] for row in rows]
     names = [printable(name) for name in names]
     widths = [max(len(name), *(len(row[k]) for row in cells), 1) for k, name in enumerate(names)]
@@ -110,7 +111,7 @@ def as_parquet(names: list[str], rows: list[tuple[Any, ...]]) -> bytes:
 
 
 def _cell(value: Any, name: str) -> str:
-    """One value for people: a host time as UTC, of a key its beginning."""
+    """Return one value for people: a host time as UTC, of a key its beginning."""
     if value is None:
         return ""
     if name in _TIMES and isinstance(value, float) and value >= SETTINGS.first_date_s:
@@ -122,7 +123,7 @@ def _cell(value: Any, name: str) -> str:
 
 
 def printable(text: str) -> str:
-    """The text on one line, without marks that a terminal obeys."""
+    """Return the text on one line, without marks that a terminal obeys."""
     return "".join(
         mark if mark.isprintable() else "\N{REPLACEMENT CHARACTER}" for mark in " ".join(text.split())
     )

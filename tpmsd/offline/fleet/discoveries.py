@@ -1,4 +1,4 @@
-"""What a fleet shows: effects of a model, cars that differ from it, tyres that leak or wear.
+"""Findings over a fleet: effects of a model, cars that differ from it, tyres that leak or wear.
 
 In: the fits of the models, the times of the drives. Out: `Discovery`s with p-values, those kept by
 Benjamini and Hochberg (J. R. Stat. Soc. B 57, 1995) over all that were tested. Pure.
@@ -57,7 +57,7 @@ def model_effects(model: str, fit: ModelFit) -> list[Discovery]:
 
 
 def robust_fit(stack: Stack) -> tuple[ModelFit, NDArray[np.bool_]]:
-    """The fit of a model by the cars that are alike, and (m,) which cars those are.
+    """Return the fit of a model by the cars that are alike, and (m,) which cars those are.
 
     Cars that differ at `outlier_p` are taken out of mean and spread, and judged again in the next round.
     """
@@ -77,7 +77,7 @@ def robust_fit(stack: Stack) -> tuple[ModelFit, NDArray[np.bool_]]:
 def _with_population(
     stack: Stack, alike: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
 ) -> ModelFit:
-    """All cars, shrunk to the population of those that are alike."""
+    """Return all cars, shrunk to the population of those that are alike."""
     whole, population = fit_with(stack, cars, drives), fit_with(stack.of(alike), cars, drives)
     names = ("mean", "covariance", "freedom")
     return replace(whole, **{name: getattr(population, name) for name in names})
@@ -191,7 +191,7 @@ def _discovery(
 
 
 def controlled(found: Sequence[Discovery], rate: float = SETTINGS.false_discovery_rate) -> list[Discovery]:
-    """The same with `kept` set: Benjamini and Hochberg at `rate` within each kind of question.
+    """Return the same with `kept` set: Benjamini and Hochberg at `rate` within each kind of question.
 
     Kinds are families of their own, so that a model with many effects does not make its cars look faulty.
     """

@@ -31,7 +31,7 @@ _MODEL_KEYS = (*_GEOMETRY, "driven_axle", "teeth_per_rev")
 def find_drives(
     names: Iterable[str], car: str | None = None, model: str | None = None
 ) -> Iterator[DriveEntry]:
-    """The drives that are meant: a folder with a vehicle.toml, or all such below a folder.
+    """Yield the drives that are meant: a folder with a vehicle.toml, or all such below a folder.
 
     The car is `car`, or the name of the folder that holds the drive's; the model is `model`, or what the
     table [vehicle] says. InputError where a name leads to no drive.
@@ -96,7 +96,7 @@ def _remote_folders(url: str) -> Iterator[str]:
 
 @contextlib.contextmanager
 def local_copy(path: str) -> Iterator[Path]:
-    """A drive as a folder of this machine; fetched for the time of use where it is behind a URL."""
+    """Yield a drive as a folder of this machine; fetched for the time of use where it is behind a URL."""
     if "://" not in path:
         yield Path(path)
         return
@@ -112,7 +112,7 @@ def local_copy(path: str) -> Iterator[Path]:
 
 
 def model_of(vehicle_file: Path) -> str:
-    """A name for all cars whose configured geometry is the same, such as `2.63m-front-1f3a`."""
+    """Return a name for all cars whose configured geometry is the same, such as `2.63m-front-1f3a`."""
     try:
         table: Any = tomllib.loads(vehicle_file.read_text(encoding="utf-8")).get("vehicle", {})
         told = {key: table.get(key) for key in _MODEL_KEYS}

@@ -44,12 +44,12 @@ class Stack:
         return int(self.car[-1]) + 1 if len(self.car) else 0
 
     def parts(self) -> list[slice]:
-        """Where each car's drives are, for they are sorted by car."""
+        """Slice of each car's drives, which are sorted by car."""
         ends = np.searchsorted(self.car, np.arange(self.cars + 1))
         return [slice(int(first), int(end)) for first, end in itertools.pairwise(ends)]
 
     def of(self, cars: NDArray[np.bool_]) -> Stack:
-        """The drives of some cars, renumbered."""
+        """Return the drives of some cars, renumbered."""
         kept = cars[self.car]
         number = np.cumsum(cars) - 1
         return Stack(self.information[kept], self.vector[kept], number[self.car[kept]])
@@ -95,7 +95,7 @@ def fit_model(stack: Stack) -> ModelFit:
 
 
 def fit_with(stack: Stack, car_variance: FloatArray, drive_variance: FloatArray) -> ModelFit:
-    """The population and the cars for given variances (p,) from car to car and from drive to drive."""
+    """Return the population and the cars for given variances (p,) from car to car and from drive to drive."""
     p = stack.vector.shape[1]
     K, k = by_car(stack, drive_variance)
     M, m = shrunken(K, k, car_variance)
@@ -140,7 +140,7 @@ def spreads(stack: Stack) -> tuple[FloatArray, FloatArray]:
 
 
 def _improved(stack: Stack, cars: FloatArray, drives: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """One step of the fixed point for both variances."""
+    """Return one step of the fixed point for both variances."""
     p = stack.vector.shape[1]
     Kd, kd = shrunken(stack.information, stack.vector, drives)
     K, k = _summed(stack, Kd), _summed(stack, kd)

@@ -108,7 +108,7 @@ def steps(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _best_of_each_car(found: list[Discovery]) -> list[Discovery]:
-    """One wheel per car: a loss of one shows in the means against which the others are held."""
+    """Return one wheel per car: a loss of one shows in the means against which the others are held."""
     best: dict[str, Discovery] = {}
     for one in found:
         if one.car not in best or one.p_value < best[one.car].p_value:

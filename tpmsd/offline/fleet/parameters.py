@@ -1,7 +1,7 @@
 """The parameters of a car that a fleet estimates: their names, effects and units.
 
 In: the names of a calibration's parameters. Out: the fleet's names, the matrix between both, and for each its
-effect, its parameter, unit and factor, as findings have them. Radii are told as their mean and as contrasts,
+effect, its parameter, unit and factor, as findings have them. Radii are stated as their mean and as contrasts,
 for within an axle they agree to a tenth of a per cent, and from car to car to half of one.
 """
 
@@ -23,13 +23,13 @@ class Parameter:
 
     name: str
     effect: str
-    """Of the catalogue; `radius` for the radii themselves, which are no effect."""
+    """Name in the catalogue; `radius` for the radii themselves, which are no effect."""
     parameter: str
     unit: str
     scale: float
     """Size that is usual, in `unit`: all parameters are divided by it, so that matrices are of one kind."""
     null: bool = True
-    """Whether zero is what the rolling model says."""
+    """True where zero is the value of the rolling model."""
 
 
 RADII = tuple(f"radius_{wheel}" for wheel in WHEELS)
@@ -59,7 +59,7 @@ SCALES = np.array([parameter.scale for parameter in PARAMETERS_OF_FLEET])
 
 
 def aligned(names: list[str], information: FloatArray, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A drive's statistics in the fleet's parameters, divided by their scales; (p, p) and (p,).
+    """Return a drive's statistics in the fleet's parameters, divided by their scales; (p, p) and (p,).
 
     A parameter that the drive does not name has no information.
     """

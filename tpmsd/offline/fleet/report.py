@@ -1,4 +1,4 @@
-"""What a fleet shows: which vehicles need attention and why, and what the drives tell of each model.
+"""Report on a fleet: vehicles that need attention and why, and the findings for each model.
 
 In: the tables as rows. Out: a document of plain values, and its text. Pure.
 """
@@ -44,7 +44,7 @@ _ADVICE = (
 )
 """Words in the reason of a malfunction, and what to do then; the first that fits."""
 _OF_ONE_TYRE = {"deflation", "radius_deviation", "loss", "slow_leak"}
-"""What stands in one row where it is of one wheel."""
+"""Kinds of attention that share one row where they concern one wheel."""
 _DERIVED_MODEL = re.compile(r"(\d+(?:\.\d+)?)m-(\w+)-([0-9a-f]{4})")
 
 
@@ -162,7 +162,7 @@ def _one_per_wheel(rows: Iterable[Row]) -> list[Row]:
 def _attention(
     car: str, urgency: str, why: str, time_s: float | None, kind: str, key: str | None, wheel: str = ""
 ) -> Row:
-    """One row; `kind` and `wheel` are taken off again when rows of one tyre are put together."""
+    """Return one row; `kind` and `wheel` are taken off again when rows of one tyre are put together."""
     what = _WHAT_TO_DO.get(kind, "look at it")
     shown = {
         "car": car,
@@ -192,7 +192,7 @@ def _is_named(row: Row) -> bool:
 
 
 def utc(time_s: float | None) -> str | None:
-    """A host time as date and minute; None where it is not known or no date."""
+    """Return a host time as date and minute; None where it is not known or no date."""
     try:
         moment = datetime.datetime.fromtimestamp(float("nan") if time_s is None else time_s, tz=datetime.UTC)
     except (ValueError, OverflowError, OSError):
@@ -212,13 +212,13 @@ def _named(findings: Iterable[Row]) -> list[Row]:
 
 
 def drives_of_cars(row: Mapping[str, Any]) -> str:
-    """How many drives of how many cars, in words."""
+    """Return the numbers of drives and cars in words."""
     drives, cars = row["drives"], row["cars"]
     return f"{drives} drive{'s' * (drives != 1)} of {cars} car{'s' * (cars != 1)}"
 
 
 def report_text(document: dict[str, Any]) -> str:
-    """The report in lines."""
+    """Return the report in lines."""
     lines = [
         f"{drives_of_cars(document)}: {document['distance_km']:.0f} km, {document['duration_h']:.1f} h",
         "",

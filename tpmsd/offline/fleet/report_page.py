@@ -28,7 +28,7 @@ _ORDER = {"now": 0, "soon": 1, "look": 2}
 
 @dataclass(frozen=True)
 class ModelView:
-    """What the drives tell of one model."""
+    """Findings for one model."""
 
     title: str
     findings: Table
@@ -47,11 +47,11 @@ class CarView:
     figure: Drawn | None
     drives: Table
     is_open: bool
-    """Whether its drives are shown at once: those of cars that need attention."""
+    """True where its drives are shown at once: cars that need attention."""
 
 
 def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) -> str:
-    """The page."""
+    """Return the page."""
     return render(
         "fleet.html",
         Origin.now(document),

@@ -1,6 +1,6 @@
 """A drive's result as it comes back from the store, held against the form that the tables take.
 
-In: a JSON value. Out: nothing, or ValueError with the place that is damaged. Pure.
+In: a JSON value. Out: nothing, or ValueError that names the damaged part. Pure.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Check = Callable[[Any, str], None]
 
 
 def check_result(found: Any) -> dict[str, Any]:
-    """The result; ValueError where it is none."""
+    """Return the result; ValueError where it is none."""
     result = _table(found, "result")
     if result.get("status") not in STATES:
         raise ValueError("status is none")
@@ -94,7 +94,7 @@ def _check_finding(finding: dict[str, Any]) -> None:
 
 
 def _cells(found: Any, what: str, texts: tuple[str, ...]) -> None:
-    """A table's row: named texts (or what is kept as JSON text), else numbers."""
+    """Check a table's row: named texts (or what is kept as JSON text), else numbers."""
     from tpmsd.offline.fleet.tables import COLUMNS
 
     for name, value in _table(found, what).items():
@@ -132,7 +132,7 @@ def _text_or_none(found: Any, what: str) -> None:
 
 
 def _number(found: Any, what: str) -> None:
-    """A finite number, or null."""
+    """Check for a finite number, or null."""
     if found is None:
         return
     if isinstance(found, bool) or not isinstance(found, int | float):

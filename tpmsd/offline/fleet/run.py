@@ -28,7 +28,7 @@ from tpmsd.offline.tables.extras import need
 
 @dataclass(frozen=True)
 class Tally:
-    """How far a run is."""
+    """Progress of a run."""
 
     done: int
     total: int

@@ -15,7 +15,7 @@ class FleetSettings:
     tries: int = 2
     """Starts of a drive in one run after which it is set aside: a worker may be killed for another reason."""
     tries_in_all: int = 4
-    """The same over all runs, for a drive that takes the machine down with the run itself."""
+    """Tries over all runs, for a drive that takes the machine down with the run itself."""
     memory_per_worker: str = "2GiB"
     """A drive of two hours takes 0.6 GiB, with the libraries 0.3 GiB."""
     tasks_ahead: int = 2
@@ -25,11 +25,11 @@ class FleetSettings:
     false_discovery_rate: float = 0.01
     """Expected share of false findings among those of the fleet (Benjamini and Hochberg 1995)."""
     min_drives_trend: int = 5
-    """Of a car, for a trend: two parameters and a spread, with some to spare."""
+    """Drives of a car that a trend takes: two parameters and a spread, with some to spare."""
     min_span_days: float = 1.0
     """Between the first and the last drive, for a trend: tyres warm up and cool down within a day."""
     drive_scales: float = 0.5
-    """What radii differ from drive to drive at least, in scales: 0.05 % left against right (sun, a
+    """Least spread of radii from drive to drive, in scales: 0.05 % left against right (sun, a
     passenger), 0.25 % front against rear and in the mean (load, and 10 K by night: 0.1 %)."""
     least_changes: int = 8
     """Between successive drives, for a median that says what is usual of a model."""
@@ -40,11 +40,11 @@ class FleetSettings:
     """Cars that differ at this level by themselves do not take part in estimating what cars of the model are
     like: a faulty car would widen the spread that it is held against."""
     outlier_rounds: int = 5
-    """Of taking such cars out and judging all of them again."""
+    """Rounds of leaving such cars out and judging all of them again."""
     well_known_scales: float = 3.0
     """A value whose standard deviation is beyond so many scales is not known at all, and not tested."""
     most_iterations: int = 60
-    """Of the spreads' estimate (EM)."""
+    """Iterations of the spreads' estimate (EM)."""
     converged_share: float = 2e-3
     """Converged when no standard deviation moves by more than this share of itself, or of `small_scales`."""
     small_scales: float = 0.2
@@ -63,7 +63,7 @@ class FleetSettings:
     connect_s: float = 20.0
     """For a scheduler to answer."""
     most_drives: int = 2_000
-    """Of which a page shows details, the newest of each car first: the page stays under some megabytes."""
+    """Drives of which a page shows details, the newest of each car first: the page stays under some megabytes."""
     most_pictures: int = 20
     """Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The
     others' plots take JavaScript; their tables do not."""

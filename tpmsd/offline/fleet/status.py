@@ -1,4 +1,4 @@
-"""How far a store is.
+"""Progress of a store.
 
 In: a store. Out: counts as a document of plain values.
 """

@@ -54,7 +54,7 @@ class Store:
 
     @classmethod
     def create(cls, path: Path) -> Store:
-        """The store at a path, made if there is none; ConfigError where something else is there."""
+        """Return the store at a path, made if there is none; ConfigError where something else is there."""
         mark = path / "fleet.json"
         if path.exists() and not path.is_dir():
             raise ConfigError(f"{path}: not a folder")
@@ -71,7 +71,7 @@ class Store:
 
     @classmethod
     def open(cls, path: Path) -> Store:
-        """The store at a path; ConfigError if there is none, or one of another format."""
+        """Return the store at a path; ConfigError if there is none, or one of another format."""
         try:
             found = json.loads((path / "fleet.json").read_text(encoding="utf-8")).get("format")
         except FileNotFoundError:
@@ -83,7 +83,7 @@ class Store:
         return cls(path)
 
     def entries(self) -> list[DriveEntry]:
-        """All drives, by key; those whose files are damaged are left out, and noted in `damaged`."""
+        """Return all drives, by key; those whose files are damaged are left out, and noted in `damaged`."""
         found = []
         for path in sorted(self.drives.glob("*.json")):
             try:
@@ -93,7 +93,7 @@ class Store:
         return found
 
     def entry(self, key: str) -> DriveEntry:
-        """One drive; TpmsdError where its file is damaged."""
+        """Return one drive; TpmsdError where its file is damaged."""
         file = self.drives / f"{key}.json"
         try:
             entry = DriveEntry(**_read(file))
@@ -114,7 +114,7 @@ class Store:
         return True
 
     def result(self, key: str) -> dict[str, Any] | None:
-        """What was made of a drive; None if nothing was yet. A damaged file counts as nothing,
+        """Return the result of a drive; None if there is none yet. A damaged file counts as nothing,
         and is noted in `damaged`."""
         file = self.results / f"{key}.json"
         try:
@@ -155,7 +155,7 @@ class Store:
 
 
 def _read(file: Path) -> Any:
-    """A file's JSON; ValueError where it is none, has numbers that are none, or is too large."""
+    """Return a file's JSON; ValueError where it is none, has numbers that are none, or is too large."""
     if not file.is_file() and file.exists():
         raise ValueError("not a file")
     with file.open("rb") as source:

@@ -103,7 +103,7 @@ _OPTIONAL = {
 
 
 def rows_of(store: Store) -> dict[str, list[Row]]:
-    """All tables as rows, in their final order."""
+    """Return all tables as rows, in their final order."""
     entries = sorted(store.entries(), key=lambda entry: (entry.model, entry.car, entry.key))
     brief: dict[str, dict[str, Any] | None] = {}
     tables: dict[str, list[Row]] = {name: [] for name in COLUMNS}
@@ -126,7 +126,7 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
 
 
 def _for_joint(result: dict[str, Any] | None) -> dict[str, Any] | None:
-    """What the joint inference takes of a result, its numbers as arrays: a third of the memory of lists."""
+    """Return what the joint inference needs of a result; arrays take a third of the memory of lists."""
     told = ((result or {}).get("calibrate") or {}).get("statistics")
     if result is None or told is None:
         return None
@@ -137,7 +137,7 @@ def _for_joint(result: dict[str, Any] | None) -> dict[str, Any] | None:
 
 
 def kept_rows(store: Store) -> dict[str, list[Row]] | None:
-    """All tables as the files have them, in place of the results; None where those are newer or damaged.
+    """Return all tables as the files have them; None where results are newer or files are damaged.
 
     Results are files of their own, so their times tell; a drive whose result is missing or damaged is looked
     for again.
@@ -169,7 +169,7 @@ def _rows_kept(name: str, table: Any) -> list[Row]:
 
 
 def _newest(folder: Path) -> int:
-    """The time of the last change in a folder of files, ns."""
+    """Return the time of the last change in a folder of files, ns."""
     with os.scandir(folder) as entries:
         return max((entry.stat().st_mtime_ns for entry in entries), default=0)
 
@@ -183,7 +183,7 @@ def write_tables(store: Store) -> dict[str, int]:
 
 
 def parquet_of(name: str, rows: Sequence[Row]) -> bytes:
-    """One table as Parquet; null where nobody knows."""
+    """Return one table as Parquet; null where nobody knows."""
     pa = need("pyarrow", "fleet", "tables")
     parquet = need("pyarrow.parquet", "fleet", "tables")
     types = {"string": pa.string(), "double": pa.float64(), "int64": pa.int64()}

@@ -1,8 +1,8 @@
-"""What is made of one drive: replayed, calibrated and diagnosed, as one document of plain values.
+"""Result of one drive: replayed, calibrated and diagnosed, as one document of plain values.
 
 In: the store's path and a drive's key. Out: the drive's result file. This runs in the workers. A drive that
 cannot be used is a result with its reason; one that took its worker down `tries` times is set aside. The
-document holds neither times of computing nor places, so the same drive gives the same bytes wherever it is
+document holds neither times of computing nor paths, so the same drive gives the same bytes wherever it is
 worked on.
 """
 
@@ -26,12 +26,12 @@ STAGES = ("replay", "calibrate", "diagnose")
 
 
 def program() -> str:
-    """What results are kept under: those of another version are of another program."""
+    """Return the version under which results are kept; those of another version are computed again."""
     return f"tpmsd {__version__}"
 
 
 def is_missing(result: dict[str, Any] | None, stages: tuple[str, ...], recompute: bool) -> bool:
-    """Whether a drive is yet to be worked on.
+    """Return whether a drive is yet to be worked on.
 
     Results of another program version count, unless `recompute` asks for new ones.
     """
@@ -58,7 +58,7 @@ def work_on(store_path: str, key: str, stages: tuple[str, ...], run: str) -> str
 
 
 def make_result(path: str, stages: tuple[str, ...] = STAGES) -> dict[str, Any]:
-    """The result of one drive, as a document."""
+    """Return the result of one drive, as a document."""
     try:
         with local_copy(path) as folder:
             parts = _parts(folder, stages)
@@ -120,7 +120,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _packed(statistics: Any) -> dict[str, Any]:
-    """The information matrix by its lower triangle, row by row."""
+    """Return the information matrix by its lower triangle, row by row."""
     rows = statistics.information.tolist()
     triangle = [value for k, row in enumerate(rows) for value in row[: k + 1]]
     return {"names": statistics.names, "information": triangle, "vector": statistics.vector}
