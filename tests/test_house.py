@@ -424,7 +424,10 @@ TERMS_DONE = (
     "tpmsd/foundation",
     *("tpmsd/car/config", "tpmsd/car/cars"),
     *(f"tpmsd/onboard/{room}" for room in ("daemon", "resonance", "sinks", "sources", "timeline")),
-    *(f"tpmsd/offline/{room}" for room in ("calibration", "discovery", "planning", "simulator", "tables")),
+    *(
+        f"tpmsd/offline/{room}"
+        for room in ("calibration", "discovery", "fleet", "planning", "simulator", "tables")
+    ),
     "tpmsd/interfaces/bridges",
 )
 """Rooms whose docstrings and identifiers are in terms of the field; grows until it holds every room."""

@@ -197,12 +197,12 @@ def controlled(found: Sequence[Discovery], rate: float = SETTINGS.false_discover
     """
     kept: set[int] = set()
     for kind in {one.kind for one in found}:
-        places = sorted(
+        indices = sorted(
             (k for k, one in enumerate(found) if one.kind == kind), key=lambda k: found[k].p_value
         )
         last = 0
-        for rank, k in enumerate(places, 1):
-            if found[k].p_value <= rate * rank / len(places):
+        for rank, k in enumerate(indices, 1):
+            if found[k].p_value <= rate * rank / len(indices):
                 last = rank
-        kept.update(places[:last])
+        kept.update(indices[:last])
     return [replace(one, kept=k in kept) for k, one in enumerate(found)]

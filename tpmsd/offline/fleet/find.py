@@ -115,11 +115,11 @@ def model_of(vehicle_file: Path) -> str:
     """Return a name for all cars whose configured geometry is the same, such as `2.63m-front-1f3a`."""
     try:
         table: Any = tomllib.loads(vehicle_file.read_text(encoding="utf-8")).get("vehicle", {})
-        told = {key: table.get(key) for key in _MODEL_KEYS}
+        geometry = {key: table.get(key) for key in _MODEL_KEYS}
     except (OSError, ValueError, AttributeError, RecursionError):
         return "unknown"  # the worker says what is wrong with the file
-    mark = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:4]
-    return f"{told['wheelbase_m']}m-{told['driven_axle'] or 'front'}-{mark}"
+    mark = hashlib.sha256(json.dumps(geometry, sort_keys=True, default=str).encode()).hexdigest()[:4]
+    return f"{geometry['wheelbase_m']}m-{geometry['driven_axle'] or 'front'}-{mark}"
 
 
 def _parent(path: str) -> str:

@@ -36,11 +36,11 @@ def joint_rows(
     groups: dict[str, list[tuple[str, str, dict[str, Any], float]]] = defaultdict(list)
     for entry in entries:
         result = results[entry.key]
-        told = ((result or {}).get("calibrate") or {}).get("statistics")
-        if result is not None and told is not None:
+        sums = ((result or {}).get("calibrate") or {}).get("statistics")
+        if result is not None and sums is not None:
             start = (result.get("replay") or {}).get("start_time")
             day = float("nan") if start is None else float(start) / DAY_S
-            groups[entry.model].append((entry.car, entry.key, told, day))
+            groups[entry.model].append((entry.car, entry.key, sums, day))
     tested: list[Discovery] = []
     statistics: list[Row] = []
     for model in sorted(groups):
@@ -60,7 +60,7 @@ def _stack(
     drives: Sequence[tuple[str, str, dict[str, Any], float]], cars: Sequence[str]
 ) -> tuple[Stack, FloatArray]:
     number = {car: k for k, car in enumerate(cars)}
-    pairs = [aligned(told["names"], *_unpacked(told)) for _, _, told, _ in drives]
+    pairs = [aligned(sums["names"], *_unpacked(sums)) for _, _, sums, _ in drives]
     stack = Stack(
         np.array([information for information, _ in pairs]),
         np.array([vector for _, vector in pairs]),
@@ -69,12 +69,12 @@ def _stack(
     return stack, np.array([days for _, _, _, days in drives], dtype=np.float64)
 
 
-def _unpacked(told: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
+def _unpacked(sums: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
     """Matrix and vector of a packed lower triangle."""
-    p = len(told["names"])
+    p = len(sums["names"])
     matrix = np.zeros((p, p))
-    matrix[np.tril_indices(p)] = told["information"]
-    return matrix + matrix.T - np.diag(np.diag(matrix)), np.array(told["vector"], dtype=np.float64)
+    matrix[np.tril_indices(p)] = sums["information"]
+    return matrix + matrix.T - np.diag(np.diag(matrix)), np.array(sums["vector"], dtype=np.float64)
 
 
 def _finding(one: Discovery) -> Row:

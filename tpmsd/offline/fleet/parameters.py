@@ -1,7 +1,7 @@
 """The parameters of a car that a fleet estimates: their names, effects and units.
 
 In: the names of a calibration's parameters. Out: the fleet's names, the matrix between both, and for each its
-effect, its parameter, unit and factor, as findings have them. Radii are stated as their mean and as contrasts,
+effect, its parameter, unit and factor, as findings have them. Radii are stated as mean and contrasts,
 for within an axle they agree to a tenth of a per cent, and from car to car to half of one.
 """
 

@@ -92,11 +92,11 @@ def _alarms(tables: Tables) -> list[Row]:
         if row["status"] == "done":
             last[row["car"]] = max(last.get(row["car"], (0.0, "")), (starts[row["key"]], row["key"]))
     for alarm in sorted(tables["alarms"], key=lambda row: (starts.get(row["key"], 0.0), row["time"] or 0.0)):
-        place = (alarm["car"], alarm["kind"], alarm["wheel"] or "")
+        subject = (alarm["car"], alarm["kind"], alarm["wheel"] or "")
         if alarm["state"] == "raised":
-            standing.setdefault(place, alarm)
+            standing.setdefault(subject, alarm)
         else:
-            standing.pop(place, None)
+            standing.pop(subject, None)
     found = []
     for (car, kind, wheel), alarm in standing.items():
         urgency = {"deflation": URGENT, "malfunction": LOOK}.get(kind, SOON)

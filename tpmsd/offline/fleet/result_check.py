@@ -46,9 +46,9 @@ def check_result(found: Any) -> dict[str, Any]:
     return result
 
 
-def _check_calibration(told: dict[str, Any]) -> None:
-    _text_or_none(told.get("reason"), "calibrate")
-    statistics = told.get("statistics")
+def _check_calibration(calibration: dict[str, Any]) -> None:
+    _text_or_none(calibration.get("reason"), "calibrate")
+    statistics = calibration.get("statistics")
     if statistics is None:
         return
     statistics = _table(statistics, "statistics")

@@ -63,7 +63,7 @@ class FleetSettings:
     connect_s: float = 20.0
     """For a scheduler to answer."""
     most_drives: int = 2_000
-    """Drives of which a page shows details, the newest of each car first: the page stays under some megabytes."""
+    """Drives of which a page shows details, the newest of each car first; some megabytes."""
     most_pictures: int = 20
     """Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The
     others' plots take JavaScript; their tables do not."""

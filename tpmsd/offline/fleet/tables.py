@@ -127,12 +127,12 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
 
 def _for_joint(result: dict[str, Any] | None) -> dict[str, Any] | None:
     """Return what the joint inference needs of a result; arrays take a third of the memory of lists."""
-    told = ((result or {}).get("calibrate") or {}).get("statistics")
-    if result is None or told is None:
+    statistics = ((result or {}).get("calibrate") or {}).get("statistics")
+    if result is None or statistics is None:
         return None
-    packed = {name: np.array(told[name], dtype=np.float64) for name in ("information", "vector")}
+    packed = {name: np.array(statistics[name], dtype=np.float64) for name in ("information", "vector")}
     start = (result.get("replay") or {}).get("start_time")
-    names = tuple(map(sys.intern, told["names"]))
+    names = tuple(map(sys.intern, statistics["names"]))
     return {"replay": {"start_time": start}, "calibrate": {"statistics": {"names": names, **packed}}}
 
 
@@ -201,8 +201,8 @@ def _cell(value: Any) -> Any:
 
 
 def _drive(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
-    told = result or {"status": "missing", "reason": "", "program": ""}
-    replay = told.get("replay") or {}
+    made = result or {"status": "missing", "reason": "", "program": ""}
+    replay = made.get("replay") or {}
     return {
         "key": entry.key,
         "car": entry.car,
@@ -211,11 +211,11 @@ def _drive(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
         "start": replay.get("start_time"),
         "duration_s": replay.get("duration_s"),
         "distance_m": replay.get("distance_m"),
-        "status": told["status"],
-        "reason": told["reason"],
-        "program": told["program"],
-        "verdict": (told.get("diagnose") or {}).get("verdict"),
-        "calibration": (told.get("calibrate") or {}).get("reason"),
+        "status": made["status"],
+        "reason": made["reason"],
+        "program": made["program"],
+        "verdict": (made.get("diagnose") or {}).get("verdict"),
+        "calibration": (made.get("calibrate") or {}).get("reason"),
     }
 
 
