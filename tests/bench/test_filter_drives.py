@@ -29,6 +29,23 @@ def test_late_and_wrong_announcements_do_not_count() -> None:
     assert "| `mpf-pn` | 0 of 0 seeds |  |" in told
 
 
+def test_an_announcement_before_the_puncture_is_a_wrong_one() -> None:
+    """At 100 s nothing is soft yet; at 170 s it is, for 20 s; a malfunction names no tyre."""
+    said = [("deflation", "rl", 100.0), ("malfunction", "", 120.0), ("deflation", "rl", 170.0)]
+    found = filter_drives.judged({"said": said}, "rl")
+    assert 20.0 == found["delay_s"]
+    assert [said[0]] == found["others"]
+
+
+def test_the_demonstrations_drive_is_played_by_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drive is written, read and replayed with either filter; a minute of it holds no alarm."""
+    monkeypatch.setattr(filter_drives, "DURATION_S", 60.0)
+    rows = filter_drives.work(("demo", "rl", 1))
+    assert list(METHODS) == [row["method"] for row in rows]
+    assert [[], []] == [row["said"] for row in rows]
+    assert [0, 0] == [row["lost_pose"] for row in rows]
+
+
 def test_radii_are_compared_at_the_same_speed() -> None:
     """1.0 and 2.0 mm at 30 m/s against 0.5 and 1.4 mm at 20 m/s: 0.5 mm is growth, by 0.001 mm s2/m2."""
     row = {"name": "a", "steady": [1.0, 2.0, 0.1, 0.1, 900.0]}

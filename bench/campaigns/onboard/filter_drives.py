@@ -82,20 +82,23 @@ def work(unit: Unit) -> list[Row]:
         drive = read_drive(Path(name))
         return [{"what": what, "name": drive.name, **played(with_method(drive, one), one)} for one in METHODS]
     fault = Fault("puncture", LOSS_PERCENT, "percent", name, PUNCTURE_AT_S, PUNCTURE_OVER_S)
+    spec = DriveSpec(duration_s=DURATION_S, seed=number, faults=(fault,))
     with tempfile.TemporaryDirectory(prefix="tpmsd-demo-") as folder:
-        write_drive(
-            Path(folder), simulate_drive(DriveSpec(duration_s=DURATION_S, seed=number, faults=(fault,)))
-        )
+        write_drive(Path(folder), simulate_drive(spec))
         drive = read_drive(Path(folder))
-    rows = []
-    for method in METHODS:
-        row = played(with_method(drive, method), method)
-        said = [one for one in row["said"] if one[0] != "malfunction"]
-        right = [at_s for kind, wheel, at_s in said if kind == "deflation" and wheel == name]
-        others = [one for one in said if one[1] != name or one[2] < PUNCTURE_AT_S]
-        delay_s = right[0] - PUNCTURE_AT_S if right else None
-        rows.append({"what": what, "name": str(number), "delay_s": delay_s, "others": others, **row})
-    return rows
+        rows = [played(with_method(drive, method), method) for method in METHODS]
+    return [{"what": what, "name": str(number), **judged(row, name), **row} for row in rows]
+
+
+def judged(row: Row, wheel: str) -> Row:
+    """When the punctured wheel was announced, s after the puncture began, and what else was (kind, wheel,
+    time); malfunctions are told apart."""
+    said = [one for one in row["said"] if one[0] != "malfunction"]
+    right = [
+        at_s for kind, named, at_s in said if (kind, named) == ("deflation", wheel) and at_s >= PUNCTURE_AT_S
+    ]
+    others = [one for one in said if one[1] != wheel or one[2] < PUNCTURE_AT_S]
+    return {"delay_s": right[0] - PUNCTURE_AT_S if right else None, "others": others}
 
 
 def played(drive: Drive, method: str) -> Row:
