@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from bench.campaigns.onboard import filter_drives
+from bench.campaigns.onboard.estimators.tasks import driven
 from bench.campaigns.onboard.filters import METHODS
 
 
@@ -71,7 +72,7 @@ def test_the_plan_names_every_recording(tmp_path: Path) -> None:
 
 def test_a_tick_is_timed_for_both_filters_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every piece of the drive is played by both; the ratio is the particles' time over the default's."""
-    drive = filter_drives.driven("puncture", "correlated", 1)
+    drive = driven("puncture", "correlated", 1)
     monkeypatch.setattr(filter_drives, "driven", lambda *what: argparse.Namespace(ticks=drive.ticks[:600]))
     (row,) = filter_drives.costs(2)
     assert "2 wheels" == row["name"]
