@@ -151,9 +151,9 @@ def markdown(found: Sequence[Row]) -> str:
         each = [one["all"], one["stated"]]
         told = [
             *(_told(said["nees"]) for said in each),
-            *(_told(said["cover_radius"], 100.0, 0) for said in each),
+            *(f"{100 * said['cover_radius'][0]:.0f}" for said in each),
             *(_told(said["nees_difference"]) for said in each),
-            *(_told(said["cover_difference"], 100.0, 0) for said in each),
+            *(f"{100 * said['cover_difference'][0]:.0f}" for said in each),
         ]
         lines.append(
             f"| {one['scenario']} | {one['receiver']} | {one['wheels']} | `{one['method']}` | "
