@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from tpmsd.interfaces.cli.demo_play import watch_live
-from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE, DriveSpec, simulate_drive
 from tpmsd.offline.simulator.faults import Fault
 from tpmsd.onboard.pipeline import Step
+
+NAMED = replace(DEFAULT_VEHICLE, name="The hatchback")
 
 
 def say(step: Step) -> None:
@@ -31,5 +34,7 @@ if __name__ == "__main__":
     fault = Fault(
         kind="puncture", size=2.5, size_unit="percent", wheel="rl", onset_s=onset_s, duration_s=10.0
     )
-    drive = simulate_drive(DriveSpec(route="oval", duration_s=3600.0, seed=4, flat=True, faults=(fault,)))
+    drive = simulate_drive(
+        DriveSpec(route="oval", duration_s=3600.0, seed=4, flat=True, faults=(fault,), vehicle=NAMED)
+    )
     watch_live(drive, folder, speed_up=speed_up, channel="browser", on_step=say)

@@ -60,12 +60,15 @@ def test_a_puncture_turns_the_right_tyre_red_and_a_restart_is_survived(tmp_path:
             url = line_with(said, "http://").split()[0]
             page.get(url)
             wait_until("four tyres", lambda: page.execute_script(STATES).count("tyre") == 4)
+            assert "The hatchback" == page.find_element("css selector", "h1").text
             assert "soft" not in page.execute_script(STATES)
             raised = float(line_with(alarms, "RAISED deflation rl").split()[-1])
             wait_until("red", lambda: "soft" in page.execute_script(STATES), 10.0)
             late = time.monotonic() - raised
             states = page.execute_script(STATES).split("|")
             assert [False, False, True, False] == ["soft" in state for state in states]
+            assert "soft" == page.find_element("id", "rl-wheel").get_attribute("class")
+            assert page.find_element("id", "since").text.startswith("Since ")
             assert late < 2.0
             assert [] == violations(page)
             first.kill()
@@ -95,6 +98,25 @@ def test_a_drive_is_shown_without_faults(tmp_path: Path, width: int, height: int
             if heading == "d":
                 page.find_element("id", "diagnosis").click()
                 wait_until("the diagnosis", lambda: page.title == "Diagnosis of d")
+
+
+def test_the_drive_page_has_one_system_of_units_and_a_switch(tmp_path: Path) -> None:
+    """km/h, mm and degrees, or SI throughout: table, map and plots."""
+    from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+    from tpmsd.offline.simulator.drive_writer import write_drive
+
+    write_drive(tmp_path / "d", simulate_drive(DriveSpec(route="oval", duration_s=90.0)))
+    with process("tpmsd", "web", tmp_path / "d", "--port", "0") as (_, said), browser() as page:
+        page.get(line_with(said, "http://").split()[0])
+        wait_until("plots", lambda: page.execute_script("return document.body.dataset.ready === '1'"))
+        assert "minus nominal (mm)" in page.find_element("id", "wheels").text
+        assert "km/h" in page.find_element("id", "legend").text
+        page.execute_script(
+            "const u = document.getElementById('units'); u.value = 'si'; u.dispatchEvent(new Event('change'))"
+        )
+        wait_until("SI", lambda: "minus nominal (m)" in page.find_element("id", "wheels").text)
+        assert page.find_element("id", "legend").text.endswith("m/s")
+        assert [] == complaints(page)
 
 
 def test_a_hundred_visitors_do_not_disturb_the_daemon(tmp_path: Path) -> None:

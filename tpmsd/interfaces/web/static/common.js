@@ -67,7 +67,43 @@ export function axis(label, extra = {}) {
 }
 
 export function band(wheel, high, low) {
-  return { series: [high, low], fill: () => `color-mix(in srgb, ${css(wheel)} 22%, transparent)` };
+  return { series: [high, low], fill: () => `color-mix(in srgb, ${css(wheel)} 8%, transparent)` };
+}
+
+const BAR_SPACING = 96; // CSS pixels between the bars of one wheel
+
+/**
+ * Bars from `low` to `high` of each wheel, every wheel at places of its own: bands of wheels that agree lie upon each
+ * other and cannot be told apart, bars stand beside each other. `bars`: wheel, series of its upper and lower edge.
+ */
+export function whiskers(bars) {
+  const draw = (plot) => {
+    const { ctx, bbox } = plot, step = BAR_SPACING * devicePixelRatio, cap = 4 * devicePixelRatio;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    ctx.lineWidth = 1.5 * devicePixelRatio;
+    bars.forEach(([wheel, high, low], k) => {
+      ctx.strokeStyle = css(wheel);
+      ctx.beginPath();
+      for (let x = bbox.left + ((k + 0.5) / bars.length) * step; x < bbox.left + bbox.width; x += step) {
+        const row = plot.valToIdx(plot.posToVal(x, "x", true));
+        const [top, bottom] = [plot.data[high][row], plot.data[low][row]];
+        if (top === null || bottom === null || top === undefined || bottom === undefined) continue;
+        const from = plot.valToPos(top, "y", true), to = plot.valToPos(bottom, "y", true);
+        ctx.moveTo(x - cap, from);
+        ctx.lineTo(x + cap, from);
+        ctx.moveTo(x, from);
+        ctx.lineTo(x, to);
+        ctx.moveTo(x - cap, to);
+        ctx.lineTo(x + cap, to);
+      }
+      ctx.stroke();
+    });
+    ctx.restore();
+  };
+  return { hooks: { draw: [draw] } };
 }
 
 /** A word in the colour that is set, on a ground that keeps it readable over curves. */

@@ -1,9 +1,14 @@
 // A recorded drive: map, linked plots, wheels and alarms.
-import { NAMES, WHEELS, alarmLines, axis, band, byId, clock, css, duration, edge, element, keepFitting, onGround, plain, signed, timeAxis, wheelSeries } from "./common.js";
+import { NAMES, WHEELS, alarmLines, axis, band, byId, clock, css, duration, edge, element, keepFitting, onGround, plain, signed, timeAxis, wheelSeries, whiskers } from "./common.js";
 
 const drive = await (await fetch("api/drive")).json();
 const columns = new Map(drive.columns.map((column) => [column.name, column]));
-const SHOWN = { m: ["mm", 1000], "m/s": ["m/s", 1] };
+const DEGREES = 180 / Math.PI;
+const EVERYDAY = { "m/s": ["km/h", 3.6], rad: ["°", DEGREES], "rad/s": ["°/s", DEGREES] };
+const units = byId("units");
+try { units.value = localStorage.getItem("drive-units") ?? "everyday"; } catch { /* no storage, no memory */ }
+if (!units.value) units.value = "everyday";
+const si = () => units.value === "si";
 let span = [0, drive.duration_s];
 let track = null;
 
@@ -25,10 +30,14 @@ function table(node, head, rows) {
   node.replaceChildren(thead, tbody);
 }
 
-table(byId("wheels"), ["wheel", "state", "minus nominal (mm)", "change (mm)"],
-  Object.entries(drive.wheels).map(([name, wheel]) => [NAMES[name], wheel.state,
-    `${signed(wheel.deviation_mm, 2)} ± ${(wheel.std_mm ?? NaN).toFixed(2)}`,
-    wheel.change_mm === null ? "–" : `${signed(wheel.change_mm, 2)} ± ${wheel.change_std_mm.toFixed(2)}`]));
+function showWheels() {
+  const [unit, scale, digits] = si() ? ["m", 1e-3, 5] : ["mm", 1, 2];
+  const length = (value, std) => value === null ? "–" : `${signed(scale * value, digits)} ± ${(scale * (std ?? NaN)).toFixed(digits)}`;
+  table(byId("wheels"), ["wheel", "state", `minus nominal (${unit})`, `change (${unit})`],
+    Object.entries(drive.wheels).map(([name, wheel]) => [NAMES[name], wheel.state,
+      length(wheel.deviation_mm, wheel.std_mm), length(wheel.change_mm, wheel.change_std_mm)]));
+}
+showWheels();
 if (drive.alarms.length)
   table(byId("alarms"), ["time", "alarm", "wheel", "state", "reason"],
     drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, (alarm.reason ?? "").replaceAll("+-", "±")]));
@@ -37,6 +46,13 @@ byId("notes").replaceChildren(...drive.notes.map((note) => element("li", note)))
 
 const plots = [];
 const wheelOf = (name) => WHEELS.find((wheel) => name.includes(`_${wheel}`));
+
+/** The unit that a column is shown in, and its factor. */
+function unitOf(name) {
+  const unit = columns.get(name).unit;
+  if (si()) return [unit, 1];
+  return unit === "m" && wheelOf(name) ? ["mm", 1000] : EVERYDAY[unit] ?? [unit, 1];
+}
 
 async function seriesOf(panel) {
   const query = new URLSearchParams({ columns: panel.series.join(","), from: span[0], to: span[1], points: 2 * Math.min(innerWidth, 2000) });
@@ -60,12 +76,12 @@ function nothingIn(panel, found) {
   return panel.series[0] === "gnss_age_s" && most < 1 ? `${panel.title}: at most ${most.toFixed(1)} s.` : "";
 }
 
-/** The y range of a panel with bands: where these are at most four times their median, so that the start-up, in
+/** The y range of a panel with bands: where these are at most twice their median, so that the start-up, in
  * which little is known, does not set the scale; null for the range of all. */
 function settledRange(panel, found, scale) {
   if (!panel.banded) return null;
   const widths = panel.series.flatMap((name) => found[`${name}:high`].map((high, k) => (high === null ? null : high - found[`${name}:low`][k]))).filter((width) => width !== null).sort((a, b) => a - b);
-  const limit = 4 * (widths[Math.floor(widths.length / 2)] ?? 0);
+  const limit = 2 * (widths[Math.floor(widths.length / 2)] ?? 0);
   let low = Infinity, high = -Infinity;
   for (const name of panel.series)
     found[`${name}:high`].forEach((top, k) => {
@@ -77,12 +93,10 @@ function settledRange(panel, found, scale) {
 }
 
 function makePlot(panel, found, last) {
-  const unit = columns.get(panel.series[0]).unit;
-  const radius = unit === "m" && wheelOf(panel.series[0]);
-  const [shown, scale] = radius ? SHOWN.m : [unit, 1];
+  const [shown, scale] = unitOf(panel.series[0]);
   panel.banded = panel.series.every((name) => `${name}:low` in found);
   panel.settled = settledRange(panel, found, scale);
-  const series = [{ label: "time", value: (_, value) => clock(value) }], bands = [];
+  const series = [{ label: "time", value: (_, value) => clock(value) }], bands = [], bars = [];
   const other = ["fl", "fr", "rl", "rr"];
   for (const [k, name] of panel.series.entries()) {
     const wheel = wheelOf(name) ?? other[k % 4];
@@ -91,6 +105,7 @@ function makePlot(panel, found, last) {
     if (panel.banded) {
       series.push(edge(), edge());
       bands.push(band(wheel, at + 1, at + 2));
+      bars.push([wheel, at + 1, at + 2]);
     }
   }
   const box = element("div", "", { class: "plot", role: "img", "aria-label": `${panel.title} over time` });
@@ -101,7 +116,7 @@ function makePlot(panel, found, last) {
     axes: [timeAxis(last ? "time since the start (h:min:s)" : ""), axis(shown === "1" || shown === "" ? "" : `(${shown})`, { size: 60 })],
     cursor: { sync: { key: "drive" }, drag: { x: true, y: false, setScale: false } },
     legend: { show: true, live: false },
-    plugins: [alarmLines(() => drive.alarms, (alarm) => alarm.drive_time_s)],
+    plugins: [whiskers(bars), alarmLines(() => drive.alarms, (alarm) => alarm.drive_time_s)],
     hooks: { setSelect: [(one) => { if (one.select.width > 4) zoom(one.posToVal(one.select.left, "x"), one.posToVal(one.select.left + one.select.width, "x")); }] },
   }, dataOf(panel, found, scale), box);
   if (panel.banded) for (const [k, entry] of [...box.querySelectorAll(".u-series")].entries()) if (k % 3) entry.remove(); // the edges of a band have no entry
@@ -189,7 +204,8 @@ function drawMap() {
   const column = columns.get(byId("colour").value);
   const bar = element("span", "", { class: "bar" });
   bar.style.background = `linear-gradient(to right, ${STOPS.map((stop) => `rgb(${stop.join(" ")})`).join(", ")})`;
-  byId("legend").replaceChildren(low.toPrecision(3), bar, `${high.toPrecision(3)} ${column.unit === "1" ? "" : column.unit}`.trim());
+  const [unit, factor] = unitOf(column.name);
+  byId("legend").replaceChildren((factor * low).toPrecision(3), bar, `${(factor * high).toPrecision(3)} ${unit === "1" ? "" : unit}`.trim());
 }
 
 const select = byId("colour");
@@ -205,9 +221,21 @@ addEventListener("resize", drawMap);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawMap);
 keepFitting(() => plots);
 await recolour();
-const found = await Promise.all(drive.panels.map(seriesOf));
-const told = drive.panels.map((panel, k) => [panel, found[k], nothingIn(panel, found[k])]);
-const full = told.filter(([, , why]) => !why);
-full.forEach(([panel, values], k) => makePlot(panel, values, k === full.length - 1));
-for (const [, , why] of told) if (why) byId("plots").append(element("p", why, { class: "hint" }));
+async function drawPanels() {
+  const found = await Promise.all(drive.panels.map(seriesOf));
+  const panels = drive.panels.map((panel, k) => [panel, found[k], nothingIn(panel, found[k])]);
+  for (const [, plot] of plots.splice(0)) plot.destroy();
+  byId("plots").replaceChildren();
+  const full = panels.filter(([, , why]) => !why);
+  full.forEach(([panel, values], k) => makePlot(panel, values, k === full.length - 1));
+  for (const [, plot] of plots) plot.setScale("x", { min: span[0], max: span[1] });
+  for (const [, , why] of panels) if (why) byId("plots").append(element("p", why, { class: "hint" }));
+}
+units.addEventListener("change", async () => {
+  try { localStorage.setItem("drive-units", units.value); } catch { /* not remembered */ }
+  showWheels();
+  drawMap();
+  await drawPanels();
+});
+await drawPanels();
 document.body.dataset.ready = "1";

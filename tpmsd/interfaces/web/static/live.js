@@ -1,5 +1,5 @@
 // The running daemon: server-sent events in, the car, its alarms and the last hours out.
-import { NAMES, WHEELS, alarmLines, axis, band, byId, changeRow, duration, edge, element, keepFitting, signed, wheelSeries } from "./common.js";
+import { NAMES, WHEELS, alarmLines, axis, band, byId, changeRow, duration, edge, element, keepFitting, signed, wheelSeries, whiskers } from "./common.js";
 
 const MM_PER_INCH = 25.4;
 const units = byId("units"), range = byId("range");
@@ -49,7 +49,19 @@ function showVerdict(document_) {
   const [style, text] = sentence(document_);
   const node = byId("verdict");
   if (node.textContent !== text) node.textContent = text;
-  node.className = `wide ${style}`;
+  node.className = style;
+  const times = (document_.alarms ?? []).map((alarm) => alarm.time).filter(Number.isFinite);
+  const said = times.length ? `Since ${timeOfDay(Math.min(...times))}.` : `No alarm stands; tpmsd has watched for ${duration(document_.uptime_s)}.`;
+  if (byId("since").textContent !== said) byId("since").textContent = said;
+  const name = document_.vehicle?.name ?? "Tyres";
+  byId("name").textContent = name;
+  document.title = `tpmsd: ${name}`;
+}
+
+/** Date and time of an instant, without the date where it is today. */
+function timeOfDay(seconds) {
+  const at = new Date(1000 * seconds), today = at.toDateString() === new Date().toDateString();
+  return today ? at.toLocaleTimeString() : at.toLocaleString();
 }
 
 function showTyre(name, document_) {
@@ -68,6 +80,7 @@ function showTyre(name, document_) {
     if (since.length) parts.push(element("p", `for ${duration(Math.max(...since))}`));
   }
   box.replaceChildren(...parts);
+  byId(`${name}-wheel`).setAttribute("class", style);
 }
 
 function showAlarms(standing, now) {
@@ -125,9 +138,10 @@ function data() {
 
 function draw() {
   if (plot) plot.destroy();
-  const series = [{}], bands = [];
+  const series = [{}], bands = [], bars = [];
   for (const wheel of WHEELS) {
     const at = series.length;
+    bars.push([wheel, at + 1, at + 2]);
     series.push(wheelSeries(wheel, NAMES[wheel]), edge(), edge());
     bands.push(band(wheel, at + 1, at + 2));
   }
@@ -135,7 +149,7 @@ function draw() {
     width: Math.max(box.clientWidth, 200), height: 260, series, bands,
     scales: { x: { time: true } },
     axes: [axis("", { values: daytimes, space: 90 }), axis(units.value === "imperial" ? "change of radius (thou)" : "change of radius (mm)", { size: 60 })],
-    legend: { show: true, live: false }, plugins: [alarmLines(() => alarms, (alarm) => alarm.time)],
+    legend: { show: true, live: false }, plugins: [whiskers(bars), alarmLines(() => alarms, (alarm) => alarm.time)],
   }, data(), box);
   for (const [k, entry] of [...box.querySelectorAll(".u-series")].entries()) if (k % 3) entry.remove(); // the edges of a band have no entry
 }
