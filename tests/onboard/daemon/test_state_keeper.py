@@ -292,11 +292,14 @@ def test_a_state_of_a_version_without_the_table_of_teeth_stays_valid(tmp_path: P
     config, _ = car(tmp_path)
     vehicle = asdict(config.vehicle)
     assert vehicle.pop("teeth_by_wheel") is None
+    assert vehicle.pop("name") is None
     before = json.dumps({"vehicle": vehicle, "signals": config.can.signals}, sort_keys=True)
     other = replace(config, vehicle=replace(config.vehicle, teeth_by_wheel=(48.0, 48.0, 44.0, 44.0)))
 
     assert hashlib.sha256(before.encode()).hexdigest() == fingerprint(config)
     assert fingerprint(other) != fingerprint(config)
+    named = replace(config, vehicle=replace(config.vehicle, name="the van"))
+    assert fingerprint(named) == fingerprint(config)
 
 
 def test_a_state_that_cannot_be_read_is_said_and_done_without(

@@ -86,6 +86,13 @@ DOCUMENT = build_status(
 )
 
 
+def test_the_document_names_the_car_that_has_a_name() -> None:
+    """`vehicle` is there with a name of the configuration only."""
+    assert "vehicle" not in DOCUMENT
+    named = build_status(REPORT, loop=LOOP, can=CAN, gnss=GNSS, vehicle_name="the van")
+    assert {"name": "the van"} == named["vehicle"]
+
+
 def test_the_wheels_that_are_not_watched_are_named_with_the_reason() -> None:
     """A wheel that is learned, one that is lost and one without a signal are each not watched, and why; what
     all four rest on is said."""

@@ -49,6 +49,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
     `agree`."""
     return {
         "vehicle": {
+            "name": Text(),
             "wheel_radius_m": RADIUS,
             "track_front_m": _TRACK,
             "track_rear_m": _TRACK,

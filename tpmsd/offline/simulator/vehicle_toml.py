@@ -26,7 +26,10 @@ def vehicle_toml(
 ) -> str:
     """Return the data that the operator of the simulated car knows, as TOML; the keywords name the ports of a
     live drive."""
-    lines = ["[vehicle]", f"wheel_radius_m = {_radius(vehicle)}"]
+    lines = ["[vehicle]"]
+    if vehicle.name is not None:
+        lines.append(f"name = {json.dumps(vehicle.name)}")
+    lines += [f"wheel_radius_m = {_radius(vehicle)}"]
     for key in ("track_front_m", "track_rear_m", "wheelbase_m"):
         lines.append(f"{key} = {getattr(vehicle, key)!r}")
     lines.append(f'driven_axle = "{vehicle.driven_axle}"')

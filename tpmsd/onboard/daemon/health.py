@@ -91,6 +91,7 @@ class Health:
             resonance=None if pipeline.resonance is None else pipeline.resonance.status(),
             last_known=self._last_known,
             vehicle_state=self._vehicle_state(),
+            vehicle_name=self._config.vehicle.name,
         )
 
     def _vehicle_state(self) -> tuple[str, VehicleState | None] | None:

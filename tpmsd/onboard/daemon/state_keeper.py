@@ -35,6 +35,7 @@ def fingerprint(config: Config) -> str:
     """Return the digest of what the learned radii depend on: another vehicle or other signals is another
     car."""
     vehicle = dataclasses.asdict(config.vehicle)
+    del vehicle["name"]  # the radii do not depend on it
     car: dict[str, Any] = {"vehicle": vehicle, "signals": config.can.signals}
     if vehicle["teeth_by_wheel"] is None:
         del vehicle["teeth_by_wheel"]  # states of versions that did not know the key stay valid

@@ -83,12 +83,14 @@ def build_status(
     resonance: Sequence[ResonanceStatus] | None = None,
     last_known: Mapping[str, tuple[float, WheelReport]] | None = None,
     vehicle_state: tuple[str, VehicleState | None] | None = None,
+    vehicle_name: str | None = None,
 ) -> dict[str, Any]:
     """Return the document; `report` and `estimate` are None until the first tick.
 
     `last_known`: of each wheel its last report with a change, and the time of that.
     `resonance`: of each wheel in the order of WHEELS; None where nobody listens.
     `vehicle_state`: method and last state; without it the document has no such key.
+    `vehicle_name`: of the configuration; the document has `vehicle` where there is one.
     """
     document = {
         "version": DOCUMENT_VERSION,
@@ -112,6 +114,8 @@ def build_status(
         "alarms": [] if report is None else [alarm_entry(alarm) for alarm in report.active],
         "estimator": None if estimate is None else _estimator(estimate, method),
     }
+    if vehicle_name is not None:
+        document["vehicle"] = {"name": vehicle_name}
     if vehicle_state is not None:
         document["vehicle_state"] = state_entry(*vehicle_state)
     return document
