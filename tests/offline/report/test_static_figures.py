@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 
+import numpy as np
 import pytest
 
-from tpmsd.offline.report.figures import Bars
-from tpmsd.offline.report.static_figures import _bars
+from tpmsd.offline.report.explanation_text import _pair
+from tpmsd.offline.report.figures import Bars, Chart, Curve
+from tpmsd.offline.report.static_figures import _bars, _chart
 
 
 @pytest.mark.parametrize("largest", [3.0, 40.0, 5e3, 2e5, 1.2e6, 3e9])
@@ -25,3 +27,19 @@ def test_the_numbers_below_bars_do_not_overlap(largest: float) -> None:
 
     assert 3 <= len(boxes)
     assert all(left.x1 < right.x0 for left, right in itertools.pairwise(boxes))
+
+
+@pytest.mark.parametrize("span_s", [0.0, 3_600.0, 86_400.0, 30 * 86_400.0])
+def test_an_axis_of_dates_has_few_marks(span_s: float) -> None:
+    """Drives of one instant, one hour, a day or a month: one to eight marks of whole days."""
+    start_s = np.linspace(1.7198e9, 1.7198e9 + span_s, 3)
+    curve = Curve("front left", np.zeros(3), "fl", dots=True)
+    axes = _chart(Chart("Radii", "start", "mm", start_s, (curve,), date=True)).axes[0]
+    low, high = axes.get_xlim()
+
+    assert 1 <= sum(low <= mark <= high for mark in axes.get_xticks()) <= 8
+
+
+def test_an_explanation_writes_one_sign_for_plus_or_minus() -> None:
+    """The text of a terminal has `+-` in every line."""
+    assert "-1.55 +- 0.18 (+16.5 nats)" == _pair({"change_mm": -1.55, "std_mm": 0.18, "gain_nats": 16.5})

@@ -80,7 +80,7 @@ def _pair(witness: Mapping[str, Any]) -> str:
     if witness["change_mm"] is None or witness["std_mm"] is None:
         return "-"
     adds = f" ({witness['gain_nats']:+.1f} nats)" if witness.get("gain_nats") is not None else ""
-    return f"{witness['change_mm']:+.2f} ± {witness['std_mm']:.2f}{adds}"
+    return f"{witness['change_mm']:+.2f} +- {witness['std_mm']:.2f}{adds}"
 
 
 def _when(time_s: float | None, start_s: float | None, zone: tzinfo | None) -> str:

@@ -138,7 +138,10 @@ def _time_axis(axes: Axes, chart: Chart) -> None:
         axes.xaxis.set_major_locator(MultipleLocator(time_step(span_s, 7)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: drive_time(value)))
     if chart.date and len(known):
-        axes.xaxis.set_major_locator(MultipleLocator(_days_step(float(np.ptp(known))) * DAY_S))
+        first, last = float(np.min(known)), float(np.max(known))
+        if last - first < DAY_S:  # drives of one day: an empty span has no marks
+            axes.set_xlim(first - DAY_S, last + DAY_S)
+        axes.xaxis.set_major_locator(MultipleLocator(_days_step(last - first) * DAY_S))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: utc_day(value)))
 
 
