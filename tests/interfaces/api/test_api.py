@@ -99,8 +99,21 @@ def test_diagnosis_and_calibration_equal_the_commands(tmp_path: Path) -> None:
         axes = Figure().subplots()
         assert axes is shown.plot(axes)
         assert "<p><b>" in shown._repr_html_()
+    axes = Figure().subplots()
+    calibration.plot(axes)
+    assert ["configured"] == [one.get_text() for one in axes.get_legend().get_texts()]
     with pytest.raises(tpmsd.InputError, match="cannot be calibrated from"):
         tpmsd.calibrate(tpmsd.simulate(duration_s=10.0))
+
+
+def test_a_diagnosis_without_findings_is_drawn_as_a_sentence() -> None:
+    """No empty frame: the reason stands where the bars would."""
+    axes = Figure().subplots()
+    tpmsd.diagnose(tpmsd.simulate(duration_s=20.0, seed=3)).plot(axes)
+
+    assert [] == list(axes.patches)
+    assert 1 == len(axes.texts) and len(axes.texts[0].get_text()) > 20
+    assert not axes.get_frame_on()
 
 
 def test_the_tick_table_is_documented(replay: tpmsd.Replay) -> None:

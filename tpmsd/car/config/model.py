@@ -67,7 +67,7 @@ class VehicleConfig:
     """Counts per wheel revolution; of the first wheel that has a number where they differ."""
     teeth_by_wheel: tuple[float, float, float, float] | None = None
     """Counts per revolution of fl, fr, rl, rr where they differ."""
-    name: str | None = None
+    name: str | None = field(default=None, compare=False)
     """The car's name for its readers; nothing is computed from it."""
 
     def teeth(self, wheel: int) -> float:

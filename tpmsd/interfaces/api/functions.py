@@ -16,6 +16,7 @@ import numpy as np
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay, Source
 from tpmsd.offline.drives.drive import Drive, as_drive
 from tpmsd.offline.drives.playing import known_effects, recording_of, replayed
@@ -135,7 +136,8 @@ def calibrate(
         at = refusal.drive
         where = wanted[at].name if at is not None else ", ".join(drive.name for drive in wanted)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
-    return Calibration(found, _source(wanted))
+    radii = wanted[0].config.vehicle.wheel_radius_m
+    return Calibration(found, _source(wanted), dict(zip(WHEELS, radii, strict=True)))
 
 
 def simulate(**settings: Any) -> Drive:

@@ -7,7 +7,8 @@ In: the results of replay, diagnosis and calibration. Out: `Replay`, `Diagnosis`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.report.replay_document import replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_series import settled_range
+from tpmsd.offline.report.simulation_text import agreement
 from tpmsd.offline.report.wording import alarm_label
 from tpmsd.offline.tables.extras import need_pandas
 from tpmsd.offline.tables.tick_table import TickTable
@@ -227,8 +229,17 @@ class Diagnosis:
         return diagnosis_page(self.result, self.drives, origin, standalone=standalone)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Held-out log-likelihood gain of each finding, as a logarithm; suspicions are hatched."""
+        """Held-out log-likelihood gain of each finding, as a logarithm; suspicions are hatched.
+
+        Where nothing was found a sentence says so.
+        """
         axes = own_axes(ax)
+        if not self.findings:
+            text = self.result.reason if self.result.reason else agreement(self.result)
+            axes.text(0.5, 0.5, text, ha="center", va="center", wrap=True, transform=axes.transAxes)
+            axes.set(xticks=[], yticks=[], title=f"{', '.join(self.drives)}: {self.verdict}")
+            axes.set_frame_on(False)
+            return axes
         found = self.findings[::-1]
         gains = [finding.gain for finding in found]
         bars = axes.barh(range(len(found)), gains, color=STYLES["after"].colour)
@@ -263,6 +274,8 @@ class Calibration:
     result: CalibrationResult
     """The record that reports and plots are made of."""
     source: Source = Source()
+    nominal_m: Mapping[str, float] = field(default_factory=dict)
+    """Configured radius of each wheel, metres."""
 
     @property
     def radii_m(self) -> dict[str, float]:
@@ -290,7 +303,7 @@ class Calibration:
         return frame
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Each wheel's radius with two standard deviations."""
+        """Each wheel's radius with two standard deviations, over a line at the configured one."""
         axes = own_axes(ax)
         wheels = self.result.wheels
         values = [1e3 * one.radius_m for one in wheels.values()]
@@ -298,6 +311,13 @@ class Calibration:
         axes.errorbar(
             range(len(wheels)), values, yerr=bands, fmt="o", capsize=4, color=STYLES["after"].colour
         )
+        for k, wheel in enumerate(wheels):
+            if wheel in self.nominal_m:
+                label = "" if axes.get_legend_handles_labels()[1] else "configured"
+                nominal_mm = 1e3 * self.nominal_m[wheel]
+                axes.hlines(nominal_mm, k - 0.4, k + 0.4, color=STYLES["soft"].colour, ls="--", label=label)
+        if axes.get_legend_handles_labels()[1]:
+            axes.legend(frameon=False)
         axes.set_xticks(range(len(wheels)), list(wheels))
         axes.set(ylabel="radius (mm), two standard deviations", title=", ".join(self.result.drives))
         return axes
