@@ -254,6 +254,9 @@ def test_the_answer_comes_first() -> None:
     assert "Nothing of these shows on such a drive: drive_split." in text
     assert diagnosis_document(found, None)["summary"] == answer
     assert html.unescape(page).index(answer.replace("+-", "±")[:60]) < page.index("<h2>")
+    assert page.index("<figure") < page.index("<h2>")
+    keys = re.findall(r'<figure id="([^"]+)"', page)
+    assert len(keys) == len(set(keys))
     assert "Growth with height" not in page
 
 
