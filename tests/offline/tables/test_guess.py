@@ -224,6 +224,8 @@ def test_all_errors_of_a_map_come_at_once(tmp_path: Path, capsys: pytest.Capture
         ("ABS_vRR [km/h]", "wheel_rr"),
         ("Rad_hinten_links", "wheel_rl"),
         ("RL", "wheel_rl"),
+        ("whl_rr", "wheel_rr"),
+        ("whl_fl", "wheel_fl"),
         ("front left wheel speed", "wheel_fl"),
         ("accel_long", "accel_long"),
         ("Yaw Rate (deg/s)", "yaw_rate"),

@@ -154,7 +154,7 @@ def _wheel(one: Spelled) -> str | None:
     if set(words) & _NO_WHEEL_MOTION:
         return None
     for wheel, letters in _POSITIONS.items():
-        for word in words:
+        for word in set(words) - _WHEEL_WORDS:  # `whl` ends like `hl`, rear left
             stems = [word[: -len(end)] for end in letters if word.endswith(end)]
             of_wheel = (len(words) == 1 and word == wheel) or _WHEEL_WORDS & (set(words) - {word})
             if any(stem in _WHEEL_WORDS or (not stem and of_wheel) for stem in stems):
