@@ -5,7 +5,6 @@ its own.
 
 Its hypotheses differ in how much the wheels' radii drift of themselves. Here the ladders of levels are
 others; and what is stated of all hypotheses is held against what fewer of them would state.
-`bench/results/estimators.md` has the figures.
 """
 
 from __future__ import annotations

@@ -12,13 +12,10 @@ from typing import Any
 
 from scipy.stats import t as student_t
 
-from bench.campaigns.onboard.estimators.methods import ALL, DEFAULT, POSITIONS, TEXTBOOK
-from bench.campaigns.onboard.estimators.tasks import FOUR, LIMIT, NUMBERS, RECEIVERS, USUAL
+from bench.campaigns.onboard.estimators.methods import DEFAULT, POSITIONS, TEXTBOOK
+from bench.campaigns.onboard.estimators.tasks import LIMIT, NUMBERS, RECEIVERS, USUAL
 
 Row = dict[str, Any]
-NEES_BAND = (0.7, 1.4)
-"""Bounds of the mean of e' P^-1 e over its dimension."""
-COVER = (0.90, 0.98)
 LIBRARY_BAR = 5.0
 COST_MS, COST_RATIO = 0.15, 2.5
 KERNEL_BAR = 1.0 / 3.0
@@ -198,38 +195,8 @@ def _slowest(cost: dict[str, dict[str, float]]) -> Claim:
     )
 
 
-def bars(rows: list[Row], speed: dict[str, Any] | None) -> list[Claim]:
-    """The bars of both of the product's filters, with all measurements and correlated errors."""
-    out = []
-    for method in FOUR:
-        some = pick(rows, method=method, receiver="correlated", inputs=ALL, front=False)
-        four = pick(rows, method=method, receiver="correlated", inputs=ALL, front=True)
-        if not some or not four:
-            continue
-        cells = sorted({row["scenario"] for row in some})
-        pair = {c: mean(pick(some, scenario=c), "nees_pair") / 2 for c in cells}
-        whole = {c: mean(pick(four, scenario=c), "nees_four") / 4 for c in cells}
-        for name, found in (("the pair", pair), ("four wheels", whole)):
-            out.append(
-                Claim(
-                    f"NEES of {name} over its dimension is {NEES_BAND[0]} to {NEES_BAND[1]} ({method})",
-                    all(NEES_BAND[0] <= v <= NEES_BAND[1] for v in found.values()),
-                    ", ".join(f"{c} {v:.2f}" for c, v in found.items()),
-                )
-            )
-        for key, name in (("cover_difference", "left-right difference"), ("cover_radius", "radius")):
-            share = {c: mean(pick(some, scenario=c), key) for c in cells}
-            out.append(
-                Claim(
-                    f"95 % intervals of the {name} cover 90 to 98 % ({method})",
-                    all(COVER[0] <= v <= COVER[1] for v in share.values()),
-                    ", ".join(f"{c} {100 * v:.0f} %" for c, v in share.items()),
-                )
-            )
-    return out + (_speed_bars(speed) if speed is not None else [])
-
-
-def _speed_bars(speed: dict[str, Any]) -> list[Claim]:
+def bars(speed: dict[str, Any]) -> list[Claim]:
+    """The bars of the cost; those of intervals are `bench run intervals`'."""
     usual, thousand = str(USUAL), "1000"
     cost = speed["methods_ms"]
     ours, default = cost["mpf-pn"][usual], cost[DEFAULT]["0"]
