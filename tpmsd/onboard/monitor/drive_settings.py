@@ -10,14 +10,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DriveModel:
-    """What may make the radii of a whole drive others than learned while no tyre is at fault; standard
-    deviations beside those of `ReferenceSettings`, relative to the radius."""
+    """Reason why the radii of a whole drive differ from those learned while no tyre is at fault; standard
+    deviations beside those of `ReferenceSettings`, relative to the radius.
+    """
 
     name: str
     prior: float
     """Probability beforehand, of one drive."""
     hides: str = ""
-    """What of a loss it hides, for people."""
+    """Part of a loss that it hides, in words."""
     load_std: tuple[float, float] = (0.0, 0.0)
     """Load of the front and of the rear axle."""
     drag_std: float = 0.0
@@ -25,7 +26,7 @@ class DriveModel:
     hill_std: float = 0.0
     """Slip of the driven axles on slopes, per m/s2."""
     hill_times: tuple[float, float] = (1.0, 0.0)
-    """How many times the learned slip on slopes, and per acceleration, and its standard deviation; ..."""
+    """Factor on the learned slip on slopes and per acceleration, with its standard deviation; ..."""
     drag_times: tuple[float, float] = (1.0, 0.0)
     """... the same of the slip by drag."""
     slip_std: float = 0.0
@@ -116,8 +117,9 @@ class DriveEvidenceSettings:
     """Variance of the mean of estimates 20 s apart relative to independent ones: their memory is 4 to 40 s,
     which makes 1.0 to 4.1."""
     lasting_share: float = 0.1
-    """Of the variance of what comes and goes by side and by wheel: so much lasts all drive long (crown of the
-    road, wind)."""
+    """Fraction of the fluctuating variance by side and by wheel that lasts all drive long (crown of the road,
+    wind).
+    """
     kept: int = 12
     """Onsets in doubt of each shape, besides the start and the last ones; the likeliest are kept."""
     start_prior: float = 0.5
@@ -149,16 +151,17 @@ class SlipSlopeSettings:
     slowest_beside_receiver_mps: float = 8.0
     """Below, a receiver's error of 0.05 m/s is 0.6 % and more."""
     span_s: float = 1.0
-    """Of way before and after a fix, for the speed and acceleration of the wheels: a tooth of 48 is
-    0.04 m, 0.01 m/s2 over four wheels."""
+    """Time before and after a fix over which the wheels' speed and acceleration are taken, s: a tooth of 48
+    is 0.04 m, 0.01 m/s2 over four wheels.
+    """
     most_speed_noise: float = 2.0
-    """Of a fix, relative to usual: beyond it the sky is obstructed."""
+    """Speed noise of a fix relative to the usual one: beyond it the sky is obstructed."""
     accel_mps2: tuple[float, float] = (-0.4, 2.5)
     """Harder braking than an engine does is done by all four wheels; no road car keeps up more."""
     most_bend: float = 0.06
     """Wheelbase over radius: 45 m. In tighter bends side slip of the front wheels counts."""
     hill_std_mps2: float = 0.1
-    """By which the slope of the road changes within a window, 1 %, ..."""
+    """Standard deviation of the road's slope within a window, 1 %, ..."""
     hill_s: float = 10.0
     """... and for how long it does: 200 m."""
     noise_share: float = 2.0
@@ -172,7 +175,7 @@ class LevelSettings:
     reflected_mps: float = 0.1
     """Error of the receiver's speed by reflected signals, over an estimate's memory of half a minute."""
     reflected_share: float = 0.02
-    """Of all samples (assumed)."""
+    """Fraction of all samples (assumed)."""
     reflected_samples: float = 4.0
     """Samples in a row, 20 s apart: reflections last for 5 to 40 s, an estimate's memory as long again."""
     slowest_mps: float = 4.0

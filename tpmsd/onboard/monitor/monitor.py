@@ -62,7 +62,7 @@ class Monitor:
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._cached = (self._judged, self._judged.by_wheel())
-        """What was judged, and the same as plain numbers."""
+        """Result of the judgement, and the same as plain numbers."""
         self._trusted, self._restored = True, False
         self._since_seen_s = math.inf
         """Since the wheels were last known well enough to see a soft one."""
@@ -104,11 +104,11 @@ class Monitor:
 
     @property
     def questions(self) -> tuple[Question, ...]:
-        """What has probably changed and cannot be told apart."""
+        """Questions: what has probably changed and cannot be distinguished."""
         return self._questions.standing
 
     def learning(self) -> LearningReport:
-        """What is learned, of which tyres."""
+        """Report of what is learned, of which tyres."""
         return self._sets.report()
 
     # -- per tick --------------------------------------------------------------------------------------------
@@ -159,21 +159,21 @@ class Monitor:
         )
 
     def car_states(self, kmh: int) -> None:
-        """A control unit of the car states its speed (OBD-II), 0 to 255 km/h."""
+        """Note that a control unit of the car states its speed (OBD-II), 0 to 255 km/h."""
         self._signals.car.state(kmh)
 
     def car_speed(self) -> dict[str, Any]:
-        """Whether wheels and receiver agree with the car's own speed, for the status; null: not known."""
+        """Return whether wheels and receiver agree with the car's own speed, for the status; null: not known."""
         heard = self._signals.car.heard
         return {"wheels_agree": heard.wheels, "receiver_agrees": heard.receiver}
 
     def _watching(self) -> Watching:
-        """Whether a soft tyre would be seen now."""
+        """Return the state of the monitor that malfunctions depend on."""
         sees = self._since_seen_s <= JUDGE.seen_fresh_s
         return Watching(sees, self._sets.undecided, self._configuration.contradiction, self._encoders.losing)
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
-        """A second of driving: judge, decide on a reset, learn."""
+        """Judge a second of driving, decide on a reset, learn."""
         events: list[AlarmEvent] = []
         trusted = False
         judging = self._sets.judging
@@ -232,7 +232,7 @@ class Monitor:
         return events
 
     def _ask(self, elapsed_s: float, time_s: float) -> None:
-        """What is asked after this second of driving; nothing of tyres that may be others."""
+        """Ask what this second of driving leaves open; nothing of tyres that may be others."""
         if self._sets.is_first(bool(self._first.standing)):
             self._questions.at_first(self._first.suspected, elapsed_s)
         found = None if self._sets.other_tyres else self._judged
@@ -316,7 +316,7 @@ class Monitor:
         return events
 
     def explain(self, report: MonitorReport | None) -> dict[str, Any]:
-        """What stands behind the alarms, or behind there being none; `report`: the last one."""
+        """Return the reasons of the alarms, or of there being none; `report`: the last one."""
         return self._why.document(report, self._signals.standing, self._sets)
 
     # -- reports ---------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""What the monitor hands to the sinks: one `MonitorReport` per tick.
+"""Records that the monitor hands to the sinks: one `MonitorReport` per tick.
 
 In: nothing (plain records). Out: `WheelState`, `AlarmKind`, `WheelReport`, `AlarmEvent`, `MonitorReport`.
 Times are seconds of the host clock, as in `tpmsd.onboard.timeline.tick.Tick`; NaN stands for a number
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class WheelState(StrEnum):
-    """What is being done for one wheel."""
+    """State of one wheel's monitoring."""
 
     UNAVAILABLE = "unavailable"
     """Nothing is known of this wheel: not on the bus, or its signals are not usable."""
@@ -29,7 +29,7 @@ class WheelState(StrEnum):
 
 
 class AlarmKind(StrEnum):
-    """What an alarm says."""
+    """Kinds of alarms."""
 
     RADIUS_DEVIATION = "radius_deviation"
     """The rolling radius has changed against the learned baseline, in either direction."""
@@ -81,10 +81,10 @@ class AlarmEvent:
     since: str = ""
     """`before the first start` for a tyre that was never learned sound; else empty."""
     rate_percent_per_week: float = math.nan
-    """Of a slow leak: pressure lost per week; NaN for other kinds, as its standard deviation."""
+    """Pressure that a slow leak loses per week, %; NaN for other kinds, as its standard deviation."""
     rate_std_percent_per_week: float = math.nan
     low_on: str = ""
-    """Of a slow leak: the day (ISO 8601) on which the tyre will have lost 20 %; empty for other kinds."""
+    """Day (ISO 8601) on which a slow leak will have lost 20 %; empty for other kinds."""
     low_between: tuple[str, str] = ("", "")
     """Interval of 95 % of that day."""
 
@@ -103,7 +103,7 @@ class AlarmEvent:
 
 @dataclass(frozen=True, slots=True)
 class LearningReport:
-    """What the baseline is, for people and programs."""
+    """State of the baseline, for people and programs."""
 
     tyres: str
     """Name of the set of tyres that is driven."""
@@ -114,7 +114,7 @@ class LearningReport:
     samples_by_kmh: tuple[tuple[int, int], ...]
     """Samples learned in each range of speed, by its middle in km/h."""
     reset: Literal["none", "learning", "accepted", "refused"]
-    """What became of the last reset."""
+    """Outcome of the last reset."""
     reset_reason: str
     """One sentence on it; empty if there was none."""
     resets: int = 0
@@ -122,7 +122,7 @@ class LearningReport:
 
 
 class MonitorReport(NamedTuple):
-    """What the monitor knows at the end of one tick."""
+    """Report of the monitor at the end of one tick."""
 
     time_s: float
     wheels: tuple[WheelReport, ...]
@@ -131,9 +131,9 @@ class MonitorReport(NamedTuple):
     events: tuple[AlarmEvent, ...]
     """The alarms raised or cleared in this very tick."""
     learning_fraction: float
-    """How much of the baseline is learned, 0 to 1."""
+    """Fraction of the baseline that is learned, 0 to 1."""
     learning: LearningReport | None = None
     sight: Sight | None = None
-    """Which losses would be seen now; None before anything was judged."""
+    """Minimum detectable losses; None before anything was judged."""
     questions: tuple[Question, ...] = ()
-    """What has probably changed and cannot be told apart."""
+    """Questions: what has probably changed and cannot be distinguished."""

@@ -18,7 +18,7 @@ from tpmsd.onboard.monitor.slow_leaks.settings import ReadingSettings, TrendSett
 
 @dataclass(frozen=True, slots=True)
 class ConditionSettings:
-    """How the car is driven: what radii depend on."""
+    """Settings of the driving conditions that radii depend on."""
 
     memory_s: tuple[float, float] = (4.0, 40.0)
     """Shortest and longest memory of an estimate that is believed."""
@@ -42,7 +42,7 @@ class ReferenceSettings:
     """The regression of radii on conditions; priors that it shares with effects are in `physics.priors`."""
 
     knots_mps: tuple[float, ...] = (8.0, 16.0, 24.0, 32.0, 40.0)
-    """Of the ranges of speed that are learned each for itself: 30 km/h apart, from town to motorway."""
+    """Centres of the speed ranges that are learned each for itself: 30 km/h apart, from town to motorway."""
     per_speed2: float = 1000.0
     """Unit of speed squared, (m/s)^2: 32 m/s."""
     own_std: float = 0.01
@@ -50,7 +50,7 @@ class ReferenceSettings:
     growth_own_std: float = 5e-4
     """Growth at 32 m/s between wheels of different load, tread and make."""
     speed_std: float = 1.5e-4
-    """What all wheels do else by speed, in each range: 0.05 mm."""
+    """Standard deviation of what else all wheels do in each range of speed: 0.05 mm."""
     warm_axle_std: float = 2e-4
     """Front against rear when warm: the engine's heat, brakes; 0.06 mm."""
     hill_free_std: float = 3e-4
@@ -61,7 +61,9 @@ class ReferenceSettings:
     """0.1 mm: 3.5 K."""
     wander_std: float = 2e-4
     wander_own_std: float = 2e-4
-    """What comes and goes within a drive, of all wheels and of one: 0.06 mm, as the recordings show."""
+    """Standard deviation of fluctuations within a drive, of all wheels and of one: 0.06 mm, as the recordings
+    show.
+    """
     wander_s: float = 900.0
     """Time constant of what comes and goes within a drive."""
     far_stds: float = 10.0
@@ -74,7 +76,7 @@ class ReferenceSettings:
 
 @dataclass(frozen=True, slots=True)
 class BaselineSettings:
-    """What is learned of the car, and when."""
+    """Settings of what is learned of the car, and when."""
 
     sample_every_s: float = 20.0
     """Between two samples: the estimate's memory is 4 to 40 s."""
@@ -95,7 +97,7 @@ class BaselineSettings:
     doubt_s: float = 180.0
     """Time constant of the share of driving during which something was suspected."""
     unsettled_share: float = 0.5
-    """Of the growth that the estimate's memory has yet to follow: how well its lag is known."""
+    """Relative uncertainty of the growth that the estimate's memory has yet to follow."""
     unsettled_speed2: float = 150.0
     """(m/s)^2; while speed changes faster, nothing is learned."""
     longest_s: float = 1e9
@@ -117,13 +119,17 @@ class JudgeSettings:
     """An alarm of all wheels rests on the receiver's speed alone, which is held against its positions over so
     long (`estimators.path_length`): a receiver whose speed drifts is a malfunction by then."""
     losses_per_km: tuple[float, float, float, float] = (4.5e-6, 1.4e-6, 4.5e-7, 4.5e-6)
-    """How often each subset of one to four tyres loses air: one tyre in 220,000 km, two or three at once more
-    rarely, all four by diffusion and neglect as often as one (docs/explanation/alarms.md has the sources)."""
+    """Rate at which each subset of one to four tyres loses air, per km: one tyre in 220,000 km, two or three
+    at once more rarely, all four by diffusion and neglect as often as one (docs/explanation/alarms.md has the
+    sources).
+    """
     unseen_km: float = 220.0
     """Over which a loss may have gone unseen, in a week of 12,000 km a year: a prior of 1 in 1,000."""
     unseen_alike_km: float = 1000.0
-    """The same of all four alike, which only long drives at learned speeds show: a month, and a prior of 1 in
-    220. Without a monitor 3 % of passenger cars and 6 % of light trucks are driven so [NHTSA 2001]."""
+    """Distance over which a loss of all four alike stays unseen, for only long drives at learned speeds show
+    it: a month, and a prior of 1 in 220. Without a monitor 3 % of passenger cars and 6 % of light trucks are
+    driven so [NHTSA 2001].
+    """
     prior_larger: float = 1e-4
     """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told,
     as rare as three tyres that lose air at once.
@@ -133,28 +139,32 @@ class JudgeSettings:
     were changed front to rear: chains, other tyres, a receiver that scales; a few drives in a thousand
     (assumed)."""
     resized: tuple[float, float] = (0.02, 0.006)
-    """By how much, relative, mean and standard deviation: a temporary spare 1 to 3 %, chains 2 to 3 %."""
+    """Relative difference of a wheel of another size, mean and standard deviation: a temporary spare 1 to 3
+    %, chains 2 to 3 %.
+    """
     most_larger: float = 0.05
     """A wheel that seems larger than was learned by more, relative, has an estimate that is lost: snow chains
     add 2 to 3 %, no tyre more."""
     harmless: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
-    """What comes and goes beyond what the baseline explains: wind, camber, ruts, load in bends."""
+    """Fluctuations beyond what the baseline explains: wind, camber, ruts, load in bends."""
     harmless_s: float = 30.0
     """Correlation time of what of it acts by side and by wheel. Left against right strays by 0.28 mm on a
     recorded motorway (van-motorway-a), as `harmless` and the baseline have it, for some 30 s at a time."""
     other_tyres: Nuisance = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
-    """How tyres of another set differ: by size and wear of all and of an axle, and little among
-    themselves."""
+    """Differences of tyres of another set: by size and wear of all and of an axle, and little among
+    themselves.
+    """
     full_samples: int = 7
-    """Of the mean, from which it speaks of several tyres: two minutes of driving."""
+    """Samples of the mean from which it judges several tyres: two minutes of driving."""
     undecided: float = 0.5
     """A probability that neither raises nor clears."""
     suspicious: float = 0.5
     """Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not
     become normal, however improbable faults are beforehand."""
     suspicious_at_first: float = 3.0
-    """The same while the car is learned for the first time. A baseline of a few samples is off by half a
-    millimetre; held to the former limit it would take its own error for a fault and never learn better."""
+    """Value while the car is learned for the first time. A baseline of a few samples is off by half a
+    millimetre; held to the former limit it would take its own error for a fault and never learn better.
+    """
     every_s: float = 1.0
     """Between two judgements."""
     sight_stds: float = 1.28
@@ -195,8 +205,9 @@ class FirstStartSettings:
     """Least and greatest relative loss and their number: from a loss of 20 % of the pressure to a flat
     tyre."""
     soft_prior: float = 0.01
-    """Of each wheel: every hundredth tyre on the road is soft by 20 % and more alone (3 % of cars have one
-    tyre that is 25 % low: assumed)."""
+    """Prior probability per wheel: every hundredth tyre on the road is soft by 20 % and more alone (3 % of
+    cars have one tyre that is 25 % low: assumed).
+    """
     larger_prior: float = 0.0005
     """A single larger tyre is a mixed one, and rare."""
 
@@ -261,15 +272,15 @@ class ConfigurationSettings:
     radius_share: float = 0.05
     """Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""
     radius_intervals: int = 120
-    """Of which the median is taken: two minutes, in which no bend or slope lasts."""
+    """Number of intervals of which the median is taken: two minutes, in which no bend or slope lasts."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExplanationSettings:
-    """What is kept so that an alarm can be explained."""
+    """Settings of what is kept so that an alarm can be explained."""
 
     keep_every_s: float = 10.0
-    """Of driving, between two moments that are kept."""
+    """Driving time between two moments that are kept, s."""
     kept: int = 60
     """Moments: the last ten minutes."""
     kept_alarms: int = 16
@@ -289,7 +300,7 @@ class TyreSetSettings:
     most_sets: int = 8
     """Summer, winter, two drivers' spares: more is a mistake of who asks."""
     soft_probability: float = 0.9
-    """Of a soft tyre, from which a reset to the same set is refused."""
+    """Probability of a soft tyre from which a reset to the same set is refused."""
     most_reason: int = 500
     """Characters of a saved reason."""
     allowance: float = 10.0

@@ -9,7 +9,8 @@ from tpmsd.onboard.monitor.records import AlarmEvent
 
 
 def alarm_entry(alarm: AlarmEvent, start_s: float | None = None) -> dict[str, Any]:
-    """An alarm raised or cleared, with the keys of the public formats; some only where they are known.
+    """Return an alarm raised or cleared with the keys of the public formats, some of them only where they are
+    known.
 
     `start_s`: when the drive began (host clock, s); with it the entry also holds `drive_time_s`.
     """

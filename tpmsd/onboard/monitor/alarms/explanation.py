@@ -1,4 +1,4 @@
-"""Why an alarm stands, and why none does: what was believed, the evidence, the alternatives.
+"""Reasons why an alarm stands and why none does: the posterior, the evidence, the alternatives.
 
 In: every judgement of the monitor, and the ticks between. Out: a document of plain JSON types, for
 `tpmsd explain`. Nothing here decides anything; what is kept is bounded.
@@ -43,7 +43,7 @@ class _Judged:
 
 
 class Explanation:
-    """What one monitor has to say for itself."""
+    """Record of the evidence of one monitor."""
 
     def __init__(self, wheels: list[int], settings: MonitorConfig, threshold_m: float) -> None:
         """`threshold_m`: the loss from which a tyre counts as deflated."""
@@ -83,7 +83,7 @@ class Explanation:
             self._moments.append(self._in_words(self._judged))
 
     def alarm(self, event: AlarmEvent) -> None:
-        """An alarm was raised or cleared: keep what spoke for it."""
+        """Keep the evidence of an alarm that was raised or cleared."""
         evidence = list(self._moments)[-EXPLANATION.around :]
         before = None
         if self._judged is not None:
@@ -123,7 +123,7 @@ class Explanation:
     def document(
         self, report: MonitorReport | None, malfunctions: Iterable[AlarmEvent], sets: TyreSets
     ) -> dict[str, Any]:
-        """The document, in JSON's types. `report`: the last one; `malfunctions`: those that stand."""
+        """Return the document in JSON's types. `report`: the last one; `malfunctions`: those that stand."""
         states = {WHEELS[w]: "unavailable" for w in self._wheels}
         if report is not None:
             states |= {wheel.wheel: str(wheel.state) for wheel in report.wheels if wheel.wheel in states}
@@ -209,7 +209,7 @@ class Explanation:
         }
 
     def _in_words(self, judged: _Judged) -> dict[str, Any]:
-        """One moment of the evidence."""
+        """Return one moment of the evidence."""
         if self._cached is None or self._cached[0] is not judged:
             self._cached = (judged, self._moment(judged))
         return self._cached[1]
@@ -259,7 +259,7 @@ class Explanation:
         }
 
     def _alternatives(self) -> list[dict[str, Any]]:
-        """What may have happened, the most probable first, with why it lost."""
+        """Return the hypotheses, the most probable first, each with the reason why it lost."""
         if self._judged is None:
             return []
         bank = self._judged.judgement.posterior
@@ -296,7 +296,7 @@ class Explanation:
         return entries[: EXPLANATION.best]
 
     def _would_change(self) -> list[str]:
-        """What would make another hypothesis the most probable, or an alarm of what is suspected."""
+        """Return what would make another hypothesis the most probable, or an alarm of what is suspected."""
         if self._judged is None or self._judged.judgement.posterior is None:
             return []
         judgement, bank = self._judged.judgement, self._judged.judgement.posterior

@@ -1,4 +1,4 @@
-"""What the change of the radii says of each tyre.
+"""Posterior of each tyre's loss, given the change of the radii.
 
 In: the changes against the baseline, now and over the last minutes. Out: a `Judgement`: for each wheel how
 probable a deflation and a deviation are, how much radius and how much pressure are lost.
@@ -30,7 +30,7 @@ from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one comparison of hypotheses says, and of which change."""
+    """Result of one comparison of hypotheses, with the change that it is about."""
 
     over: Literal["now", "minutes", "drive"]
     """The time over which the change was seen."""
@@ -40,9 +40,9 @@ class Finding:
     covariance_m2: FloatArray
     """(d, d) with what is harmless."""
     account: int | None = None
-    """Of a change over a drive: which of its `Accounts`."""
+    """Index of the change among those of the drive; None for another comparison."""
     usual: float = 1.0
-    """Of a drive: probability that it is as learned, no tyre has lost air and none is of another size."""
+    """Probability that the drive it is as learned, no tyre has lost air and none is of another size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +64,15 @@ class Judgement:
     suspicion: float
     """Log-likelihood ratio of the best loss to none; infinite if the change is nothing that is known."""
     contrast_std_m: float = math.inf
-    """How well the wheels are known against each other: the largest standard deviation of one wheel's change
-    less the mean of all."""
+    """Largest standard deviation of one wheel's change less the mean of all."""
     now: Change | None = None
     """The change at this moment."""
     finding: Finding | None = None
-    """What sees the most of a loss."""
+    """Comparison that detects the most of a loss."""
     account: int | None = None
     """The likeliest of the drive's `Accounts`, where it alone shows a loss."""
     sight: Sight | None = None
-    """Which losses would be seen; None before anything was judged."""
+    """Minimum detectable losses; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
     unusual: float = 0.0
@@ -85,7 +84,7 @@ class Judgement:
 
     @property
     def all_alike(self) -> bool:
-        """Whether the most probable loss is one of all wheels: then only the receiver tells it from none."""
+        """True if the most probable loss is one of all wheels, which only the receiver tells from none."""
         return self.finding is not None and bool(self.finding.verdict.best_loss_m.min() > 0.0)
 
     @property
@@ -100,8 +99,9 @@ class Judgement:
         return Grip.low(self.drive_models)
 
     def trusted(self, settled: bool) -> bool:
-        """Whether the baseline may learn; `settled`: whether it has been learned once. Nothing is
-        learned on a slippery drive of a car that is known."""
+        """Return whether the baseline may learn; `settled`: whether it has been learned once. Nothing is
+        learned on a slippery drive of a car that is known.
+        """
         if settled and self.slippery > JUDGE.undecided:
             return False
         return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)
@@ -140,7 +140,7 @@ class Judge:
         self._harmless = harmless
         self.harmless_m2 = harmless.covariance(wheels, self._radius)
         self._of_mean_m2: dict[int, FloatArray] = {}
-        """What comes and goes in a mean of so many samples (d, d)."""
+        """Covariance (d, d) of the nuisance changes that a mean of so many samples keeps, m2."""
         self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
         self._threshold = settings.deflation_percent / 100.0
         if settings.deflation_pressure_percent is not None:
@@ -244,7 +244,9 @@ class Judge:
         against: Comparison,
         models: dict[str, float],
     ) -> Finding:
-        """What a change of covariance (d, d) says where the drive may slip as its `models` have it."""
+        """Return the finding for a change of covariance (d, d) on a drive that may slip as its `models` have
+        it.
+        """
         slipping = self._grip.accounts(change.change_m, covariance_m2, change.samples, models)
         each_m2 = slipping.covariance_m2
         change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
@@ -267,7 +269,7 @@ class Judge:
     def _windows(
         self, now: Finding, mean: Finding, samples: int, drive: Finding | None, models: dict[str, float]
     ) -> list[Window]:
-        """What each window of onsets is believed to say; `drive`: the drive as a whole.
+        """Return each window of onsets with its weight; `drive`: the drive as a whole.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
@@ -299,8 +301,9 @@ class Judge:
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
     def _sight(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> Sight:
-        """One tyre is seen by the mean over minutes, all alike and axles by the drive as a whole, or if there
-        is none by a mean that is long enough."""
+        """Return the minimum detectable losses: one tyre by the mean over minutes, all alike and axles by the
+        drive as a whole, or if there is none by a mean that is long enough.
+        """
         if not alike and mean.samples >= JUDGE.full_samples:
             alike = self._alike(mean.change_m[None], mean_m2[None], np.zeros(1))
         whole, axles = (alike[0], alike[1:]) if alike else (None, ())

@@ -1,4 +1,4 @@
-"""What the monitor asks: a tyre has probably changed, and nothing tells which cause it is.
+"""Questions of the monitor: a tyre has probably changed, and nothing tells the cause.
 
 In: every judgement. Out: the `Question`s that stand. An alarm says what is known, a question what is not, so
 that nothing is kept silent.
@@ -45,7 +45,7 @@ class Question:
     """Host time at which it was first asked."""
 
     def entry(self) -> dict[str, object]:
-        """The question as every JSON document shows it."""
+        """Return the question as every JSON document shows it."""
         return {
             "wheels": list(self.wheels),
             "question": self.question,
@@ -105,7 +105,7 @@ class Questions:
     def _of_bank(
         self, bank: Posterior, found: Judgement, elapsed_s: float
     ) -> list[tuple[tuple[str, ...], str, float]]:
-        """What the bank leaves open: the wheels, the question, the probability."""
+        """Return what the bank leaves open: the wheels, the question, the probability."""
         self._of_tyres.update(bank.changed, elapsed_s)
         self._of_load.update(found.unusual, elapsed_s)
         if self._of_tyres.active:
@@ -128,7 +128,7 @@ class Questions:
         self.standing = ()
 
     def _of_axle(self, found: Posterior) -> tuple[tuple[str, ...], str]:
-        """The axle of which a loss would look the same, and the question."""
+        """Return the axle of which a loss would look the same, and the question."""
         place = max(self._axles, key=lambda one: float(found.subsets[one]))
         names = self._names(self._subsets[place])
         return names, (
@@ -137,7 +137,7 @@ class Questions:
         )
 
     def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
-        """The wheels of the likeliest change, and the question with the causes in their order."""
+        """Return the wheels of the likeliest change, and the question with the causes in their order."""
         causes: list[tuple[float, tuple[str, ...], str]] = []
         for members, chance in zip(self._subsets, found.subsets.tolist(), strict=True):
             names = self._names(members)

@@ -17,7 +17,7 @@ from tpmsd.onboard.monitor.settings import TYRE_SETS
 
 
 def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:
-    """What is kept of an alarm that stands; radii are not, for they are estimated anew."""
+    """Return what is kept of an alarm that stands; radii are left out, for they are estimated again."""
     return {
         "kind": str(event.kind),
         "wheel": event.wheel,
@@ -31,8 +31,9 @@ def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:
 
 
 def alarm_from_json(entry: dict[str, Any], known: Container[tuple[AlarmKind, int]]) -> AlarmEvent:
-    """The alarm again; `known`: kinds and wheels that this car's monitor has. Raises ValueError, KeyError or
-    TypeError."""
+    """Return the alarm that was saved; `known`: kinds and wheels that this car's monitor has. Raises
+    ValueError, KeyError or TypeError.
+    """
     event = AlarmEvent(
         time_s=number(entry["time_s"], -LARGEST, LARGEST, "time"),
         kind=AlarmKind(entry["kind"]),

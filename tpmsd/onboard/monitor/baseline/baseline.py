@@ -47,7 +47,7 @@ _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 def typical(
     moments: list[_Sample], expected: FloatArray, radius_m: FloatArray, fellows: FloatArray
 ) -> _Sample:
-    """Of moments in a row the last one; or, where a wheel spins or is locked beside its fellow just then, the
+    """Return the last of moments in a row; or, where one wheel of an axle spins or is locked just then, the
     one that is nearest to the median of each wheel. What both wheels of an axle do tells of grip, and stays.
 
     `expected` (n,): parameters of the reference; radius_m (d,) nominal; fellows (a, d): 1 and -1 for the
@@ -76,11 +76,11 @@ class Change:
     covariance_m2: FloatArray
     """(d, d) of estimate and baseline."""
     samples: int
-    """How many estimates it is the mean of."""
+    """Number of estimates that it is the mean of."""
     own_m2: FloatArray
     """(d, d) of the estimate alone."""
     fits: bool
-    """Whether it is what the baseline expects, harmless changes allowed for."""
+    """True if it is what the baseline expects, nuisance changes allowed for."""
 
 
 class Baseline:
@@ -103,7 +103,9 @@ class Baseline:
         """Since the last of the recent samples, and since the last that was learned."""
         self.reference = Reference(vehicle)
         self._shadow: Reference | None = None
-        """What counts from the next drive on; None as long as the car is learned for the first time."""
+        """Shadow baseline: counts from the next drive on; None as long as the car is learned for the first
+        time.
+        """
         self._doubt = 0.0
         """Share of the last minutes of driving during which something was suspected."""
         self.ready = False
@@ -117,17 +119,17 @@ class Baseline:
         self._moments: list[_Sample] = []
         """Each second since the last of the recent samples."""
         self._evidence: DriveEvidence | None = None
-        """Of this drive."""
+        """Evidence of this drive."""
         self._first_drive = False
-        """Whether the car was not known when that began."""
+        """True if the car was not known when the drive began."""
         self._by_drive = False
-        """Whether the last alarm was raised by the first drive as a whole alone."""
+        """True if the last alarm was raised by the first drive as a whole alone."""
         self._closed = False
-        """Whether this drive is not asked any more."""
+        """True if the drive as a whole is not judged any more."""
 
     @property
     def fraction(self) -> float:
-        """How much of the first learning is done, 0 to 1."""
+        """Fraction of the first learning that is done, 0 to 1."""
         return 1.0 if self.ready else min(self._learned_s / self._learn_s, 0.99)
 
     @property
@@ -156,7 +158,7 @@ class Baseline:
 
     @property
     def settled(self) -> bool:
-        """Whether the car has been learned once, so that drives are held against what was known before."""
+        """True if the car has been learned once, so that drives are compared with what was known before."""
         return self._shadow is not None
 
     @property
@@ -222,8 +224,8 @@ class Baseline:
         return None if np.any(larger_m > JUDGE.most_larger * self._radius) else now
 
     def alarm_turned(self, account: int | None) -> None:
-        """An alarm was raised or cleared; `account`: the one by which the drive as a whole raised it, and
-        nothing else did.
+        """Note that an alarm was raised or cleared; `account`: the one by which the drive as a whole raised
+        it, and nothing else did.
 
         While the car is learned for the first time, what was learned on such a drive holds part of the loss,
         and is estimated anew beside it. After any other alarm the drive is not asked again until the car has
@@ -242,27 +244,30 @@ class Baseline:
             self._shadow = self.reference.copy()
 
     def forget_recent(self) -> None:
-        """What was seen in the last minutes is not to be believed, or is another drive's."""
+        """Forget the samples of the last minutes, which are wrong or another drive's."""
         self._slip_seen, self._slip_taught = SlopeSums(), SlopeSums()
         self._recent.clear()
         self._moments.clear()
         self._evidence, self._closed, self._first_drive = None, False, False
 
     def accounts(self, *, alarm_stands: bool) -> Accounts | None:
-        """What the drive as a whole says; None as long as it is too short. While an alarm stands a first
-        drive is asked if it alone raised it."""
+        """Return the changes by the drive as a whole; None as long as it is too short. While an alarm stands
+        a first drive is asked if it alone raised it.
+        """
         asked = self.settled or self._by_drive or not alarm_stands
         return self._evidence.accounts if asked and self._evidence is not None else None
 
     def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
-        """Whether the radii are others than in the last minutes, so that a mean would mix two states."""
+        """Return whether the radii differ from those of the last minutes, so that a mean would mix two
+        states.
+        """
         before, before_own = self._against_expected(self._sum(), len(self._recent))
         change, own = self._against_expected(now, 1)
         off = change - before
         return bool(off @ np.linalg.solve(own + harmless_m2 + before_own, off) > FIT_LIMIT[off.size])
 
     def _sum(self) -> _Sample:
-        """Of the recent samples, of which there is one at least."""
+        """Return the sum of the recent samples, of which there is one at least."""
         if self._recent_sum is None or self._recent_sum[1] is not self._recent[-1]:
             self._recent_sum = functools.reduce(_added, self._recent), self._recent[-1]
         return self._recent_sum[0]
@@ -275,7 +280,7 @@ class Baseline:
         return change, (own / samples + unsettled) / samples
 
     def _change(self, total: _Sample, samples: int, harmless_m2: FloatArray) -> Change:
-        """As `_against_expected`, with what is known of the expected."""
+        """Return `_against_expected` with the uncertainty of what is expected."""
         change, own_m2 = self._against_expected(total, samples)
         h = total[3] / samples
         covariance = own_m2 + h @ self.reference.covariance @ h.T * self._radius2
@@ -315,7 +320,7 @@ class Baseline:
             self._slip_taught = SlopeSums()
 
     def _may_learn(self, covariance_m2: FloatArray, trusted: bool, at: Conditions) -> bool:
-        """Whether a sample of this covariance (d, d) may be learned now."""
+        """Return whether a sample of this covariance (d, d) may be learned now."""
         if not self.ready:
             return self._may_begin(covariance_m2)
         return trusted and abs(at.unsettled) <= BASELINE.unsettled_speed2
@@ -338,7 +343,7 @@ class Baseline:
             self._shadow = self.reference.copy()
 
     def _may_begin(self, covariance_m2: FloatArray) -> bool:
-        """Whether enough was driven and the wheels are known against each other."""
+        """Return whether enough was driven and the differences of the wheels are known."""
         if self._learned_s < self._learn_s:
             return False
         d = len(self._wheels)

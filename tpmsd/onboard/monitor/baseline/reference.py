@@ -54,7 +54,7 @@ _PLACES = np.arange(float(KNOTS_MPS.size))
 
 @dataclass(frozen=True, slots=True)
 class Innovation:
-    """What one measurement update found, relative to the radii."""
+    """Innovation of one measurement update, relative to the radii."""
 
     value: FloatArray
     """(d,) measured minus expected."""
@@ -65,7 +65,7 @@ class Innovation:
 
 
 class Reference:
-    """What is known of the car's radii."""
+    """Knowledge of the car's radii: a Gaussian over the terms of the baseline."""
 
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._radius = np.array(vehicle.wheel_radius_m)
@@ -73,7 +73,7 @@ class Reference:
             [vehicle.driven_axle in ("front", "all"), vehicle.driven_axle in ("rear", "all")]
         )
         self._share = 1.0 / max(int(self._driven.sum()), 1)
-        """Of the force that each driven axle transmits."""
+        """Fraction of the force that each driven axle transmits."""
         self._acts = self._signs()
         self.mean, self.covariance = self._prior()
         self.ranges = [0] * KNOTS_MPS.size
@@ -193,7 +193,7 @@ class Reference:
         return factor
 
     def widened(self, model: DriveModel) -> Reference:
-        """One in which this drive may differ from those before as `model` allows."""
+        """Return a reference in which this drive may differ from those before as `model` allows."""
         out = self.copy()
         slip_std = np.where(self._driven, self._share * model.slip_std, 0.0)
         (hill, hill_std), (drag, drag_std) = model.hill_times, model.drag_times
@@ -225,7 +225,7 @@ class Reference:
         return self._of_axles(model.axle_scatter) + np.eye(4) * model.own_scatter**2
 
     def forget_drive(self, load_only: bool) -> None:
-        """The car has stood: its load is another, and unless `load_only` so is the day."""
+        """Widen by what a stop may change: the load is another, and unless `load_only` so is the day."""
         std = _drive_std()
         places = list(range(LOAD.start, LOAD.stop)) if load_only else list(range(CAR, SIZE))
         self.mean[places] = 0.0
@@ -235,7 +235,7 @@ class Reference:
             self.covariance[place, place] = std[place - CAR] ** 2
 
     def copy(self) -> Reference:
-        """One that learns apart from this one."""
+        """Return a reference that learns apart from this one."""
         out = Reference.__new__(Reference)
         out._radius, out._driven, out._share = self._radius, self._driven, self._share
         out._acts = self._acts
@@ -252,7 +252,7 @@ class Reference:
 
     @classmethod
     def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> Reference:
-        """Back from the state file; ValueError if it is no baseline.
+        """Restore from the state file; ValueError if it is no baseline.
 
         Learning only ever narrows the prior, so no variance may be much wider and no parameter far from it.
         """
@@ -276,7 +276,7 @@ class Reference:
 
 
 def _with_age(saved: dict[str, Any], mean: float, variance: float) -> dict[str, Any]:
-    """A baseline that was saved before `AGE` was learned (0.6 and earlier), with its prior."""
+    """Return a baseline that was saved before `AGE` was learned (0.6 and earlier), with its prior."""
     rows = [[*row[:AGE], 0.0, *row[AGE:]] for row in saved["covariance"]]
     of_age = [variance if place == AGE else 0.0 for place in range(SIZE)]
     return {

@@ -1,4 +1,4 @@
-"""Which set of tyres the car itself says is mounted.
+"""Set of tyres that the car itself states as mounted.
 
 In: ticks. Out: the name of a set, when the car has changed to it. Some cars let the driver say so, or read it
 from the wheels' transponders; the number 0 is the set that is learned where nothing is said.
@@ -23,7 +23,7 @@ class SetSignal:
         self._steady_s = 0.0
 
     def update(self, tick: Tick) -> str | None:
-        """The set that was just said for long enough to be meant; None else."""
+        """Return the set that was just stated for long enough to be meant; None else."""
         number = tick.tyre_set
         if number != self._number:  # true for NaN, too
             self._number, self._steady_s = number, 0.0

@@ -46,7 +46,7 @@ class TyreSets:
         self._before: Baseline | None = None
         self._name_before = DEFAULT_SET
         self.mounted = SetSignal()
-        """What the car itself says of the set."""
+        """Set of tyres that the car itself states."""
         self.state: ResetState = "none"
         self.reason = ""
         self._requests = 0
@@ -156,12 +156,13 @@ class TyreSets:
 
     @property
     def undecided(self) -> bool:
-        """Whether a reset waits for its new baseline."""
+        """True while a reset waits for its new baseline."""
         return self._before is not None
 
     def is_first(self, reported: bool) -> bool:
-        """Whether these tyres have never been held against others: no reset yet, and either they are being
-        learned for the first time, or one was `reported` then."""
+        """Return whether these tyres have never been compared with others: no reset yet, and either they are
+        being learned for the first time, or one was `reported` then.
+        """
         early = self.baseline.learned_s < FIRST_START.first_s
         driven = self.baseline.ready or self.baseline.learned_s >= self._learn_s
         return self.state == "none" and driven and (early or reported)
@@ -179,7 +180,7 @@ class TyreSets:
 
     @property
     def other_tyres(self) -> bool:
-        """Whether the tyres on the car may be others than those of `judging`."""
+        """True if the tyres on the car may be others than those of `judging`."""
         return self._before is not None and self.name != self._name_before
 
     def report(self) -> LearningReport:
@@ -236,7 +237,9 @@ class TyreSets:
 
 
 def _allowance(saved: object) -> float:
-    """What is left of the ration of resets: a restart does not fill it up. ValueError beyond its bounds."""
+    """Return what is left of the ration of resets: a restart does not fill it up. ValueError beyond its
+    bounds.
+    """
     if (
         isinstance(saved, bool)
         or not isinstance(saved, int | float)

@@ -55,7 +55,7 @@ class Changes:
 
 
 class _Beside(NamedTuple):
-    """As in `Changes`, before the changes are solved for."""
+    """Sums of `Changes` before the changes are solved for."""
 
     information: FloatArray
     vector: FloatArray
@@ -73,7 +73,7 @@ class ChangeBank:
         self._reference, self._scatter = reference, scatter
         self.samples = 0
         self.log_likelihood = 0.0
-        """Of all samples, if no tyre has changed."""
+        """Log-likelihood of all samples if no tyre has changed."""
         self._onset = np.empty(0, dtype=np.intp)
         self._ramp = np.empty(0, dtype=np.bool_)
         self._sensitivity = np.empty((0, SIZE, d))
@@ -116,7 +116,7 @@ class ChangeBank:
         self.log_likelihood -= 0.5 * float(squares + log_volume)
 
     def _add_hypotheses(self, d: int) -> None:
-        """A step with this sample, and a ramp that begins with the one before."""
+        """Add a step with this sample, and a ramp that begins with the one before."""
         self._onset = np.append(self._onset, [self.samples, self.samples - 1])
         self._ramp = np.append(self._ramp, [False, True])
         self._sensitivity = np.concatenate([self._sensitivity, np.zeros((2, SIZE, d))])

@@ -31,7 +31,7 @@ from tpmsd.onboard.monitor.records import AlarmKind
 from tpmsd.onboard.monitor.settings import FIRST_START
 
 BEFORE = "before the first start"
-"""What `since` says of such an alarm."""
+"""Text of `since` for such an alarm."""
 LOSS_GRID = np.geomspace(*FIRST_START.losses)
 
 
@@ -42,11 +42,12 @@ class FirstVerdict:
     soft: FloatArray
     """Probability that it differs from its fellow as no set does, and more probably by a loss of its own."""
     larger: FloatArray
-    """The same, and more probably because it is larger than its fellow."""
+    """Probability (d,) that it is larger than the other wheel of its axle."""
     loss_m: FloatArray
     """Expected loss, m."""
     smaller_share: FloatArray
-    """How much smaller than its fellow it is, relative; negative where it is larger."""
+    """Relative amount by which it is smaller than the other wheel of its axle; negative where it is larger.
+    """
 
 
 def judge_first(
@@ -74,8 +75,9 @@ def judge_first(
 
 
 def _decided(soft: FloatArray, larger: FloatArray, wheels: list[int]) -> tuple[FloatArray, FloatArray]:
-    """A wheel that is soft and a fellow that is larger look alike but for the level of the axle: the more
-    probable of the two is named, with the probability that one of them is so."""
+    """Return the more probable of two that look alike but for the level of the axle, a soft wheel and a
+    larger other wheel, with the probability that one of them is so.
+    """
     soft, larger = soft.copy(), larger.copy()
     for k, wheel in enumerate(wheels):
         if wheel ^ 1 not in wheels:
@@ -167,7 +169,7 @@ class FirstStart:
         return {wheel for (_, wheel), alarm in self._alarms.items() if alarm.active}
 
     def stand(self, keys: Iterable[tuple[AlarmKind, int]]) -> None:
-        """What stands, after a restart or a reset; nothing else does."""
+        """Set what stands after a restart or a reset; nothing else does."""
         wanted = set(keys)
         for key, alarm in self._alarms.items():
             alarm.active, alarm.held_s = key in wanted, 0.0

@@ -1,4 +1,5 @@
-"""What wheels slip now, and over minutes, under each drive model: one model of grip for all looks.
+"""Slip of the wheels, of the moment and over minutes, under each drive model: one model of grip for all
+looks.
 
 In: the probability of each drive model by the drive as a whole, and a change. Out: accounts of that change:
 its covariance under each model, and the log weight of each if no tyre has changed.
@@ -59,8 +60,9 @@ class Grip:
     def accounts(
         self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]
     ) -> Slipping:
-        """Of a change (d,) that is the mean of so many samples, with the covariance (d, d) where nothing
-        slips. `models`: probability of each; empty while the drive is too short to tell."""
+        """Return the slip in a change (d,) that is the mean of so many samples, with the covariance (d, d)
+        where nothing slips. `models`: probability of each; empty while the drive is too short to tell.
+        """
         if not models:
             return Slipping(covariance_m2[None], np.zeros(1))
         chances = np.array([models[model.name] for model in DRIVE_EVIDENCE.models])

@@ -1,4 +1,4 @@
-"""Which tyres have lost radius? A comparison of hypotheses over all wheels at once.
+"""Comparison of hypotheses over all wheels at once: which tyres have lost radius.
 
 In: the change of the radii against the baseline with its covariance. Out: for each wheel the probability that
 it is deflated, and how large the loss is.
@@ -56,8 +56,9 @@ class Table:
         threshold: float,
         shape: tuple[int, int],
     ) -> Table:
-        """By n accounts of `row` (n,): logs of nothing lost (n,) and of each hypothesis and loss of them
-        (n, h, losses); `shape`: r and s."""
+        """Return the table of the n changes of `row` (n,): logs of nothing lost (n,) and of each hypothesis
+        and loss of them (n, h, losses); `shape`: r and s.
+        """
         r, s = shape
         shift = np.maximum(np.maximum.reduce(logs, axis=(1, 2)), none)
         shift = np.where(np.isfinite(shift), shift, -1e300)
@@ -75,7 +76,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the comparison says."""
+    """Result of the comparison."""
 
     deflated: FloatArray
     """(d,) probability that the wheel is deflated: a loss from the threshold on counts in full, a smaller one
@@ -106,12 +107,12 @@ class Verdict:
     intact: FloatArray
     """(n,) the same with nothing lost."""
     table: Table
-    """The same joint posterior by rows of sizes, for `evidence.posterior`."""
+    """Joint posterior by rows of sizes, for `evidence.posterior`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What changes of d tyres are held against."""
+    """Comparison of changes of d tyres with the hypotheses."""
 
     radius_m: FloatArray
     """(d,) nominal."""
@@ -121,8 +122,9 @@ class Comparison:
     """(s,) log likelihood ratio of each of `subsets` to none lost by other, independent evidence; None if
     there is none. It shifts the posterior, not the suspicion."""
     one_alone: bool = False
-    """Whether only losses of one wheel are considered: where an axle may be of any size, others cannot be
-    told from them."""
+    """True if only losses of one wheel are considered: where an axle may be of any size, others cannot be
+    told from them.
+    """
     sizes: Sizes | None = None
     """Wheels that may be of another size beside a loss; None: none of them."""
     limit: float = math.inf
@@ -253,9 +255,9 @@ def severity(threshold: float) -> FloatArray:
 
 @functools.cache
 def _hypotheses(d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What may have happened to d wheels, (h, d): 1 for those that lost, all subsets first; -1 for one that
-    is larger, where there are others to tell that by. And their prior probabilities (h,), and the logarithms
-    of each loss's share of them (h,).
+    """Return what may have happened to d wheels, (h, d): 1 for those that lost, all subsets first; -1 for one
+    that is larger, where there are others to tell that by. And their prior probabilities (h,), and the
+    logarithms of each loss's share of them (h,).
     """
     found = subsets(d)
     members = [[float(wheel in subset) for wheel in range(d)] for subset in found]

@@ -32,8 +32,9 @@ class Nuisance:
         return out * np.outer(radius_m, radius_m)
 
     def averaged(self, share: float) -> Nuisance:
-        """What is left in a mean in which the variance of what comes and goes quickly, by side and by wheel,
-        has fallen to `share`. What axles and all wheels do together lasts for minutes and stays."""
+        """Return what is left in a mean in which the variance of what comes and goes quickly, by side and by
+        wheel, has fallen to `share`. What axles and all wheels do together lasts for minutes and stays.
+        """
         quick = math.sqrt(share)
         return replace(self, side=self.side * quick, own=self.own * quick)
 

@@ -67,7 +67,7 @@ class Posterior:
     sizes: FloatArray
     """(r,) each row of sizes, what was lost beside it or not; the first: all as learned."""
     onsets: dict[Over, float]
-    """Of each window, that something was lost and began in it."""
+    """Probability per window that something was lost and began in it."""
     suspicion: float
     """Log-likelihood ratio of the best loss to none, whatever its prior, by what was seen lately."""
 

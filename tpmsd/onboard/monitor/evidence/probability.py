@@ -1,4 +1,4 @@
-"""What the monitor needs of normal and chi-square distributions, for plain numbers.
+"""Normal and chi-square distributions for plain numbers, as the monitor needs them.
 
 In: numbers. Out: probabilities and quantiles. scipy.special has both, but to import it takes a quarter of the
 daemon's start and keeps 20 MB of memory.
@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 
 MOST_STEPS = 60
-"""Of Newton's method; it comes from below, where the density is larger, and takes some steps far out."""
+"""Steps of Newton's method at most; it comes from below, where the density is larger, and takes some steps
+far out.
+"""
 
 
 def normal_cdf(z: float) -> float:
@@ -32,8 +34,9 @@ def chi_square_cdf(x: float, freedom: int) -> float:
 
 
 def chi_square_quantile(probability: float, freedom: int) -> float:
-    """The x of a `chi_square_cdf`, 0.5 <= probability < 1: Newton's method from the cube of a normal quantile
-    (Wilson and Hilferty 1931)."""
+    """Return the x of a `chi_square_cdf`, 0.5 <= probability < 1: Newton's method from the cube of a normal
+    quantile (Wilson and Hilferty 1931).
+    """
     z = math.sqrt(-2.0 * math.log(2.0 * (1.0 - probability)))
     x = freedom * (1.0 - 2.0 / (9.0 * freedom) + z * math.sqrt(2.0 / (9.0 * freedom))) ** 3
     shape = 0.5 * freedom

@@ -1,4 +1,4 @@
-"""Which losses of pressure would be seen now.
+"""Minimum detectable losses of pressure.
 
 In: the covariances of what is judged. Out: `Sight`: the smallest loss of one tyre, and of all alike, that
 would raise an alarm.
@@ -30,7 +30,7 @@ class Sight:
     """Smallest losses that would be seen, as shares of the pressure; 1 where not even a flat tyre would."""
 
     one_tyre: float
-    """Of the wheel that is known worst."""
+    """Minimum detectable loss of the wheel that is known worst."""
     all_tyres: float
     one_axle: float = 1.0
     """Smallest loss on both tyres of the axle that is known worse."""
@@ -49,8 +49,9 @@ class Alike:
     def of(
         cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray, radius_m: FloatArray
     ) -> Alike:
-        """By changes (m, d), their covariances (m, d, d) and the log weights (m,) of the models if none has
-        changed; radius_m (d,), 0 for the wheels that lose nothing."""
+        """Return it from changes (m, d), their covariances (m, d, d) and the log weights (m,) of the models
+        if none has changed; radius_m (d,), 0 for the wheels that lose nothing.
+        """
         of_all = np.broadcast_to(radius_m, change_m.shape)[:, :, None]
         solved = np.linalg.solve(covariance_m2, of_all)[:, :, 0]
         information = solved @ radius_m

@@ -59,7 +59,7 @@ class Sizes:
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:
-    """All subsets of d wheels but the empty one, in the order in which they are compared."""
+    """Return all subsets of d wheels but the empty one, in the order in which they are compared."""
     return [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
 
 
@@ -85,7 +85,7 @@ def sizes_of(wheels: tuple[int, ...]) -> Sizes:
 
 @functools.cache
 def no_sizes(d: int) -> Sizes:
-    """All d wheels are of the size that was learned."""
+    """Return the sizes of d wheels that are all as learned."""
     return Sizes.of([np.zeros(d)], [0.0], [0.0], [])
 
 
@@ -108,7 +108,7 @@ class Sized:
 
     @classmethod
     def plain(cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> Sized:
-        """Where all wheels are of the size that was learned."""
+        """Return the sizes where all wheels are as learned."""
         zeros = np.zeros(log_weight.size)
         return cls(change_m, covariance_m2, log_weight, zeros.astype(np.intp), zeros, zeros)
 

@@ -1,4 +1,4 @@
-"""What each witness says of a change: all wheels against the receiver, front and rear, left and right.
+"""Log-likelihood of a change by witness: all wheels against the receiver, front and rear, left and right.
 
 In: a change of the wheels with its covariance, and what is supposed lost. Out: for each witness its part
 of the log-likelihood ratio. Nothing here decides anything.

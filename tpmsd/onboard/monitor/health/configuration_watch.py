@@ -1,4 +1,4 @@
-"""Whether the first ten minutes of driving contradict the configuration.
+"""Check whether the first ten minutes of driving contradict the configuration.
 
 In: ticks. Out: what is contradicted, in one sentence, or nothing. It is the part of `tpmsd check --drive`
 that costs next to nothing: the sign of turns and the level of radii.
@@ -43,7 +43,7 @@ class _Turns:
             self._intervals += 1
 
     def against(self) -> bool:
-        """Whether it turns the other way."""
+        """True if it turns the other way."""
         if self.right or self._intervals < CONFIGURATION.least_intervals:
             return False
         with_given = self._sums[:2, 2]

@@ -13,13 +13,15 @@ class EncoderSettings:
     """The ripple of a ring, once per turn (`encoder_watch`)."""
 
     least_counts: float = 2000.0
-    """Of a turn: a usual ripple of a few tenths of a milliradian is a tenth of a count there, and seen."""
+    """Counts per turn at least: a usual ripple of a few tenths of a milliradian is a tenth of a count there,
+    and seen.
+    """
     from_hz: float = 8.0
     """Turns per second of both wheels: two and more in `high_pass_s`."""
     high_pass_s: float = 0.3
     """Width of the Gaussian that takes slow differences between the wheels away."""
     edge_widths: int = 4
-    """Where it ends on each side, in widths."""
+    """Distance at which it ends on each side, in widths."""
     block_s: float = 60.0
     """In which a ripple is coherent: 700 turns tell shares of 1e-3 apart."""
     kept: int = 10
@@ -27,7 +29,8 @@ class EncoderSettings:
     least_blocks: int = 3
     """From so many on they are believed: in one the other wheel's ripple may lie at any share."""
     least_stds: float = 3.0
-    """Of the `ring_error` of both wheels, from which one has fewer counts than the other."""
+    """Standard deviations of the `ring_error` of both wheels from which one has fewer counts than the other.
+    """
     outlier_medians: float = 9.0
     """Rapid differences beyond so many median sizes (six standard deviations) are kerbs and joints:
     they count as this much."""

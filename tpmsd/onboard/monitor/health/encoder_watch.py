@@ -1,4 +1,4 @@
-"""Whether a wheel's encoder loses counts, told from a larger tyre by the ripple of its ring.
+"""Watch for a wheel's encoder that loses counts, distinguished from a larger tyre by its ring's ripple.
 
 In: ticks. Out: the wheels whose ripple comes after fewer counts than that of the other wheel of the axle, and
 by which share.
@@ -47,7 +47,7 @@ class _Axle:
     def __init__(self, left: int, right: int) -> None:
         self.wheels = (left, right)
         self._angles: list[tuple[float, float]] = []
-        """Of the ticks of the minute that is going on, rad."""
+        """Angles of the ticks of the current minute, rad."""
         self._lasted_s = 0.0
         self._gains: deque[FloatArray] = deque(maxlen=ENCODERS.kept)
         """(2, shares) of each minute."""
@@ -89,9 +89,9 @@ class _Axle:
 
 
 def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, float]:
-    """Which share of its counts a wheel loses by the gains (shares,) of its own ripple and of the other
-    wheel's, and the gain over its having as many per turn as the other ring or as are configured; (0, 0)
-    where a ripple does not show by `limit`.
+    """Return the fraction of its counts that a wheel loses by the gains (shares,) of its own ripple and of
+    the other wheel's, and the gain over its having as many per turn as the other ring or as are configured;
+    (0, 0) where a ripple does not show by `limit`.
 
     The ripple of one wheel shows in the angle of the other, too, at the share by which they turned unlike
     each other: so what the other ring shows is no proof that this one should.

@@ -1,4 +1,4 @@
-"""Whether monitoring can do its work: signals of wheels and receiver that stay away become malfunctions.
+"""Malfunctions: signals of wheels and receiver that stay away, and what else keeps monitoring from its work.
 
 In: ticks and their estimates. Out: malfunction events, raised after a time without and cleared after a time
 with the signal. A parked car whose bus goes quiet is in order. So is a receiver without a fix in a garage.
@@ -43,7 +43,7 @@ class ReceiverSpeed:
         self._anchor: Fix | None = None
 
     def update(self, tick: Tick) -> float:
-        """The speed now; NaN where it is not known."""
+        """Return the present speed; NaN where it is not known."""
         for fix in tick.fixes:
             if fix.quality == _ESTIMATED:
                 continue
@@ -64,14 +64,14 @@ class ReceiverSpeed:
 
 
 class Watching(NamedTuple):
-    """What the monitor says of itself."""
+    """State of the monitor that malfunctions depend on."""
 
     sees: bool
-    """Whether a soft tyre would be seen now."""
+    """True if a soft tyre would be detected."""
     undecided: bool
-    """Whether a reset waits for its new baseline."""
+    """True while a reset waits for its new baseline."""
     contradiction: str = ""
-    """What of the configuration the drive contradicts; empty if nothing."""
+    """Part of the configuration that the drive contradicts; empty if none."""
     losing: Mapping[int, float] = MappingProxyType({})
     """Wheels whose encoder loses counts, and which share of them."""
 
@@ -206,7 +206,7 @@ class SignalWatch:
 
     @property
     def unusable(self) -> bool:
-        """Whether a malfunction stands by which no wheel at all is watched."""
+        """True while a malfunction stands by which no wheel at all is watched."""
         return any([m.raised is not None for m in self._blinding])  # noqa: C419 - a list is faster
 
     def update(
@@ -265,7 +265,7 @@ class SignalWatch:
         return self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
 
     def _of_monitor(self, watching: Watching, driving: bool, tick: Tick) -> list[AlarmEvent]:
-        """What the monitor says of itself."""
+        """Return the malfunctions that the monitor reports of itself."""
         sees, undecided, wrong = watching.sees, watching.undecided, bool(watching.contradiction)
         events = self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
         events += self._undecided.update(driving and undecided, not undecided, SIGNALS.blind_s, tick)
@@ -289,7 +289,9 @@ class SignalWatch:
     def _disagreement(
         self, compared: tuple[bool, bool], agreement: Agreement, driving: bool, sides_with: str, tick: Tick
     ) -> list[AlarmEvent]:
-        """Whether wheels and receiver state one speed; `compared`: whether both are known, and agree."""
+        """Return the malfunction of wheels and receiver that state different speeds; `compared`: whether both
+        are known, and agree.
+        """
         known, good = compared
         # While they recover they agree: a receiver's burst ends with it, and not with the fixes' return.
         apart = (known and not good) or (agreement.withheld and not agreement.recovering)
@@ -315,7 +317,7 @@ class SignalWatch:
         return events
 
     def _faults(self, tick: Tick) -> list[AlarmEvent]:
-        """What the inputs say of themselves."""
+        """Return the malfunctions that the inputs report of themselves."""
         events: list[AlarmEvent] = []
         for fault in tick.faults:
             if fault.kind in self._heard_s:
@@ -330,7 +332,7 @@ class SignalWatch:
 
     @staticmethod
     def _compared(rear: bool, wheels_mps: float, receiver_mps: float) -> tuple[bool, bool]:
-        """Whether both speeds are known, and whether they agree."""
+        """Return whether both speeds are known, and whether they agree."""
         known = rear and math.isfinite(receiver_mps + wheels_mps)
         apart = abs(wheels_mps - receiver_mps)
         limit = (

@@ -18,14 +18,14 @@ from tpmsd.onboard.monitor.settings import SIGNALS
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What the car's own speed says at a tick; None where it says nothing."""
+    """Agreement with the car's own speed at a tick; None where that is not known."""
 
     least_mps: float = 0.0
     """The car is at least so fast; 0 where that is not known."""
     wheels: bool | None = None
-    """Whether the wheels' speed agrees with it."""
+    """True if the wheels' speed agrees with it."""
     receiver: bool | None = None
-    """Whether the receiver's speed agrees with it."""
+    """True if the receiver's speed agrees with it."""
 
     @property
     def sides_with(self) -> str:
@@ -52,7 +52,7 @@ class CarSpeed:
         self.heard = NOTHING
 
     def state(self, kmh: int) -> None:
-        """A control unit states a speed, 0 to 255 km/h."""
+        """Note that a control unit states a speed, 0 to 255 km/h."""
         self._stated_kmh = kmh
 
     def update(self, time_s: float, wheels_mps: float, receiver_mps: float) -> Heard:

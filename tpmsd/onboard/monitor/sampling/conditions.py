@@ -25,14 +25,14 @@ from tpmsd.onboard.timeline.tick import Tick
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What the radii are functions of, over the estimate's memory."""
+    """Conditions that the radii are functions of, over the estimate's memory."""
 
     speed2: float
     """Speed squared, (m/s)^2."""
     slope_mps2: float
     """g sin(grade): what the driven wheels must carry beyond the acceleration itself."""
     cold: tuple[float, float]
-    """How cold the tyres are, 1 cold to 0 warm, for each time constant of warm-up."""
+    """Coldness of the tyres, 1 cold to 0 warm, for each time constant of warm-up."""
     steep_mps2: float
     """The steepest slope of late, up or down, as g sin(grade); fades with the estimate's memory."""
     unsettled: float

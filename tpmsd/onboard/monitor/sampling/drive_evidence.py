@@ -1,5 +1,4 @@
-"""What a drive as a whole says of the radii, under each drive model: as learned, another load, a trailer, low
-grip.
+"""Evidence of a drive as a whole under each drive model: as learned, another load, a trailer, low grip.
 
 In: the `Reference` as the drive began and a sample every 20 s. Out: `Accounts`: change hypotheses with their
 covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every loss: what it
@@ -47,8 +46,8 @@ class Accounts:
     """(n,)"""
 
     def allowing(self, harmless_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Where radii may also have changed by something harmless of covariance (d, d): covariance of each
-        change (n, d, d), and log weights (n,) of the accounts if no tyre has changed.
+        """Return the covariance of each change (n, d, d) and the log weights (n,) if no tyre has changed,
+        where radii may also have changed by a nuisance of covariance (d, d).
 
         What is harmless belongs to that likelihood as much as to the size of a loss: it is 0 in `log_weight`,
         normal with `harmless_m2` here, and the ratio of the two is N(change; 0, C + H) / N(change; 0, C).
@@ -65,7 +64,7 @@ class Accounts:
         return np.flatnonzero(most > log_weight.max() - DRIVE_EVIDENCE.negligible_nats)
 
     def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
-        """Of each drive model by the posterior probabilities (n,) of the accounts."""
+        """Return the probability of each drive model by the posterior probabilities (n,) of the changes."""
         return {
             model.name: float(chances[self.model == k].sum()) for k, model in enumerate(DRIVE_EVIDENCE.models)
         }
@@ -91,7 +90,7 @@ class DriveEvidence:
         self._slopes = 0
         """Slip slopes that were taken."""
         self.accounts: Accounts | None = None
-        """By the samples so far; None as long as they are too few."""
+        """Changes by the samples so far; None as long as they are too few."""
 
     def take(
         self,
@@ -143,7 +142,7 @@ class DriveEvidence:
         return math.log(model.prior) if told else -math.inf
 
     def reference_beside(self, account: int) -> Reference:
-        """What the drive says of the car beside the change of this one of `accounts`."""
+        """Return the reference by the drive, fitted jointly with the change of this one of `accounts`."""
         assert self.accounts is not None
         kept = self.accounts
         bank = self._banks[int(kept.model[account])]

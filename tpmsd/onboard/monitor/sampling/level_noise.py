@@ -1,4 +1,4 @@
-"""By how much the level of all wheels errs now: reflections of the receiver, and wheels that all spin.
+"""Error of the level of all wheels: reflections of the receiver, and wheels that all spin.
 
 In: samples of a drive. Out: the variance that each adds to what all wheels have in common.
 
@@ -21,7 +21,7 @@ from tpmsd.onboard.monitor.settings import JUDGE, LEVEL, REFERENCE
 
 
 class LevelNoise:
-    """Of one drive. Radii are relative to nominal throughout."""
+    """Noise of the level of one drive. Radii are relative to nominal throughout."""
 
     def __init__(self, reference: Reference) -> None:
         self._mean, self._covariance = reference.mean.copy(), reference.covariance.copy()

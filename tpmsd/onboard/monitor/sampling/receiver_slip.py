@@ -83,7 +83,9 @@ class ReceiverSlip:
         return Point(accel_mps2, slip, accel_mps2 / speed_mps)
 
     def _end_second(self, at_s: float) -> list[Point]:
-        """The mean of the points before, once they are a second old: those of fast receivers are alike."""
+        """Return the mean of the points before, once they are a second old: those of fast receivers are
+        alike.
+        """
         if at_s - self._second_from_s < SLIP_SLOPE.second_s:
             return []
         points, self._second, self._second_from_s = self._second, [], at_s

@@ -1,4 +1,4 @@
-"""How much the driven wheels slip per acceleration: the slip slope, by which low grip is known.
+"""Slip slope: slip of the driven wheels per acceleration, by which low grip is known.
 
 In: ticks. Out: `SlopeSums`, the regression of one window of driving after the other.
 

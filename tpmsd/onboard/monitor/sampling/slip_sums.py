@@ -26,7 +26,7 @@ class Point(NamedTuple):
 
 
 class Slope(NamedTuple):
-    """What windows say."""
+    """Slip slope by windows."""
 
     slip_s2pm: float
     """Slip per m/s2, and ..."""
@@ -42,17 +42,17 @@ class SlopeSums:
     freedom: int = 0
     """Seconds less one for each window."""
     accel2: float = 0.0
-    """Of accelerations, (m/s2)2."""
+    """Sum of squared accelerations, (m/s2)2."""
     both: float = 0.0
-    """Of accelerations times slips, m/s2."""
+    """Sum of accelerations times slips, m/s2."""
     slip2: float = 0.0
-    """Of slips."""
+    """Sum of squared slips."""
     aged: float = 0.0
-    """Of accelerations times slips per second of age, m/s3."""
+    """Sum of accelerations times slips per second of age, m/s3."""
 
     @classmethod
     def of(cls, points: Sequence[Point]) -> SlopeSums:
-        """Of one window."""
+        """Return the sums of one window."""
         if len(points) < 2:
             return cls()
         mean = [sum(values) / len(points) for values in zip(*points, strict=True)]

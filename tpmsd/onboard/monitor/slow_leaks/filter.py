@@ -1,4 +1,4 @@
-"""How the radii of four tyres move against each other over weeks: a Gaussian-sum filter over what may happen.
+"""Gaussian-sum filter of the differences of four tyres over weeks, one Kalman filter per hypothesis.
 
 In: three contrasts per drive (left minus right of each axle, front minus rear), in per cent of pressure, with
 their variances. Out: hypotheses with their probabilities; each holds a Gaussian of what `leak_state` names.
@@ -123,7 +123,7 @@ class LeakFilter:
         )
 
     def probability(self, wheel: int) -> float:
-        """Of a leak of this tyre; of none with `NO_WHEEL`."""
+        """Return the probability of a leak of this tyre; of none with `NO_WHEEL`."""
         chosen = self.hypotheses.wheel == wheel
         return float(np.exp(self.hypotheses.log_weight[chosen]).sum())
 
@@ -214,7 +214,7 @@ class LeakFilter:
         return Splits(*map(np.concatenate, (parents, kinds, begins, rates, logs, means, covariances)))
 
     def _chances(self, days: float, known_step: bool) -> tuple[float, float]:
-        """Of a refill and of changed wheels since the last reading."""
+        """Return the probabilities of a refill and of changed wheels since the last reading."""
         s = self._settings
         if self.day is None:
             return 0.0, 0.0
@@ -231,7 +231,7 @@ class LeakFilter:
     def _made(
         self, every: Hypotheses, splits: Splits, index: IntArray, day: float, days: float
     ) -> Hypotheses:
-        """The hypotheses of these splits, before the reading."""
+        """Return the hypotheses of these splits, before the reading."""
         s = self._settings
         out = every.take(splits.parent[index])  # a copy
         event, begins = splits.event[index], splits.begins[index]

@@ -38,7 +38,7 @@ class Reading:
     """Left minus right of the front and of the rear axle, front minus rear; NaN where it is not known."""
     variance_m2: Three
     known_step: bool = False
-    """Whether the driver asked for a reset before it."""
+    """True if the driver asked for a reset before it."""
 
 
 class LeakHistory:
@@ -48,8 +48,9 @@ class LeakHistory:
         self._settings = settings
         self.readings: list[Reading] = []
         self._filters: dict[Three, tuple[LeakFilter, int]] = {}
-        """By metres per per cent, with how many of the last readings are still to be taken; after a restart
-        made from `readings`."""
+        """Filters by metres per per cent, with how many of the last readings are still to be taken; after a
+        restart made from `readings`.
+        """
         self._step_next = False
 
     def add(self, day: float, difference_m: FloatArray, variance_m2: FloatArray) -> bool:
@@ -72,16 +73,16 @@ class LeakHistory:
         return True
 
     def mark_step(self) -> None:
-        """The driver asked for a reset: levels may change here, rates go on."""
+        """Note that the driver asked for a reset: levels may change here, rates go on."""
         self._step_next = bool(self.readings)
 
     def forget_before(self, day: float) -> None:
-        """What was before has been dealt with."""
+        """Forget what was before this day; it has been dealt with."""
         self.readings = [r for r in self.readings if r.day >= day]
         self._filters.clear()
 
     def trend(self, metres_per_percent: Three) -> Trend | None:
-        """The likeliest leak; None with too few readings. `metres_per_percent`: of each contrast."""
+        """Return the likeliest leak; None with too few readings. `metres_per_percent`: of each contrast."""
         if not self.readings:
             return None
         first = (LeakFilter(self._settings), len(self.readings))
@@ -93,14 +94,17 @@ class LeakHistory:
     def ended(
         self, metres_per_percent: Three, wheel: int, rate: tuple[float, float], since_day: float
     ) -> bool:
-        """Whether the last days, from `since_day` on, speak against a leak of this wheel going on; `rate` and
-        its standard deviation in per cent per week."""
+        """Return whether the last days, from `since_day` on, speak against a leak of this wheel going on;
+        `rate` and its standard deviation in per cent per week.
+        """
         since = LeakFilter(self._settings, (wheel, *rate))
         self._play(since, self.last_since(since_day), metres_per_percent)
         return has_ended(since, self._settings)
 
     def last_since(self, day: float) -> list[Reading]:
-        """The readings of the last days, from this one on, by which it is judged whether a leak goes on."""
+        """Return the readings of the last days, from this one on, by which it is judged whether a leak goes
+        on.
+        """
         since = [r for r in self.readings if r.day >= day]
         last = sorted({math.floor(r.day) for r in since})[-self._settings.clear_days :]
         return [r for r in since if math.floor(r.day) in last]
@@ -126,7 +130,7 @@ class LeakHistory:
 
     @classmethod
     def from_json(cls, saved: dict[str, Any]) -> LeakHistory:
-        """Back from the state file; ValueError if it is none."""
+        """Restore from the state file; ValueError if it is none."""
         out = cls()
         try:
             readings = [_reading(entry) for entry in saved["days"]]

@@ -20,12 +20,12 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.slow_leaks.settings import TrendSettings
 
 LEVEL_OF = (0, 0, 1)
-"""Which factor each contrast has."""
+"""Index of the factor of each contrast."""
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseLevels:
-    """What all hypotheses share of the learned factors."""
+    """Learned factors that all hypotheses share."""
 
     settings: TrendSettings
     shape: tuple[float, float]

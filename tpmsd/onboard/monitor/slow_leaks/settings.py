@@ -44,7 +44,7 @@ class ReadingSettings:
 
 @dataclass(frozen=True, slots=True)
 class TrendSettings:
-    """How radii move against each other over weeks: per cent of pressure, and per week."""
+    """Settings of the differences of radii over weeks: per cent of pressure, and per week."""
 
     noise_floor: tuple[float, float, float] = (1.0, 1.0, 2.0)
     """Standard deviation of a drive's contrasts (front and rear left-right, front-rear) beyond what their
@@ -57,31 +57,34 @@ class TrendSettings:
     outlier_variance: float = 12.0
     """One reading in sixteen scatters by 3.5 times as much: errors have heavy tails."""
     first_base_std: float = 10.0
-    """Of one tyre's own radius: 0.7 mm."""
+    """Standard deviation of one tyre's own radius at first: 0.7 mm."""
     base_walk: float = 0.035
-    """Of one tyre's own radius per square root of a day: 0.3 % in a quarter."""
+    """Random walk of one tyre's own radius per square root of a day: 0.3 % in a quarter."""
     drift_stds: tuple[tuple[float, float, float], ...] = ((0.3, 0.3, 0.6), (1.2, 1.2, 1.2))
     """Standard deviations of what comes and goes within weeks in each contrast (tyres answer to warmth
     unequally, by a tenth; radius drift of 0.03 mm): white noise of so many days would be a trend."""
     drift_d: float = 10.0
     """Its time constant: a spell of weather lasts 4 days, radius drift up to a month."""
     diffusion: tuple[float, float] = (0.45, 0.18)
-    """What a healthy tyre loses, mean and standard deviation over tyres: 1 to 3 % per month; and wear that is
-    unequal by a tenth."""
+    """Loss of a healthy tyre, mean and standard deviation over tyres: 1 to 3 % per month; and wear that is
+    unequal by a tenth.
+    """
     rate_walk: float = 0.007
-    """Of one tyre per square root of a day: 0.07 % in a quarter."""
+    """Random walk of one tyre's rate per square root of a day: 0.07 % in a quarter."""
     wear_std: float = 0.25
     """A driven axle wears out twice as fast: 0.5 mm in 20,000 km more, at 400 km a week."""
     refill_every_d: float = 85.0
     refill_std: float = 2.0
     """Air is put in every one to five months; a gauge is off by 2 % from wheel to wheel."""
     refill_shares: tuple[float, ...] = (0.7, 0.1, 0.1, 0.025, 0.025, 0.025, 0.025)
-    """Of visits to the pump, which fill all four tyres, the front or rear axle, one tyre (`WHEEL_SETS`)."""
+    """Fractions of visits to the pump that fill all four tyres, the front or rear axle, one tyre
+    (`WHEEL_SETS`).
+    """
     change_every_d: float = 600.0
     change_std: float = 8.5
     """Wheels are changed or rotated, each tyre by 0.6 mm of radius; twice a year, most with a reset."""
     change_shares: tuple[float, ...] = (0.8, 0.05, 0.05, 0.025, 0.025, 0.025, 0.025)
-    """Of changes, those of all four wheels (seasonal tyres, rotation), an axle, one wheel."""
+    """Fractions of changes: all four wheels (seasonal tyres, rotation), an axle, one wheel."""
     step_at_reset: tuple[float, float] = (0.35, 0.25)
     """Probabilities of a refill and of changed wheels where the driver asked for a reset, ..."""
     step_after_gap: tuple[float, float] = (0.1, 0.05)
@@ -100,7 +103,7 @@ class TrendSettings:
     least_rate: float = 1.0
     """A tyre at this rate is 20 % low after 20 weeks."""
     raise_probability: float = 0.95
-    """Of a leak of `least_rate` and more, from which it is noticed (bench)."""
+    """Probability of a leak of `least_rate` and more from which it is noticed (bench)."""
     least_days: int = 7
     """Days with readings since it began, ..."""
     least_span_d: float = 14.0
@@ -113,7 +116,9 @@ class TrendSettings:
     clear_gain: float = 3.0
     """Nats by which no leak must explain these readings better than the leak that was noticed."""
     softness_std: float = 0.15
-    """Of a tyre whose size is known: radius per pressure, relative (docs/explanation/alarms.md)."""
+    """Standard deviation for a tyre whose size is known: radius per pressure, relative
+    (docs/explanation/alarms.md).
+    """
     strata: int = 5  # quantiles per unknown from which the date is computed
     low_percent: float = 20.0
     """Loss of pressure that is low by UN R141 (assumed: its text was not at hand); `low_on` says when."""

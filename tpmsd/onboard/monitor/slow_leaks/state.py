@@ -1,4 +1,4 @@
-"""What a hypothesis of slow leaks holds of four tyres, how it moves over days, what readings show of it.
+"""State of a hypothesis of slow leaks: four tyres, their motion over days, what readings show.
 
 In: settings, Gaussians, days. Out: Gaussians. Per cent of pressure; rates in per cent per week:
 

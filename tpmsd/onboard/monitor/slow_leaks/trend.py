@@ -1,4 +1,4 @@
-"""Whether one of four tyres loses air over weeks: what the hypotheses of `leak_filter` say together.
+"""Marginals of the hypotheses of `filter`: whether one of four tyres loses air over weeks.
 
 In: a `LeakFilter`. Out: a `Trend`: the probability of a leak, its wheel and rate, and when the tyre will be
 20 % low.
@@ -25,10 +25,10 @@ NORMAL = NormalDist()
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """What the days say of the tyre that leaks most probably."""
+    """Trend of the tyre that leaks most probably."""
 
     probability: float
-    """Of a leak of `least_rate` and more in it."""
+    """Probability of a leak of `least_rate` and more in it."""
     wheel: int
     rate: float
     """Per cent of pressure per week beyond the other tyre of its axle, and its standard deviation."""
@@ -42,7 +42,7 @@ class Trend:
     """Days from the last reading until 20 % are lost: 2.5 %, 50 % and 97.5 % quantile; not below zero."""
 
     def noticeable(self, settings: TrendSettings = TREND) -> bool:
-        """Whether it is a leak."""
+        """Return whether it is a leak."""
         return (
             self.probability >= settings.raise_probability
             and self.days >= settings.least_days
@@ -68,7 +68,7 @@ class Leaks:
 
     @classmethod
     def of(cls, every: Hypotheses, wheel: int) -> Leaks:
-        """Of this tyre."""
+        """Return the leaks of this tyre."""
         chosen = every.take(np.flatnonzero(every.wheel == wheel))
         pair = next(axle for axle in AXLES if wheel in axle)
         fellow = pair[1 - pair.index(wheel)]
@@ -85,7 +85,7 @@ class Leaks:
 
 
 def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | None:
-    """The likeliest leak; None where there being none is likelier."""
+    """Return the likeliest leak; None where there being none is likelier."""
     if filter_.day is None:
         return None
     leaks = [Leaks.of(filter_.hypotheses, wheel) for wheel in range(4)]
@@ -109,7 +109,7 @@ def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | No
 
 
 def has_ended(filter_: LeakFilter, settings: TrendSettings = TREND) -> bool:
-    """Whether the days that a filter of one leak (`leak` given) has seen speak against its going on."""
+    """Return whether the days that a filter of one leak (`leak` given) has seen speak against its going on."""
     seen = filter_.hypotheses.days.max() >= settings.least_days
     gone = filter_.probability(NO_WHEEL)
     return bool(seen and gone >= 1.0 / (1.0 + math.exp(-settings.clear_gain)))

@@ -41,7 +41,7 @@ class DriveReading:
     def __init__(self) -> None:
         self._driven_s = self._since_s = 0.0
         self._sums = np.zeros((2, 3))
-        """Of difference and variance, for each contrast."""
+        """Sums of difference and variance, for each contrast."""
         self._samples = 0
         self._taken = False
 
@@ -89,7 +89,7 @@ class SlowLeakWatch:
         return tuple(self._notices.values())
 
     def reset(self, tyres: str) -> None:
-        """A reset was taken up: levels change, a leak goes on."""
+        """Note a reset: levels change, a leak goes on."""
         if tyres in self._histories:
             self._histories[tyres].mark_step()
 
@@ -133,7 +133,7 @@ class SlowLeakWatch:
         return events
 
     def _commit(self, tick: Tick, *, over: bool) -> list[AlarmEvent]:
-        """The drive's reading, if it is due, and what the trend is with it."""
+        """Take the drive's reading, if it is due, and return what the trend is with it."""
         reading = self._reading.result(over=over)
         if reading is None or self._tyres is None:
             return []
@@ -186,7 +186,7 @@ class SlowLeakWatch:
 
 
 def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
-    """The notice of a leak of this wheel, now."""
+    """Return the notice of a leak of this wheel, now."""
     early, middle, late = (_date(time_s / DAY_S + in_d) for in_d in trend.low_in_d)
     reason = (
         f"loses {trend.rate:.1f} +- {trend.rate_std:.1f} % of its pressure per week against its fellow, by "
