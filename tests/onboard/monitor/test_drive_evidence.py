@@ -63,7 +63,7 @@ def judged(
     change = Change(seen - expected, spread + noise_m2, 1, noise_m2, True)
     mean = Change(seen - expected, spread + noise_m2, JUDGE.full_samples, noise_m2, True)
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
-    return judge.judge(change, mean, accounts=evidence.accounts)
+    return judge.judge(change, mean, change_hypotheses=evidence.change_hypotheses)
 
 
 def test_changes_are_those_of_generalised_least_squares() -> None:
@@ -176,7 +176,7 @@ def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
     start = np.r_[mean, np.zeros(4)]
     best = start + whole @ design.T @ weight @ (np.concatenate(seen) - design @ start)
     place = int(np.argmin(np.abs(bank.changes(USUAL).change[0] - best[SIZE:]).sum(axis=1)))
-    found = bank.reference_beside(0, place, USUAL)
+    found = bank.reference_fitted_jointly(0, place, USUAL)
     assert best[:SIZE] == pytest.approx(found.mean, abs=2e-6)
     assert np.diag(whole)[:SIZE] == pytest.approx(np.diag(found.covariance), rel=1e-3, abs=1e-12)
 
@@ -212,18 +212,18 @@ def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:
     seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
     for row, sample in zip(rows, seen, strict=True):
         evidence.take(sample * RADIUS_M, noise * RADIUS_M**2, np.zeros((4, 4)), row, 0.0)
-    accounts = evidence.accounts
-    assert accounts is not None
-    harmless = np.diag([3e-4, 4e-4, 5e-4, 6e-4]) ** 2
-    _, log_weight = accounts.allowing(harmless * RADIUS_M**2)
+    change_hypotheses = evidence.change_hypotheses
+    assert change_hypotheses is not None
+    nuisance = np.diag([3e-4, 4e-4, 5e-4, 6e-4]) ** 2
+    _, log_weight = change_hypotheses.allowing(nuisance * RADIUS_M**2)
     h, off = np.vstack(rows), np.concatenate(seen) - np.vstack(rows) @ mean
     own = DRIVE_EVIDENCE.estimate_share * noise + evidence._quick
     design = np.tile(np.eye(4), (9, 1))
     likelihood = []
-    for more in (np.zeros((4, 4)), harmless):
+    for more in (np.zeros((4, 4)), nuisance):
         whole = h @ prior @ h.T + np.kron(np.eye(9), own) + design @ more @ design.T
         likelihood.append(-0.5 * off @ np.linalg.solve(whole, off) - 0.5 * np.linalg.slogdet(whole)[1])
-    as_learned_from_the_start = float(log_weight[0] - accounts.log_weight[0])
+    as_learned_from_the_start = float(log_weight[0] - change_hypotheses.log_weight[0])
     assert likelihood[1] - likelihood[0] == pytest.approx(as_learned_from_the_start, rel=1e-4)
 
 

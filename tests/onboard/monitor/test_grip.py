@@ -30,7 +30,7 @@ def test_slip_lasts_and_scatter_falls_with_the_number_of_samples() -> None:
     the probability 1 - (1 - p)^4 a wheel spun in one of them: e^2 / 16 more on each."""
     loose = MODELS["loose ground"]
     chances = dict.fromkeys(MODELS, 0.0) | {"loose ground": 1.0}
-    found = Grip(VEHICLE, WHEELS, RADIUS).accounts(np.zeros(4), 1e-8 * np.eye(4), 4, chances)
+    found = Grip(VEHICLE, WHEELS, RADIUS).change_hypotheses(np.zeros(4), 1e-8 * np.eye(4), 4, chances)
     comes, own = loose.axle_scatter**2 / 4, loose.own_scatter**2 / 4
     expected = np.diag([loose.slip_std**2] * 2 + [0.0] * 2) + comes * np.kron(np.eye(2), np.ones((2, 2)))
     expected[0, 1] = expected[1, 0] = loose.slip_std**2 + comes
@@ -49,7 +49,7 @@ def test_a_change_weighs_the_models_by_their_likelihood() -> None:
     chances = dict.fromkeys(MODELS, 0.0) | {"as learned": 0.5, "loose ground": 0.5}
     change = np.array([0.0, 0.0, -3e-3, 0.0])
     plain = 5e-4**2 * np.eye(4)
-    found = Grip(VEHICLE, WHEELS, RADIUS).accounts(change, plain, 1, chances)
+    found = Grip(VEHICLE, WHEELS, RADIUS).change_hypotheses(change, plain, 1, chances)
     densities = [
         -0.5 * change @ np.linalg.inv(one) @ change - 0.5 * np.log(np.linalg.det(one))
         for one in (plain, *found.covariance_m2[-2:])
@@ -128,13 +128,13 @@ def test_an_estimate_that_no_tyre_explains_is_no_change() -> None:
 def test_to_ask_for_the_change_takes_nothing_up() -> None:
     """Of twenty seconds of driving the change is asked ten times, and each answer is the first one; once
     they are observed, the mean holds one sample more."""
-    baseline, harmless_m2, seen = Baseline(VEHICLE, WHEELS, 180.0), np.eye(4) * 1e-8, estimate(0.0)
+    baseline, nuisance_m2, seen = Baseline(VEHICLE, WHEELS, 180.0), np.eye(4) * 1e-8, estimate(0.0)
     tick = Tick(0, 0.0, 21.0, np.full(4, 21.0 * 20.0 / RADIUS_M), np.full(4, 0.05))
     baseline.update(tick, seen)
-    asked = [baseline.changes(seen, harmless_m2) for _ in range(10)]
+    asked = [baseline.changes(seen, nuisance_m2) for _ in range(10)]
     assert [1] * 10 == [one[1].samples for one in asked if one is not None]
-    baseline.observe(seen, harmless_m2)
-    after = baseline.changes(seen, harmless_m2)
+    baseline.observe(seen, nuisance_m2)
+    after = baseline.changes(seen, nuisance_m2)
     assert after is not None and after[1].samples == 2
 
 

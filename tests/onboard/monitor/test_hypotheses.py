@@ -24,9 +24,9 @@ UNCOMPENSATED = Nuisance(common=0.0025, axle=0.0012, side=0.0003, own=0.0003)
 def judged(change: list[float], std: float = 3e-4, nuisance: Nuisance | None = None) -> Verdict:
     """Verdict on relative changes of all four wheels, known to `std` each."""
     radius = np.full(4, RADIUS_M)
-    harmless = (nuisance or UNCOMPENSATED).covariance([0, 1, 2, 3], radius)
+    nuisance = (nuisance or UNCOMPENSATED).covariance([0, 1, 2, 3], radius)
     against = Comparison(radius, THRESHOLD)
-    return against.of(np.array(change) * RADIUS_M, harmless + np.eye(4) * (std * RADIUS_M) ** 2)
+    return against.of(np.array(change) * RADIUS_M, nuisance + np.eye(4) * (std * RADIUS_M) ** 2)
 
 
 def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> FloatArray:
@@ -142,9 +142,9 @@ def test_four_wheels_against_numerical_integration() -> None:
 def test_of_a_pair_alone_the_smaller_wheel_has_lost() -> None:
     """Where only two wheels are read, nothing tells a loss from the other's growth: it is a loss."""
     radius = np.full(2, RADIUS_M)
-    harmless = UNCOMPENSATED.covariance([2, 3], radius)
+    nuisance = UNCOMPENSATED.covariance([2, 3], radius)
     half = np.array([-0.0025, 0.0025]) * RADIUS_M
-    verdict = Comparison(radius, THRESHOLD).of(half, harmless + np.eye(2) * (3e-4 * RADIUS_M) ** 2)
+    verdict = Comparison(radius, THRESHOLD).of(half, nuisance + np.eye(2) * (3e-4 * RADIUS_M) ** 2)
     assert verdict.deflated[0] > 0.99
 
 
@@ -247,8 +247,8 @@ def test_the_variance_of_a_mean_is_that_of_its_covariance_matrix(samples: int, c
 
 def test_what_axles_and_all_wheels_do_is_not_averaged_out() -> None:
     """A ninth of the variance is left by side and by wheel; the common part and that of an axle stay."""
-    harmless = Nuisance(common=1e-3, axle=2e-3, side=3e-3, own=4e-3)
-    left = harmless.averaged(1.0 / 9.0)
+    nuisance = Nuisance(common=1e-3, axle=2e-3, side=3e-3, own=4e-3)
+    left = nuisance.averaged(1.0 / 9.0)
     assert (1e-3, 2e-3) == (left.common, left.axle)
     assert (1e-3, 4e-3 / 3.0) == pytest.approx((left.side, left.own))
 
@@ -263,6 +263,6 @@ def test_which_of_two_wheels_has_changed_is_told_by_the_other_axle(
     a reason, too, and nothing is raised; where it agrees with the larger one, the other has lost."""
     radius = np.full(4, RADIUS_M)
     own = np.full((4, 4), 4e-4**2) + np.eye(4) * 1.2e-4**2
-    covariance = JUDGE.harmless.covariance([0, 1, 2, 3], radius) + own
+    covariance = JUDGE.nuisance.covariance([0, 1, 2, 3], radius) + own
     verdict = Comparison(radius, THRESHOLD).of(np.array([0.0, 0.0, -smaller_m, larger_m]), covariance)
     assert raised == bool(verdict.deflated[2] > 0.99)

@@ -46,7 +46,7 @@ def test_the_probability_is_that_of_all_histories_together() -> None:
     error = LEVEL.reflected_mps / TOWN_MPS * RADIUS_M
     leave, enter = 1.0 / LEVEL.reflected_samples, LEVEL.reflected_share / LEVEL.reflected_samples
     change = {(0, 0): 1.0 - enter, (0, 1): enter, (1, 0): leave, (1, 1): 1.0 - leave}
-    harmless = JUDGE.harmless.common * RADIUS_M
+    nuisance = JUDGE.nuisance.common * RADIUS_M
     for last in range(len(levels)):
         sums = [0.0, 0.0]
         for path in itertools.product((0, 1), repeat=last + 2):
@@ -54,7 +54,7 @@ def test_the_probability_is_that_of_all_histories_together() -> None:
             for k, pair in enumerate(itertools.pairwise(path)):
                 weight *= change[pair]
                 if k > 0:
-                    std = np.sqrt(2.0 * (std_m**2 + harmless**2) + sum(pair) * error**2)
+                    std = np.sqrt(2.0 * (std_m**2 + nuisance**2) + sum(pair) * error**2)
                     weight *= norm.pdf(levels[k] - levels[k - 1], 0.0, std)
             sums[path[-1]] += weight
         assert told[last] == pytest.approx(sums[1] / sum(sums), rel=1e-9)
@@ -98,7 +98,7 @@ def of_levels(levels_m: FloatArray, seed: int) -> float:
     now = Change(np.zeros(4), noise_m2, 1, noise_m2, True)
     mean = Change(np.zeros(4), noise_m2, JUDGE.full_samples, noise_m2, True)
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
-    return float(judge.judge(now, mean, accounts=evidence.accounts).deflated.min())
+    return float(judge.judge(now, mean, change_hypotheses=evidence.change_hypotheses).deflated.min())
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -202,7 +202,7 @@ def judged(extra: FloatArray, slippier: float, seed: int) -> Judgement:
     now = Change(changes[-1], noise_m2, 1, noise_m2, True)
     mean = Change(recent, noise_m2, JUDGE.full_samples, noise_m2, True)
     judge = Judge(CAR_OF_ALL, MonitorConfig(), TyreConfig(), WHEELS)
-    return judge.judge(now, mean, accounts=evidence.accounts)
+    return judge.judge(now, mean, change_hypotheses=evidence.change_hypotheses)
 
 
 @pytest.mark.parametrize("seed", range(5))

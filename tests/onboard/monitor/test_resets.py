@@ -221,7 +221,7 @@ def test_a_ration_that_is_none_is_no_state(saved: object) -> None:
     sets = learned(60.0).monitor._sets
     document = sets.to_json() | {"allowance": saved}
     with pytest.raises(ValueError, match="saved"):
-        sets.take_up(document)
+        sets.restore(document)
 
 
 def test_a_state_without_a_ration_is_an_older_one() -> None:
@@ -229,7 +229,7 @@ def test_a_state_without_a_ration_is_an_older_one() -> None:
     sets = learned(60.0).monitor._sets
     document = sets.to_json()
     del document["allowance"]
-    sets.take_up(document)
+    sets.restore(document)
     assert TYRE_SETS.allowance == sets.to_json()["allowance"]
 
 

@@ -19,14 +19,14 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 SIZES = sizes_of((0, 1, 2, 3))
 ROWS = range(1, len(SIZES.mean))
 LIMIT = MonitorConfig().deviation_percent / 100.0
-COVARIANCE_M2 = JUDGE.harmless.covariance(WHEELS, RADIUS) + (3e-4**2 + 1.5e-4**2 * np.eye(4))
+COVARIANCE_M2 = JUDGE.nuisance.covariance(WHEELS, RADIUS) + (3e-4**2 + 1.5e-4**2 * np.eye(4))
 GRID = np.linspace(-8.0, 8.0, 8001)
 CHANGES_MM = [(0.0, 0.0, 4.2, 0.2), (5.0, 5.5, 0.0, 0.0), (3.6, 5.0, 5.0, 5.1), (1.4, 1.5, -1.4, -1.6)]
 
 
 def verdict_of(change_m: FloatArray, covariance_m2: FloatArray = COVARIANCE_M2) -> Verdict:
-    accounts = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), RADIUS, SIZES)
-    return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).of_accounts(accounts)
+    change_hypotheses = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), RADIUS, SIZES)
+    return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).of_accounts(change_hypotheses)
 
 
 @pytest.mark.parametrize("row", ROWS)
@@ -176,7 +176,7 @@ def test_the_car_beside_a_size_and_a_change_is_that_of_one_regression() -> None:
     gain = prior @ h.T @ left
     old = np.flatnonzero(12 - bank._onset >= JUDGE.full_samples)
     place = int(np.flatnonzero((bank._onset[old] == 3) & ~bank._ramp[old])[0])
-    found = bank.reference_beside(row, place, SIZES)
+    found = bank.reference_fitted_jointly(row, place, SIZES)
     assert mean + gain @ off == pytest.approx(found.mean, abs=2e-6)
     spread = np.diag(prior - gain @ h @ prior)
     assert spread == pytest.approx(np.diag(found.covariance), rel=1e-3, abs=1e-12)

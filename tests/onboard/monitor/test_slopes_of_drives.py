@@ -57,10 +57,10 @@ def drive(baseline: Baseline, driven: str, slope: float, seconds: float, start_s
         baseline.update(tick, estimate)
         if not second:
             continue
-        if baseline.ready and (changes := baseline.changes(estimate, judge.harmless_m2)) is not None:
-            baseline.observe(estimate, judge.harmless_m2)
-            judged = judge.judge(*changes, accounts=baseline.accounts(alarm_stands=False))
-        baseline.learn(estimate, judge.harmless_m2, judged.trusted(baseline.settled), 1.0)
+        if baseline.ready and (changes := baseline.changes(estimate, judge.nuisance_m2)) is not None:
+            baseline.observe(estimate, judge.nuisance_m2)
+            judged = judge.judge(*changes, change_hypotheses=baseline.change_hypotheses(alarm_stands=False))
+        baseline.learn(estimate, judge.nuisance_m2, judged.trusted(baseline.settled), 1.0)
     return judged
 
 

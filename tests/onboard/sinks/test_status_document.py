@@ -18,7 +18,7 @@ from tpmsd import __version__
 from tpmsd.interfaces.cli.status import colour_wanted, show, watch
 from tpmsd.interfaces.cli.status_table import render_status
 from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
-from tpmsd.onboard.monitor.evidence.sight import Sight
+from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
@@ -120,7 +120,7 @@ def test_the_watch_names_the_losses_that_would_not_be_seen() -> None:
     off = SourceHealth(SourceState.OFF)
     said = {}
     for least in (0.19, 0.31, 1.0):
-        report = REPORT._replace(sight=Sight(one_tyre=0.12, all_tyres=least, one_axle=0.15))
+        report = REPORT._replace(detectable=DetectableLoss(one_tyre=0.12, all_tyres=least, one_axle=0.15))
         document = build_status(report, loop=LOOP, can=off, gnss=off)
         said[least] = document["watch"]["cannot_see"]
         assert {

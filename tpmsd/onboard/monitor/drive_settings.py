@@ -125,7 +125,7 @@ class DriveEvidenceSettings:
     start_prior: float = 0.5
     """That a tyre which lost air had lost it when the drive began; else any onset is as likely."""
     negligible_nats: float = 12.0
-    """Behind the best, from which an account is left out: 6e-6 of it at most."""
+    """Behind the best, from which an change hypothesis is left out: 6e-6 of it at most."""
     least_std: float = 1e-9
     """Keeps the information of an onset from being singular, relative to its largest part."""
 

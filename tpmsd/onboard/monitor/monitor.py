@@ -129,7 +129,7 @@ class Monitor:
         known_wrong = bool(self._configuration.contradiction)
         contradicted = bool(self._configuration.update(tick))
         if contradicted and not known_wrong and not self._restored:
-            self._sets.begin_anew()  # it was learned through a wrong file
+            self._sets.begin_again()  # it was learned through a wrong file
         self._trusted = agreement.trusted and not contradicted
         self._since_seen_s += tick.dt_s
         self._encoders.update(tick)
@@ -154,7 +154,7 @@ class Monitor:
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
-            sight=self._judged.sight,
+            detectable=self._judged.detectable,
             questions=self.questions,
         )
 
@@ -163,7 +163,7 @@ class Monitor:
         self._signals.car.state(kmh)
 
     def car_speed(self) -> dict[str, Any]:
-        """Return whether wheels and receiver agree with the car's own speed, for the status; null: not known."""
+        """Return whether wheels and receiver agree with the car's own speed (status); null: not known."""
         heard = self._signals.car.heard
         return {"wheels_agree": heard.wheels, "receiver_agrees": heard.receiver}
 
@@ -178,11 +178,11 @@ class Monitor:
         trusted = False
         judging = self._sets.judging
         if judging.ready:
-            changes = judging.changes(estimate, self._judge.harmless_m2)
+            changes = judging.changes(estimate, self._judge.nuisance_m2)
             if changes is None:
                 return []
-            judging.observe(estimate, self._judge.harmless_m2)
-            drive = judging.accounts(alarm_stands=bool(self._standing))
+            judging.observe(estimate, self._judge.nuisance_m2)
+            drive = judging.change_hypotheses(alarm_stands=bool(self._standing))
             self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, drive)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
             self._why.judged(estimate, self._judged, self._resonance)
@@ -197,11 +197,11 @@ class Monitor:
                 turned = alarm.update(probability, elapsed_s, least_hold_s, possible)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
-                    judging.alarm_turned(self._judged.account if turned == "raised" else None)
+                    judging.note_transition(self._judged.change_index if turned == "raised" else None)
         events += self._judge_first(tick, estimate, elapsed_s)
         self._ask(elapsed_s, tick.host_time_s)
         sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
-        self.baseline.learn(estimate, self._judge.harmless_m2, sound, elapsed_s)
+        self.baseline.learn(estimate, self._judge.nuisance_m2, sound, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
             self._take_back()
         self._learning = self.learning()
@@ -227,7 +227,7 @@ class Monitor:
             else:
                 self._standing.pop((turned.kind, turned.wheel), None)
                 if not self._first.standing:
-                    self._sets.begin_anew()  # what was learned was the soft tyre's radius
+                    self._sets.begin_again()  # what was learned was the soft tyre's radius
             events.append(event)
         return events
 
@@ -369,7 +369,9 @@ class Monitor:
         if not self._trusted:
             deviation = std = [math.nan] * 4
         make, rows = WheelReport._make, zip(WHEELS, states, deviation, std, self._cached[1], strict=True)
-        return tuple([make((name, state, off_m, std_m, *told)) for name, state, off_m, std_m, told in rows])
+        return tuple(
+            [make((name, state, off_m, std_m, *stated)) for name, state, off_m, std_m, stated in rows]
+        )
 
     # -- what survives a restart -----------------------------------------------------------------------------
 
@@ -399,10 +401,10 @@ class Monitor:
                 raise ValueError("the saved alarms have no baseline that they stand against")
             leaks = SlowLeakWatch(self._vehicle, self._tyre, self._wheels)
             if "leaks" in saved:  # states of before have none
-                leaks.take_up(saved["leaks"])
+                leaks.restore(saved["leaks"])
             signals = SignalWatch(self._settings, self._wheels)
             signals.restore(saved.get("malfunctions", []))  # states of before have none
-            self._sets.take_up(sets)
+            self._sets.restore(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
         self._leaks, self._signals, self._restored = leaks, signals, True

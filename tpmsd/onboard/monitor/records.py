@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
     from tpmsd.onboard.monitor.alarms.questions import Question
-    from tpmsd.onboard.monitor.evidence.sight import Sight  # with numpy, which `tpmsd status` does without
+    from tpmsd.onboard.monitor.evidence.detectable import (
+        DetectableLoss,
+    )  # with numpy, which `tpmsd status` does without
 
 
 class WheelState(StrEnum):
@@ -36,7 +38,7 @@ class AlarmKind(StrEnum):
     DEFLATION = "deflation"
     """The rolling radius has become smaller as that of a tyre that loses air."""
     SLOW_LEAK = "slow_leak"
-    """A notice: one tyre loses air against its fellow, over weeks of drives."""
+    """A notice: one tyre loses air against the other wheel of its axle, over weeks of drives."""
     MALFUNCTION = "malfunction"
     """The system cannot do its work (no usable wheels, or moving without fixes)."""
 
@@ -133,7 +135,7 @@ class MonitorReport(NamedTuple):
     learning_fraction: float
     """Fraction of the baseline that is learned, 0 to 1."""
     learning: LearningReport | None = None
-    sight: Sight | None = None
+    detectable: DetectableLoss | None = None
     """Minimum detectable losses; None before anything was judged."""
     questions: tuple[Question, ...] = ()
     """Questions: what has probably changed and cannot be distinguished."""

@@ -59,12 +59,12 @@ class ReferenceSettings:
     """Front and rear: 0.13 mm are 250 N on each rear tyre; a full car is four times that."""
     day_std: float = 3e-4
     """0.1 mm: 3.5 K."""
-    wander_std: float = 2e-4
-    wander_own_std: float = 2e-4
+    drift_std: float = 2e-4
+    drift_own_std: float = 2e-4
     """Standard deviation of fluctuations within a drive, of all wheels and of one: 0.06 mm, as the recordings
     show.
     """
-    wander_s: float = 900.0
+    drift_time_constant_s: float = 900.0
     """Time constant of what comes and goes within a drive."""
     far_stds: float = 10.0
     """Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
@@ -108,7 +108,7 @@ class BaselineSettings:
 
 @dataclass(frozen=True, slots=True)
 class JudgeSettings:
-    """Losses that are compared, their prior probabilities, and what is harmless."""
+    """Losses that are compared, their prior probabilities, and what is nuisance."""
 
     losses: tuple[float, float, int] = (0.0008, 0.05, 24)
     """Least and greatest relative loss considered and their number, in equal ratios: 0.46 % is a 20 % loss
@@ -145,11 +145,11 @@ class JudgeSettings:
     most_larger: float = 0.05
     """A wheel that seems larger than was learned by more, relative, has an estimate that is lost: snow chains
     add 2 to 3 %, no tyre more."""
-    harmless: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
+    nuisance: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
     """Fluctuations beyond what the baseline explains: wind, camber, ruts, load in bends."""
-    harmless_s: float = 30.0
+    nuisance_s: float = 30.0
     """Correlation time of what of it acts by side and by wheel. Left against right strays by 0.28 mm on a
-    recorded motorway (van-motorway-a), as `harmless` and the baseline have it, for some 30 s at a time."""
+    recorded motorway (van-motorway-a), as `nuisance` and the baseline have it, for some 30 s at a time."""
     other_tyres: Nuisance = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
     """Differences of tyres of another set: by size and wear of all and of an axle, and little among
     themselves.
@@ -267,7 +267,7 @@ class ConfigurationSettings:
     """Sum of squared changes of course, each of at most a second: three bends of 90 degrees, ..."""
     least_intervals: int = 15
     """... and the number of intervals that turned."""
-    sure_correlation: float = 0.5
+    least_correlation: float = 0.5
     """Correlation from which a sign is right and no longer looked at; below its negative it is wrong."""
     radius_share: float = 0.05
     """Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""

@@ -19,7 +19,7 @@ from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
 from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
-from tpmsd.onboard.monitor.evidence.sight import Sight
+from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss
 from tpmsd.onboard.monitor.records import (
     AlarmKind,
     LearningReport,
@@ -162,7 +162,7 @@ def _watch(report: MonitorReport) -> dict[str, Any]:
         "watched": watched,
         "not_watched": not_watched,
         "all_four_rest_on": ALL_FOUR,
-        **_sight(report.sight),
+        **_sight(report.detectable),
         "questions": [question.entry() for question in report.questions],
     }
 
@@ -171,14 +171,14 @@ LOW = 0.2
 """Share of the pressure: the loss that is to be seen (UN R141)."""
 
 
-def _sight(sight: Sight | None) -> dict[str, Any]:
+def _sight(detectable: DetectableLoss | None) -> dict[str, Any]:
     """Return the smallest losses that would be seen now, and whose 20 % would not be."""
-    if sight is None:
+    if detectable is None:
         return {"smallest_loss_percent": None, "cannot_see": []}
     losses = {
-        "one tyre": sight.one_tyre,
-        "both tyres of an axle": sight.one_axle,
-        "all tyres alike": sight.all_tyres,
+        "one tyre": detectable.one_tyre,
+        "both tyres of an axle": detectable.one_axle,
+        "all tyres alike": detectable.all_tyres,
     }
     cannot_see = [
         f"a loss of 20 % of the pressure of {what}"

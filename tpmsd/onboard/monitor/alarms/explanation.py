@@ -114,7 +114,7 @@ class Explanation:
         if event.kind is AlarmKind.SLOW_LEAK:
             return "a week of drives fits no leak better than this leak, or when other tyres are driven"
         at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
-        of = "that it differs from its fellow as no set does" if event.since else "of it"
+        of = "that it differs from the other wheel of its axle as no set does" if event.since else "of it"
         return (
             f"the probability {of} is at most {at:g} for {hold_s:g} s of informative driving "
             f"(it was {event.probability:.3f}), or a reset is accepted"
@@ -268,14 +268,14 @@ class Explanation:
         entries: list[dict[str, Any]] = [
             {"what": "no tyre has changed", "wheels": [], "probability": bank.none, "gain_nats": 0.0}
         ]
-        for place, members in enumerate(subsets(len(self._wheels))):
+        for index, members in enumerate(subsets(len(self._wheels))):
             names = [WHEELS[self._wheels[k]] for k in members]
             entries.append(
                 {
                     "what": f"{' '.join(names)} lost radius",
                     "wheels": names,
-                    "probability": float(bank.subsets[place]),
-                    "gain_nats": round(float(gains[place]), 3),
+                    "probability": float(bank.subsets[index]),
+                    "gain_nats": round(float(gains[index]), 3),
                     "prior": JUDGE.prior_by_size[len(members) - 1],
                 }
             )

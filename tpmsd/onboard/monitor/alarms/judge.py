@@ -17,13 +17,13 @@ from tpmsd.car.physics.motion import driven_mask
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.evidence.detectable import Alike, DetectableLoss, detectable
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, mean_share
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
-from tpmsd.onboard.monitor.evidence.sight import Alike, Sight, sight
 from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
-from tpmsd.onboard.monitor.sampling.drive_evidence import Accounts
+from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 
@@ -38,11 +38,11 @@ class Finding:
     change_m: FloatArray
     """(d,)"""
     covariance_m2: FloatArray
-    """(d, d) with what is harmless."""
-    account: int | None = None
+    """(d, d) with what is nuisance."""
+    change_index: int | None = None
     """Index of the change among those of the drive; None for another comparison."""
     usual: float = 1.0
-    """Probability that the drive it is as learned, no tyre has lost air and none is of another size."""
+    """Probability that the drive is as learned, no tyre has lost air and none is of another size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +69,9 @@ class Judgement:
     """The change at this moment."""
     finding: Finding | None = None
     """Comparison that detects the most of a loss."""
-    account: int | None = None
-    """The likeliest of the drive's `Accounts`, where it alone shows a loss."""
-    sight: Sight | None = None
+    change_index: int | None = None
+    """The likeliest of the drive's `ChangeHypotheses`, where it alone shows a loss."""
+    detectable: DetectableLoss | None = None
     """Minimum detectable losses; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
@@ -133,12 +133,12 @@ class Judge:
         settings: MonitorConfig,
         tyre: TyreConfig,
         wheels: list[int],
-        harmless: Nuisance = JUDGE.harmless,
+        nuisance: Nuisance = JUDGE.nuisance,
     ) -> None:
         self._wheels = wheels
         self._radius = np.array(vehicle.wheel_radius_m)[wheels]
-        self._harmless = harmless
-        self.harmless_m2 = harmless.covariance(wheels, self._radius)
+        self._nuisance = nuisance
+        self.nuisance_m2 = nuisance.covariance(wheels, self._radius)
         self._of_mean_m2: dict[int, FloatArray] = {}
         """Covariance (d, d) of the nuisance changes that a mean of so many samples keeps, m2."""
         self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
@@ -153,7 +153,7 @@ class Judge:
         self._sizes = sizes_of(tuple(wheels))
         self._apart = _apart(wheels)
         members = [
-            [float(place in subset) for place in range(len(wheels))] for subset in subsets(len(wheels))
+            [float(index in subset) for index in range(len(wheels))] for subset in subsets(len(wheels))
         ]
         self._together = np.array(members) - self._apart
         """(s, d): 1 for the other wheels of each of `subsets`."""
@@ -162,7 +162,9 @@ class Judge:
         front = IS_FRONT[wheels]
         self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
         """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
-        self._cached: tuple[Accounts, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = None
+        self._cached: tuple[ChangeHypotheses, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = (
+            None
+        )
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
@@ -171,31 +173,31 @@ class Judge:
         mean: Change,
         resonance: ResonanceEvidence | None = None,
         other_tyres: bool = False,
-        accounts: Accounts | None = None,
+        change_hypotheses: ChangeHypotheses | None = None,
     ) -> Judgement:
         """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them.
-        `accounts`: what the drive as a whole says of several wheels, once it is long enough.
+        `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough.
 
         `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
         then no loss, but one wheel that stands out is.
         """
-        harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
+        nuisance_m2 = self.nuisance_m2 + self._tolerance_m2(other_tyres)
         ratios = self._ratios(resonance)
-        averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
+        averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_of_mean_m2(mean.samples)
         against = self._against(ratios, other_tyres)
         of_drive: Finding | None = None
         models: dict[str, float] = {}
         alike: tuple[Alike, ...] = ()
-        if accounts is not None:
-            of_drive, models, alike = self._of_drive(accounts, ratios, other_tyres)
-        now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
+        if change_hypotheses is not None:
+            of_drive, models, alike = self._of_drive(change_hypotheses, ratios, other_tyres)
+        now_m2, mean_m2 = now.covariance_m2 + nuisance_m2, mean.covariance_m2 + averaged_m2
         at_once = self._look("now", now, now_m2, against, models)
         lately = self._look("minutes", mean, mean_m2, against, models)
         # What shows in a mean alone is slow; what shows now alone is fast.
         findings = [at_once, lately] if of_drive is None else [at_once, lately, of_drive]
         finding = max(findings, key=lambda one: float(one.verdict.deflated.max()))
         std = np.sqrt(np.diag(now.covariance_m2))
-        steady, steady_m2 = mean.change_m, mean.covariance_m2 + self.harmless_m2
+        steady, steady_m2 = mean.change_m, mean.covariance_m2 + self.nuisance_m2
         if finding is of_drive:
             steady, steady_m2 = finding.change_m, finding.covariance_m2
         pressure = [
@@ -204,10 +206,10 @@ class Judge:
         ]
         fits = now.fits and mean.fits
         bank = posterior(self._windows(at_once, lately, mean.samples, of_drive, models))
-        account = None
+        change_index = None
         if of_drive is not None and bank.deflated.max() > JUDGE.undecided:
             without = posterior(self._windows(at_once, lately, mean.samples, None, models))
-            account = of_drive.account if without.deflated.max() <= JUDGE.undecided else None
+            change_index = of_drive.change_index if without.deflated.max() <= JUDGE.undecided else None
         return Judgement(
             change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
@@ -221,8 +223,8 @@ class Judge:
             contrast_std_m=_contrast_std(now.covariance_m2),
             now=now,
             finding=finding,
-            account=account,
-            sight=self._sight(mean, mean_m2, alike),
+            change_index=change_index,
+            detectable=self._detectable(mean, mean_m2, alike),
             drive_models=models,
             unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.low(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
@@ -247,14 +249,14 @@ class Judge:
         """Return the finding for a change of covariance (d, d) on a drive that may slip as its `models` have
         it.
         """
-        slipping = self._grip.accounts(change.change_m, covariance_m2, change.samples, models)
+        slipping = self._grip.change_hypotheses(change.change_m, covariance_m2, change.samples, models)
         each_m2 = slipping.covariance_m2
         change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
         sizes = against.sizes or no_sizes(len(self._wheels))
-        accounts = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
-        verdict = against.of_accounts(accounts)
-        best = int(verdict.accounts.argmax())
-        return Finding(over, verdict, accounts.change_m[best], accounts.covariance_m2[best])
+        change_hypotheses = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
+        verdict = against.of_accounts(change_hypotheses)
+        best = int(verdict.change_hypotheses.argmax())
+        return Finding(over, verdict, change_hypotheses.change_m[best], change_hypotheses.covariance_m2[best])
 
     def _all_larger(self, sizes: FloatArray) -> float:
         """Probability that all wheels are larger; 0 where no sizes were compared."""
@@ -293,21 +295,21 @@ class Judge:
         """(s, d) how much of what the drive as a whole says of each of `subsets` is no slip.
 
         Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
-        slippery road what driven axles do is slip. One that stands out beside its fellow over many samples
-        still tells.
+        slippery road what driven axles do is slip. One that stands out beside the other wheel of its axle
+        over many samples still tells.
         """
         slippery, uneven = self._grip.low(models), self._grip.uneven(models)
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
-    def _sight(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> Sight:
+    def _detectable(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> DetectableLoss:
         """Return the minimum detectable losses: one tyre by the mean over minutes, all alike and axles by the
         drive as a whole, or if there is none by a mean that is long enough.
         """
         if not alike and mean.samples >= JUDGE.full_samples:
             alike = self._alike(mean.change_m[None], mean_m2[None], np.zeros(1))
         whole, axles = (alike[0], alike[1:]) if alike else (None, ())
-        return sight(mean_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
+        return detectable(mean_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
 
     def _alike(
         self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
@@ -318,41 +320,48 @@ class Judge:
         )
 
     def _of_drive(
-        self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool
+        self, change_hypotheses: ChangeHypotheses, log_ratios: FloatArray | None, other_tyres: bool
     ) -> tuple[Finding, dict[str, float], tuple[Alike, ...]]:
         """Evidence of the whole drive on the drive models, and how it knows a loss of all tyres and of
         axles; computed once for each of its samples."""
-        told = self._cached
-        if told is not None and told[0] is accounts and told[1] == other_tyres and log_ratios is None:
-            return told[2:]
-        lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
-        harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
-        covariance_m2, log_weight = accounts.allowing(harmless_m2)
+        cached = self._cached
+        if (
+            cached is not None
+            and cached[0] is change_hypotheses
+            and cached[1] == other_tyres
+            and log_ratios is None
+        ):
+            return cached[2:]
+        lasting = self._nuisance.averaged(DRIVE_EVIDENCE.lasting_share)
+        nuisance_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
+        covariance_m2, log_weight = change_hypotheses.allowing(nuisance_m2)
         against = self._against(log_ratios, other_tyres)
-        kept = accounts.likely(log_weight)
+        kept = change_hypotheses.likely(log_weight)
         if other_tyres:
-            kept = kept[accounts.row[kept] == 0]
+            kept = kept[change_hypotheses.row[kept] == 0]
         verdict = against.of_accounts(
             Sized(
-                accounts.change_m[kept],
+                change_hypotheses.change_m[kept],
                 covariance_m2[kept],
                 log_weight[kept],
-                accounts.row[kept],
-                accounts.size[kept],
-                accounts.size_std[kept],
+                change_hypotheses.row[kept],
+                change_hypotheses.size[kept],
+                change_hypotheses.size_std[kept],
             )
         )
         chances = np.zeros(log_weight.size)
-        chances[kept] = verdict.accounts
+        chances[kept] = verdict.change_hypotheses
         best = int(chances.argmax())
-        as_learned = (accounts.model[kept] == 0) & (accounts.row[kept] == 0)
+        as_learned = (change_hypotheses.model[kept] == 0) & (change_hypotheses.row[kept] == 0)
         usual = float(verdict.intact[as_learned].sum())
-        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best, usual)
-        models = accounts.model_probabilities(chances)
+        finding = Finding(
+            "drive", verdict, change_hypotheses.change_m[best], covariance_m2[best], best, usual
+        )
+        models = change_hypotheses.model_probabilities(chances)
         # Of each model a change before the drive, with no wheel of another size.
-        first = np.unique(accounts.model, return_index=True)[1]
-        alike = self._alike(accounts.change_m[first], covariance_m2[first], log_weight[first])
-        self._cached = (accounts, other_tyres, finding, models, alike)
+        first = np.unique(change_hypotheses.model, return_index=True)[1]
+        alike = self._alike(change_hypotheses.change_m[first], covariance_m2[first], log_weight[first])
+        self._cached = (change_hypotheses, other_tyres, finding, models, alike)
         return finding, models, alike
 
     @property
@@ -370,19 +379,19 @@ class Judge:
         The change is that against the baseline before. Other tyres may be larger or smaller all together, or
         by axle; a soft one among them still stands out.
         """
-        harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
-        covariance_m2 = change.covariance_m2 + harmless_m2
+        nuisance_m2 = self.nuisance_m2 + self._tolerance_m2(other_tyres)
+        covariance_m2 = change.covariance_m2 + nuisance_m2
         if other_tyres:
             against = Comparison(self._radius, self._threshold)
             return self._on_all(against.of(change.change_m, covariance_m2).deflated)
         found = self._look("now", change, covariance_m2, self._against(None, False), {})
         return self._on_all(found.verdict.deflated)
 
-    def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
+    def _nuisance_of_mean_m2(self, samples: int) -> FloatArray:
         """(d, d) of what comes and goes in a mean of so many samples."""
         if samples not in self._of_mean_m2:
-            share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s))
-            averaged = self._harmless.averaged(share)
+            share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s))
+            averaged = self._nuisance.averaged(share)
             self._of_mean_m2[samples] = averaged.covariance(self._wheels, self._radius)
         return self._of_mean_m2[samples]
 
@@ -408,6 +417,6 @@ def _apart(wheels: list[int]) -> FloatArray:
     found = subsets(len(wheels))
     out = np.zeros((len(found), len(wheels)))
     for row, members in zip(out, found, strict=True):
-        sound = set(wheels) - {wheels[place] for place in members}
-        row[list(members)] = [float(len(members) == 1 or wheels[place] ^ 1 in sound) for place in members]
+        sound = set(wheels) - {wheels[index] for index in members}
+        row[list(members)] = [float(len(members) == 1 or wheels[index] ^ 1 in sound) for index in members]
     return out

@@ -71,8 +71,8 @@ class Questions:
         self._of_first = Hysteresis(clear, soft, hold_s, settings.clear_hold_s)
         self._first: tuple[int, float, str] | None = None
         self._axles = [
-            place
-            for place, one in enumerate(self._subsets)
+            index
+            for index, one in enumerate(self._subsets)
             if len(one) == 2 and wheels[one[0]] ^ 1 == wheels[one[1]]
         ]
         self.standing: tuple[Question, ...] = ()
@@ -129,8 +129,8 @@ class Questions:
 
     def _of_axle(self, found: Posterior) -> tuple[tuple[str, ...], str]:
         """Return the axle of which a loss would look the same, and the question."""
-        place = max(self._axles, key=lambda one: float(found.subsets[one]))
-        names = self._names(self._subsets[place])
+        index = max(self._axles, key=lambda one: float(found.subsets[one]))
+        names = self._names(self._subsets[index])
         return names, (
             f"another load than usual, or a trailer? If not, look at {' '.join(names)}: both tyres soft "
             "since the drive began look the same"
@@ -150,8 +150,8 @@ class Questions:
         usual = DRIVE_EVIDENCE.models[0].name
         rivals = [(chance, (), name) for name, chance in models.items() if name != usual]
         named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[: JUDGE.named_causes]
-        told = " or ".join(f"{what} ({chance:.2f})" for chance, _, what in named)
-        return best[1], f"{told}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
+        stated = " or ".join(f"{what} ({chance:.2f})" for chance, _, what in named)
+        return best[1], f"{stated}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
 
     def _names(self, members: Sequence[int]) -> tuple[str, ...]:
-        return tuple(WHEELS[self._wheels[place]] for place in members)
+        return tuple(WHEELS[self._wheels[index]] for index in members)

@@ -30,7 +30,7 @@ from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.baseline.reference import Reference, speed_range
 from tpmsd.onboard.monitor.evidence.probability import chi_square_quantile
 from tpmsd.onboard.monitor.sampling.conditions import Conditions, ConditionTracker
-from tpmsd.onboard.monitor.sampling.drive_evidence import Accounts, DriveEvidence
+from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
 from tpmsd.onboard.monitor.sampling.slip_sums import SlopeSums
 from tpmsd.onboard.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
@@ -56,8 +56,8 @@ def typical(
     rest = np.stack([deviation - h @ expected * radius_m for deviation, _, _, h in moments])
     apart = rest @ fellows.T
     off = apart[-1] - np.median(apart, axis=0)
-    harmless_m2 = JUDGE.harmless.own**2 * np.diag(radius_m**2)
-    variance = np.diag(fellows @ (moments[-1][1] + harmless_m2) @ fellows.T)
+    nuisance_m2 = JUDGE.nuisance.own**2 * np.diag(radius_m**2)
+    variance = np.diag(fellows @ (moments[-1][1] + nuisance_m2) @ fellows.T)
     if np.all(off**2 <= FIT_LIMIT[1] * variance):
         return moments[-1]
     return moments[int(np.abs(rest - np.median(rest, axis=0)).sum(axis=1).argmin())]
@@ -177,29 +177,29 @@ class Baseline:
             self._shadow = self.reference.copy()
         self._doubt = 0.0
 
-    def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
+    def changes(self, estimate: RadiusEstimate, nuisance_m2: FloatArray) -> tuple[Change, Change] | None:
         """Return the change now, and its mean over the last minutes; None where it is not known, or none of a
         tyre. Nothing is taken up by asking: that is `observe`.
 
-        `harmless_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
+        `nuisance_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
         better in the mean, for an estimate of the radius common to all wheels is known less well than
         differences between them.
         """
         now = self._sample(estimate)
         if now is None:
             return None
-        one = self._change(now, 1, harmless_m2)
-        if not self._recent or self._jumped(now, harmless_m2):
+        one = self._change(now, 1, nuisance_m2)
+        if not self._recent or self._jumped(now, nuisance_m2):
             return one, one
-        return one, self._change(_added(self._sum(), now), len(self._recent) + 1, harmless_m2)
+        return one, self._change(_added(self._sum(), now), len(self._recent) + 1, nuisance_m2)
 
-    def observe(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> None:
-        """Take a second of driving into what the last minutes and the drive as a whole say; `harmless_m2` as
+    def observe(self, estimate: RadiusEstimate, nuisance_m2: FloatArray) -> None:
+        """Take a second of driving into what the last minutes and the drive as a whole say; `nuisance_m2` as
         in `changes`."""
         now = self._sample(estimate)
         if now is None:
             return
-        if self._recent and self._jumped(now, harmless_m2):
+        if self._recent and self._jumped(now, nuisance_m2):
             self._recent.clear()
         if self._evidence is None and not self._closed:
             self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
@@ -223,9 +223,9 @@ class Baseline:
         larger_m = found[0] - now[3] @ self.reference.mean * self._radius
         return None if np.any(larger_m > JUDGE.most_larger * self._radius) else now
 
-    def alarm_turned(self, account: int | None) -> None:
-        """Note that an alarm was raised or cleared; `account`: the one by which the drive as a whole raised
-        it, and nothing else did.
+    def note_transition(self, change_index: int | None) -> None:
+        """Note that an alarm was raised or cleared; `change_index`: the one by which the drive as a whole
+        raised it, and nothing else did.
 
         While the car is learned for the first time, what was learned on such a drive holds part of the loss,
         and is estimated anew beside it. After any other alarm the drive is not asked again until the car has
@@ -233,12 +233,12 @@ class Baseline:
         """
         if self.settled and not self._first_drive:
             return
-        self._by_drive = account is not None
-        if self._evidence is None or account is None:
+        self._by_drive = change_index is not None
+        if self._evidence is None or change_index is None:
             self._evidence, self._closed = None, True
             return
         ranges = self.reference.ranges
-        self.reference = self._evidence.reference_beside(account)
+        self.reference = self._evidence.reference_fitted_jointly(change_index)
         self.reference.ranges = list(ranges)
         if self._shadow is not None:
             self._shadow = self.reference.copy()
@@ -250,21 +250,21 @@ class Baseline:
         self._moments.clear()
         self._evidence, self._closed, self._first_drive = None, False, False
 
-    def accounts(self, *, alarm_stands: bool) -> Accounts | None:
+    def change_hypotheses(self, *, alarm_stands: bool) -> ChangeHypotheses | None:
         """Return the changes by the drive as a whole; None as long as it is too short. While an alarm stands
         a first drive is asked if it alone raised it.
         """
         asked = self.settled or self._by_drive or not alarm_stands
-        return self._evidence.accounts if asked and self._evidence is not None else None
+        return self._evidence.change_hypotheses if asked and self._evidence is not None else None
 
-    def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
+    def _jumped(self, now: _Sample, nuisance_m2: FloatArray) -> bool:
         """Return whether the radii differ from those of the last minutes, so that a mean would mix two
         states.
         """
         before, before_own = self._against_expected(self._sum(), len(self._recent))
         change, own = self._against_expected(now, 1)
         off = change - before
-        return bool(off @ np.linalg.solve(own + harmless_m2 + before_own, off) > FIT_LIMIT[off.size])
+        return bool(off @ np.linalg.solve(own + nuisance_m2 + before_own, off) > FIT_LIMIT[off.size])
 
     def _sum(self) -> _Sample:
         """Return the sum of the recent samples, of which there is one at least."""
@@ -279,16 +279,16 @@ class Baseline:
         change = (deviation - h @ self.reference.mean * self._radius) / samples
         return change, (own / samples + unsettled) / samples
 
-    def _change(self, total: _Sample, samples: int, harmless_m2: FloatArray) -> Change:
+    def _change(self, total: _Sample, samples: int, nuisance_m2: FloatArray) -> Change:
         """Return `_against_expected` with the uncertainty of what is expected."""
         change, own_m2 = self._against_expected(total, samples)
         h = total[3] / samples
         covariance = own_m2 + h @ self.reference.covariance @ h.T * self._radius2
-        nis = float(change @ np.linalg.solve(covariance + harmless_m2, change))
+        nis = float(change @ np.linalg.solve(covariance + nuisance_m2, change))
         return Change(change, covariance, samples, own_m2, bool(nis <= FIT_LIMIT[change.size]))
 
     def learn(
-        self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool, elapsed_s: float
+        self, estimate: RadiusEstimate, nuisance_m2: FloatArray, trusted: bool, elapsed_s: float
     ) -> None:
         """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre;
         `elapsed_s`: driving since the last call."""
@@ -304,7 +304,7 @@ class Baseline:
         first = self._drive_samples < BASELINE.drive_samples
         if not car and not first:
             return
-        self._learn_sample(found[0], found[1] + self._unsettled() + harmless_m2, at, car=car, first=first)
+        self._learn_sample(found[0], found[1] + self._unsettled() + nuisance_m2, at, car=car, first=first)
         if self.ready:
             self._learned_s += self._since_s
         self.ready = True
@@ -331,13 +331,13 @@ class Baseline:
         """Learn a sample (d,) with its noise (d, d). `car`: what belongs to the car as well; `first`: it is
         one of the first of this drive, from which what counts now learns the drive."""
         taught = self._shadow or self.reference
-        taught.wander(self._since_s)
+        taught.drift(self._since_s)
         taught.learn(deviation_m, noise_m2, self._wheels, at, car=car)
         slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
         if slope is not None and car:
             taught.learn_slip(slope)
         if self._shadow is not None and first:
-            self.reference.wander(self._since_s)
+            self.reference.drift(self._since_s)
             self.reference.learn(deviation_m, noise_m2, self._wheels, at, car=False)
         elif self._shadow is None and sum(self.reference.ranges) >= BASELINE.settled_samples:
             self._shadow = self.reference.copy()
@@ -366,7 +366,7 @@ class Baseline:
 
     def follow(self, other: Baseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""
-        self._conditions.take_up(other._conditions.to_json())
+        self._conditions.restore(other._conditions.to_json())
 
     @property
     def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
@@ -389,7 +389,7 @@ class Baseline:
             "doubt": self._doubt,
         }
 
-    def take_up(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any]) -> None:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
             learned_s = number(saved["learned_s"], 0.0, BASELINE.longest_s, "learning time")
@@ -402,7 +402,7 @@ class Baseline:
                 shadow = Reference.from_json(shadow, self._vehicle)
             doubt = number(saved.get("doubt", 0.0), 0.0, 1.0, "doubt")
             conditions = ConditionTracker()
-            conditions.take_up(saved["conditions"])
+            conditions.restore(saved["conditions"])
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
         if not isinstance(ready, bool):

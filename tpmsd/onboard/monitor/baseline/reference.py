@@ -45,11 +45,11 @@ GROWTH, DRAG = 13, 14
 WARM, WARM_AXLE, HILL, AGE = slice(15, 17), 17, slice(18, 20), 20
 CAR = 21
 """So many parameters belong to the car; the rest to the drive."""
-LOAD, DAY, WANDER, WANDER_OWN = slice(21, 23), 23, 24, slice(25, 29)
+LOAD, DAY, DRIFT, DRIFT_OWN = slice(21, 23), 23, 24, slice(25, 29)
 SIZE = 29
 
 KNOTS_MPS = np.array(REFERENCE.knots_mps)
-_PLACES = np.arange(float(KNOTS_MPS.size))
+_INDICES = np.arange(float(KNOTS_MPS.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +83,13 @@ class Reference:
         mean, std = np.zeros(SIZE), np.zeros(SIZE)
         radius_m = float(self._radius.mean())
         warmths = WARM.stop - WARM.start
-        for place, prior, unit in (
+        for index, prior, unit in (
             (GROWTH, GROWTH_S2PM, REFERENCE.per_speed2 / radius_m),
             (DRAG, DRAG_SLIP_S2PM2, REFERENCE.per_speed2),
             (WARM, WARMTH_M, 1.0 / warmths / radius_m),
             (AGE, SPEED_AGE_S, 1.0),
         ):
-            mean[place], std[place] = prior.mean * unit, prior.std * unit
+            mean[index], std[index] = prior.mean * unit, prior.std * unit
         std[GROWTH_OWN], std[SPEED] = REFERENCE.growth_own_std, REFERENCE.speed_std
         std[WARM_AXLE] = REFERENCE.warm_axle_std
         mean[HILL] = np.where(self._driven, -DRIVE_SLIP_S2PM.mean * self._share, 0.0)
@@ -103,8 +103,8 @@ class Reference:
     def _signs(self) -> FloatArray:
         """(4, SIZE) on which wheels each parameter acts, and with which sign."""
         out = np.zeros((4, SIZE))
-        out[:, OWN] = out[:, GROWTH_OWN] = out[:, WANDER_OWN] = np.eye(4)
-        out[:, SPEED] = out[:, GROWTH] = out[:, DAY] = out[:, WANDER] = 1.0
+        out[:, OWN] = out[:, GROWTH_OWN] = out[:, DRIFT_OWN] = np.eye(4)
+        out[:, SPEED] = out[:, GROWTH] = out[:, DAY] = out[:, DRIFT] = 1.0
         out[:, DRAG] = np.where(np.where(IS_FRONT, *self._driven), -1.0, 0.0)
         out[:, WARM], out[:, WARM_AXLE] = -1.0, np.where(IS_FRONT, -1.0, 1.0)
         for axle, mask in enumerate((IS_FRONT, ~IS_FRONT)):
@@ -179,17 +179,17 @@ class Reference:
         self.covariance = (out + out.T) / 2
         return Innovation(innovation, spread, gain)
 
-    def wander(self, seconds: float) -> FloatArray:
+    def drift(self, seconds: float) -> FloatArray:
         """Driving goes on: what comes and goes within a drive has come and gone a little. (SIZE,) the share
         that is left of each parameter."""
-        decay = math.exp(-seconds / REFERENCE.wander_s)
+        decay = math.exp(-seconds / REFERENCE.drift_time_constant_s)
         factor = np.ones(SIZE)
-        factor[WANDER] = factor[WANDER_OWN] = decay
+        factor[DRIFT] = factor[DRIFT_OWN] = decay
         self.mean = self.mean * factor
         self.covariance = self.covariance * np.outer(factor, factor)
         grown = (1.0 - decay**2) * _drive_std() ** 2
-        for place in (WANDER, *range(WANDER_OWN.start, WANDER_OWN.stop)):
-            self.covariance[place, place] += grown[place - CAR]
+        for index in (DRIFT, *range(DRIFT_OWN.start, DRIFT_OWN.stop)):
+            self.covariance[index, index] += grown[index - CAR]
         return factor
 
     def widened(self, model: DriveModel) -> Reference:
@@ -197,16 +197,16 @@ class Reference:
         out = self.copy()
         slip_std = np.where(self._driven, self._share * model.slip_std, 0.0)
         (hill, hill_std), (drag, drag_std) = model.hill_times, model.drag_times
-        places = {DRAG: math.hypot(model.drag_std, drag_std * self.mean[DRAG])}
+        indices = {DRAG: math.hypot(model.drag_std, drag_std * self.mean[DRAG])}
         out.mean[DRAG] *= drag
         for axle in range(2):
-            places[LOAD.start + axle] = math.hypot(model.load_std[axle], slip_std[axle])
+            indices[LOAD.start + axle] = math.hypot(model.load_std[axle], slip_std[axle])
             if self._driven[axle]:
-                place = HILL.start + axle
-                places[place] = math.hypot(model.hill_std, hill_std * self.mean[place])
-                out.mean[place] *= hill
-        for place, std in places.items():
-            out.covariance[place, place] += std**2
+                index = HILL.start + axle
+                indices[index] = math.hypot(model.hill_std, hill_std * self.mean[index])
+                out.mean[index] *= hill
+        for index, std in indices.items():
+            out.covariance[index, index] += std**2
         return out
 
     def slip(self, model: DriveModel) -> FloatArray:
@@ -227,12 +227,12 @@ class Reference:
     def forget_drive(self, load_only: bool) -> None:
         """Widen by what a stop may change: the load is another, and unless `load_only` so is the day."""
         std = _drive_std()
-        places = list(range(LOAD.start, LOAD.stop)) if load_only else list(range(CAR, SIZE))
-        self.mean[places] = 0.0
-        self.covariance[places, :] = 0.0
-        self.covariance[:, places] = 0.0
-        for place in places:
-            self.covariance[place, place] = std[place - CAR] ** 2
+        indices = list(range(LOAD.start, LOAD.stop)) if load_only else list(range(CAR, SIZE))
+        self.mean[indices] = 0.0
+        self.covariance[indices, :] = 0.0
+        self.covariance[:, indices] = 0.0
+        for index in indices:
+            self.covariance[index, index] = std[index - CAR] ** 2
 
     def copy(self) -> Reference:
         """Return a reference that learns apart from this one."""
@@ -278,7 +278,7 @@ class Reference:
 def _with_age(saved: dict[str, Any], mean: float, variance: float) -> dict[str, Any]:
     """Return a baseline that was saved before `AGE` was learned (0.6 and earlier), with its prior."""
     rows = [[*row[:AGE], 0.0, *row[AGE:]] for row in saved["covariance"]]
-    of_age = [variance if place == AGE else 0.0 for place in range(SIZE)]
+    of_age = [variance if index == AGE else 0.0 for index in range(SIZE)]
     return {
         **saved,
         "mean": [*saved["mean"][:AGE], mean, *saved["mean"][AGE:]],
@@ -290,15 +290,15 @@ def _drive_std() -> FloatArray:
     """(SIZE - CAR,) prior standard deviations of what belongs to the drive."""
     out = np.empty(SIZE - CAR)
     out[LOAD.start - CAR : LOAD.stop - CAR] = REFERENCE.load_std
-    out[DAY - CAR], out[WANDER - CAR] = REFERENCE.day_std, REFERENCE.wander_std
-    out[WANDER_OWN.start - CAR :] = REFERENCE.wander_own_std
+    out[DAY - CAR], out[DRIFT - CAR] = REFERENCE.day_std, REFERENCE.drift_std
+    out[DRIFT_OWN.start - CAR :] = REFERENCE.drift_own_std
     return out
 
 
 def hats(speed_mps: float) -> FloatArray:
     """(knots,) piecewise linear weights of the ranges of speed; their sum is 1."""
-    place = float(np.interp(speed_mps, KNOTS_MPS, _PLACES))
-    return np.asarray(np.maximum(1.0 - np.abs(_PLACES - place), 0.0))
+    index = float(np.interp(speed_mps, KNOTS_MPS, _INDICES))
+    return np.asarray(np.maximum(1.0 - np.abs(_INDICES - index), 0.0))
 
 
 def speed_range(at: Conditions) -> int:

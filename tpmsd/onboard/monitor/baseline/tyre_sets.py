@@ -113,7 +113,7 @@ class TyreSets:
         saved = self._others.pop(wanted, None) if wanted != self.name else None
         fresh = self._fresh()
         if saved is not None:
-            fresh.take_up(saved)
+            fresh.restore(saved)
         fresh.follow(self.baseline)
         self.baseline, self.name = fresh, wanted
         known = saved is not None and fresh.ready
@@ -135,7 +135,7 @@ class TyreSets:
         """Once the new baseline is ready: whether it counts. The decision, if one was made just now."""
         if self._before is None or not self.baseline.ready:
             return None
-        changes = self._before.changes(estimate, self._judge.harmless_m2)
+        changes = self._before.changes(estimate, self._judge.nuisance_m2)
         if changes is None:
             return None
         soft = self._judge.soft_after_reset(changes[0], self.name != self._name_before)
@@ -167,7 +167,7 @@ class TyreSets:
         driven = self.baseline.ready or self.baseline.learned_s >= self._learn_s
         return self.state == "none" and driven and (early or reported)
 
-    def begin_anew(self) -> None:
+    def begin_again(self) -> None:
         """Forget the baseline that counts, for it was that of a tyre that was soft."""
         fresh = self._fresh()
         fresh.follow(self.baseline)
@@ -210,7 +210,7 @@ class TyreSets:
             "allowance": self._allowance,
         }
 
-    def take_up(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any]) -> None:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
             names = [saved["tyres"], saved["tyres_before"], *saved["others"]]
@@ -232,7 +232,7 @@ class TyreSets:
 
     def _read(self, saved: dict[str, Any]) -> Baseline:
         out = self._fresh()
-        out.take_up(saved)
+        out.restore(saved)
         return out
 
 

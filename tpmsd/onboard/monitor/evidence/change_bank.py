@@ -1,7 +1,7 @@
-"""Changes of radii that may have begun at any sample of a drive, beside all that is harmless on it.
+"""Changes of radii that may have begun at any sample of a drive, beside all that is nuisance on it.
 
 In: a `Reference` as the drive began, and its samples. Out: for each hypothesis of one its size with
-covariance, all harmless parameters estimated beside it, and the log-likelihood of the drive without any.
+covariance, all nuisance parameters estimated beside it, and the log-likelihood of the drive without any.
 
 A generalised likelihood ratio [Willsky 1976]: one Kalman filter without a change, and for each hypothesis of
 a change the sensitivity F of that filter to it. With the innovation v, its covariance S and the gain K of the
@@ -65,10 +65,12 @@ class _Beside(NamedTuple):
 
 
 class ChangeBank:
-    """One account of a drive. Radii are relative to nominal throughout."""
+    """One change hypothesis of a drive. Radii are relative to nominal throughout."""
 
     def __init__(self, reference: Reference, scatter: FloatArray) -> None:
-        """`scatter` (d, d): covariance that this account adds to every sample; `reference` is used up."""
+        """`scatter` (d, d): covariance that this change hypothesis adds to every sample; `reference` is used
+        up.
+        """
         d = len(scatter)
         self._reference, self._scatter = reference, scatter
         self.samples = 0
@@ -87,7 +89,7 @@ class ChangeBank:
     ) -> None:
         """Take a sample: (d,), its covariance (d, d) and features (d, SIZE); `elapsed_s` of driving since the
         one before."""
-        left = self._reference.wander(elapsed_s)
+        left = self._reference.drift(elapsed_s)
         self._sensitivity *= left[:, None]
         self._add_hypotheses(len(deviation))
         found = self._reference.correct(deviation, noise + self._scatter, h)
@@ -187,14 +189,14 @@ class ChangeBank:
             variance,
         )
 
-    def reference_beside(self, row: int, place: int, sizes: Sizes) -> Reference:
+    def reference_fitted_jointly(self, row: int, index: int, sizes: Sizes) -> Reference:
         """Moments of the car's reference beside the change at this row and place of `changes`.
 
         The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.
         A size since the first sample is a second one, known beside d.
         """
         chosen = np.zeros(self._onset.size, dtype=np.bool_)
-        k = int(np.flatnonzero(self.samples - self._onset >= JUDGE.full_samples)[place])
+        k = int(np.flatnonzero(self.samples - self._onset >= JUDGE.full_samples)[index])
         chosen[k] = True
         rest = self._beside(sizes, chosen)
         covariance = _inverse(rest.information[row])[0]

@@ -1,12 +1,12 @@
 """Was a tyre soft before it was ever learned? The first radii of a car held against what cars have.
 
 In: radii of the first minutes with their covariance. Out: for each wheel the probability that it is a soft
-tyre, and that it is a larger one than its fellow.
+tyre, and that it is a larger one than the other wheel of its axle.
 
 The prior is hierarchical, in parts of the radius: a level common to the car, a difference of front and rear,
 and on each axle a difference of left and right, which is small where both tyres are of one set and wear, and
-larger where they are mixed. Tyres of one car come in sets: a wheel that is smaller than its fellow by more
-than a mixed set explains has lost air, or is a spare.
+larger where they are mixed. Tyres of one car come in sets: a wheel that is smaller than the other wheel of
+its axle by more than a mixed set explains has lost air, or is a spare.
 
 Assumed, without a source at hand: about 1 % of the overall diameter differs from maker to maker (`car_std`,
 `axle_std`); tyres of one type and batch run within 0.1 %, and 1 mm more tread on one side is 0.3 % of the
@@ -40,7 +40,9 @@ class FirstVerdict:
     """(d,) each, of the wheels that are monitored."""
 
     soft: FloatArray
-    """Probability that it differs from its fellow as no set does, and more probably by a loss of its own."""
+    """Probability that it differs from the other wheel of its axle as no set does, and more probably by a
+    loss of its own.
+    """
     larger: FloatArray
     """Probability (d,) that it is larger than the other wheel of its axle."""
     loss_m: FloatArray
@@ -70,7 +72,7 @@ def judge_first(
     expected = np.where(soft > 0.0, kinds[0] @ LOSS_GRID / np.maximum(soft, 1e-300), 0.0)
     soft, larger = _decided(soft, larger, wheels)
     return FirstVerdict(
-        np.minimum(soft, 1.0), np.minimum(larger, 1.0), expected * radius_m, _fellow(x, wheels)
+        np.minimum(soft, 1.0), np.minimum(larger, 1.0), expected * radius_m, _other_of_axle(x, wheels)
     )
 
 
@@ -91,7 +93,7 @@ def _decided(soft: FloatArray, larger: FloatArray, wheels: list[int]) -> tuple[F
     return soft, larger
 
 
-def _fellow(x: FloatArray, wheels: list[int]) -> FloatArray:
+def _other_of_axle(x: FloatArray, wheels: list[int]) -> FloatArray:
     """(d,) by how much each wheel is smaller than the other one of its axle."""
     out = np.zeros(len(wheels))
     for k, wheel in enumerate(wheels):
@@ -192,12 +194,12 @@ class FirstStart:
         `changed`: wheels whose difference may be younger than the first start.
         """
         verdict = self.verdict = judge_first(deviation_m, covariance_m2, self._radius, self._wheels)
-        place = int(
+        index = int(
             np.argmax([0.0 if wheel in changed else verdict.soft[k] for k, wheel in enumerate(self._wheels)])
         )
-        chance = 0.0 if self._wheels[place] in changed else float(verdict.soft[place])
-        words = self._reason(AlarmKind.DEFLATION, place, "raised", verdict)
-        self.suspected = self._wheels[place], chance, words
+        chance = 0.0 if self._wheels[index] in changed else float(verdict.soft[index])
+        words = self._reason(AlarmKind.DEFLATION, index, "raised", verdict)
+        self.suspected = self._wheels[index], chance, words
         turned = []
         for (kind, wheel), alarm in self._alarms.items():
             k = self._wheels.index(wheel)

@@ -1,8 +1,8 @@
 """Slip of the wheels, of the moment and over minutes, under each drive model: one model of grip for all
 looks.
 
-In: the probability of each drive model by the drive as a whole, and a change. Out: accounts of that change:
-its covariance under each model, and the log weight of each if no tyre has changed.
+In: the probability of each drive model by the drive as a whole, and a change. Out: change hypotheses of that
+change: its covariance under each model, and the log weight of each if no tyre has changed.
 
 A drive that has shown low grip or loose ground is slippery for whoever looks: what an estimate of a few
 seconds, or a mean over minutes, may be off by is what the drive's samples were off by. The slip of a driven
@@ -57,7 +57,7 @@ class Grip:
         uneven = set(DRIVE_EVIDENCE.slipping) - set(DRIVE_EVIDENCE.by_slope)
         return sum(chance for name, chance in models.items() if name in uneven)
 
-    def accounts(
+    def change_hypotheses(
         self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]
     ) -> Slipping:
         """Return the slip in a change (d,) that is the mean of so many samples, with the covariance (d, d)

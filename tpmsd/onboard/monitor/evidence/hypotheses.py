@@ -4,7 +4,7 @@ In: the change of the radii against the baseline with its covariance. Out: for e
 it is deflated, and how large the loss is.
 
 Model: change = nuisance + noise - s * (1 on the wheels of subset S), with s > 0 the loss common to the
-subset's wheels. Nuisance are the harmless changes that every drive brings, by the way they act (physics
+subset's wheels. Nuisance are the nuisance changes that every drive brings, by the way they act (physics
 catalogue): all wheels together (centrifugal growth, warm-up), axle against axle (drive slip, load), side
 against side (camber, cross-load), and each wheel's own. A hypothesis is a subset S; its likelihood is
 averaged over a grid of losses, so larger subsets and freer losses pay for their freedom. Because all wheels
@@ -95,15 +95,17 @@ class Verdict:
     """(d,) probability that the wheel, and no other, is larger than was learned."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
-    likeliest account."""
+    likeliest change hypothesis."""
     chances: FloatArray
     """(h,) posterior probability of a loss of each of `subsets`, then of each single wheel that is larger."""
     gains: FloatArray
-    """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest account."""
+    """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest change hypothesis."""
     best_loss_m: FloatArray
-    """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest account."""
-    accounts: FloatArray
-    """(n,) posterior probability of each account of the change."""
+    """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest change
+    hypothesis.
+    """
+    change_hypotheses: FloatArray
+    """(n,) posterior probability of each change hypothesis of the change."""
     intact: FloatArray
     """(n,) the same with nothing lost."""
     table: Table
@@ -131,37 +133,37 @@ class Comparison:
     """Change, relative, from which a wheel deviates."""
 
     def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
-        """Posterior over all subsets and losses by one account of the change: change_m (d,), covariance_m2
-        (d, d) of change including nuisance."""
+        """Posterior over all subsets and losses by one change hypothesis of the change: change_m (d,),
+        covariance_m2 (d, d) of change including nuisance."""
         return self.of_accounts(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
 
-    def of_accounts(self, accounts: Sized) -> Verdict:
-        """Posterior over n accounts of one change as well, covariances including nuisance."""
+    def of_accounts(self, change_hypotheses: Sized) -> Verdict:
+        """Posterior over n change hypotheses of one change as well, covariances including nuisance."""
         d = self.radius_m.size
         _, weights, log_shares = _hypotheses(d)
-        parabola = self._parabola(accounts.change_m, accounts.covariance_m2)
+        parabola = self._parabola(change_hypotheses.change_m, change_hypotheses.covariance_m2)
         slope, curvature = (one[:, :, None] for one in parabola)
         fit = np.asarray(LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature))
-        logs = accounts.log_weight[:, None, None] + fit + log_shares[:, None]
-        logs[accounts.row > 0, 2**d - 1 :] = -np.inf  # what is larger is a row of sizes there
+        logs = change_hypotheses.log_weight[:, None, None] + fit + log_shares[:, None]
+        logs[change_hypotheses.row > 0, 2**d - 1 :] = -np.inf  # what is larger is a row of sizes there
         if self.log_ratios is not None:
             logs[:, : 2**d - 1] += self.log_ratios[:, None]
         if self.one_alone:
             logs[:, d:] = -np.inf  # subsets come by size
-        log_none = accounts.log_weight + math.log1p(-float(weights.sum()))
+        log_none = change_hypotheses.log_weight + math.log1p(-float(weights.sum()))
         top = max(np.maximum.reduce(logs, axis=None), np.maximum.reduce(log_none))
         posterior, none = np.exp(logs - top), np.exp(log_none - top)
         total = np.add.reduce(none) + np.add.reduce(posterior, axis=None)
-        table = Table.of(accounts.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
-        return self._verdict(accounts, fit, parabola, posterior / total, none / total, table)
+        table = Table.of(change_hypotheses.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
+        return self._verdict(change_hypotheses, fit, parabola, posterior / total, none / total, table)
 
     @property
     def _rows(self) -> int:
         return len((self.sizes or no_sizes(self.radius_m.size)).mean)
 
     def _parabola(self, change_m: FloatArray, covariance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log-likelihood of a loss less that of none, a parabola over the size of the loss, by m accounts
-        (m, d), (m, d, d): its slope at no loss and its curvature, (m, h) each."""
+        """Log-likelihood of a loss less that of none, a parabola over the size of the loss, by m change
+        hypotheses (m, d), (m, d, d): its slope at no loss and its curvature, (m, h) each."""
         whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
         seen = np.einsum("nij,nj->ni", whitener, change_m)
         white = (_hypotheses(self.radius_m.size)[0] * self.radius_m) @ whitener.transpose(0, 2, 1)
@@ -179,11 +181,11 @@ class Comparison:
         """Log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
         d = self.radius_m.size
         lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
-        accounts = none + np.add.reduce(posterior, axis=(1, 2))
-        best = int(accounts.argmax())
+        change_hypotheses = none + np.add.reduce(posterior, axis=(1, 2))
+        best = int(change_hypotheses.argmax())
         likeliest = fit[best]
         # Whether anything is lost is asked of tyres of the size that was learned.
-        usual = fit[int(np.where(given.row == 0, accounts, -1.0).argmax())]
+        usual = fit[int(np.where(given.row == 0, change_hypotheses, -1.0).argmax())]
         found = np.add.reduce(posterior)
         of_losses = found[lost]
         beyond = int(LOSS_GRID.searchsorted(self.threshold))
@@ -196,22 +198,22 @@ class Comparison:
             none=float(np.add.reduce(none[given.row == 0]) + found[lost.stop :].sum()),
             loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
             beyond=large,
-            off=self._off(given, parabola, posterior, accounts),
-            sizes=self._of_rows(given, accounts),
+            off=self._off(given, parabola, posterior, change_hypotheses),
+            sizes=self._of_rows(given, change_hypotheses),
             larger=chances[lost.stop :] if d > 2 else np.zeros(d),
             suspicion=float(np.maximum.reduce(usual[lost, beyond:], axis=None)),
             chances=chances,
             gains=np.maximum.reduce(likeliest, axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
-            accounts=accounts,
+            change_hypotheses=change_hypotheses,
             intact=none,
             table=table,
         )
 
-    def _of_rows(self, given: Sized, accounts: FloatArray) -> FloatArray:
-        """(r,) probability of each row of sizes by that of each account (n,)."""
+    def _of_rows(self, given: Sized, change_hypotheses: FloatArray) -> FloatArray:
+        """(r,) probability of each row of sizes by that of each change hypothesis (n,)."""
         out = np.zeros(self._rows)
-        np.add.at(out, given.row, accounts)
+        np.add.at(out, given.row, change_hypotheses)
         return out
 
     def _off(
@@ -219,7 +221,7 @@ class Comparison:
         given: Sized,
         parabola: tuple[FloatArray, FloatArray],
         posterior: FloatArray,
-        accounts: FloatArray,
+        change_hypotheses: FloatArray,
     ) -> FloatArray:
         """(s,) probability that wheels are off by more than the limit: by what they lost or gained, of which
         (n, h, losses) is the posterior, or by their size."""
@@ -229,16 +231,16 @@ class Comparison:
             return out
         chances = np.add.reduce(posterior, axis=2)
         slope, curvature = parabola
-        for account, found in np.argwhere(chances > NEGLIGIBLE).tolist():
-            std = 1.0 / math.sqrt(float(curvature[account, found]))
-            beyond = float(slope[account, found]) * std - self.limit / std
+        for change_index, found in np.argwhere(chances > NEGLIGIBLE).tolist():
+            std = 1.0 / math.sqrt(float(curvature[change_index, found]))
+            beyond = float(slope[change_index, found]) * std - self.limit / std
             # Subsets come by size: what is larger is one wheel.
-            out[found % lost] += float(chances[account, found]) * normal_cdf(beyond)
+            out[found % lost] += float(chances[change_index, found]) * normal_cdf(beyond)
         subset = (self.sizes or no_sizes(self.radius_m.size)).subset
-        for account in np.flatnonzero((given.row > 0) & (accounts > NEGLIGIBLE)).tolist():
-            size, std = float(given.size[account]), max(float(given.size_std[account]), 1e-12)
+        for change_index in np.flatnonzero((given.row > 0) & (change_hypotheses > NEGLIGIBLE)).tolist():
+            size, std = float(given.size[change_index]), max(float(given.size_std[change_index]), 1e-12)
             over = normal_cdf((size - self.limit) / std) + normal_cdf((-size - self.limit) / std)
-            out[subset[int(given.row[account])]] += float(accounts[account]) * over
+            out[subset[int(given.row[change_index])]] += float(change_hypotheses[change_index]) * over
         return out
 
 

@@ -15,7 +15,7 @@ from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Nuisance:
-    """Standard deviations of harmless changes since the baseline, relative to the radius."""
+    """Standard deviations of nuisance changes since the baseline, relative to the radius."""
 
     common: float
     axle: float

@@ -12,7 +12,7 @@ sizes best, and e for its share of the prior (the windows that have a row for S 
     P(r, nothing) ~ P_R(r, nothing),      P(r, S, w) ~ P_R(r, nothing) e P_w(r, S) / P_w(r, nothing)
 
 so a size hides no loss, and minutes that say which of two tyres has changed are not overruled by the present.
-A wheel may also have become larger in a young window, a rival of losses of its fellow.
+A wheel may also have become larger in a young window, a rival of losses of the other wheel of its axle.
 
 What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
 have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An alarm that stands is not

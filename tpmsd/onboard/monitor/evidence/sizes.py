@@ -47,14 +47,14 @@ class Sizes:
         cls, pattern: list[FloatArray], mean: list[float], variance: list[float], prior: list[float]
     ) -> Sizes:
         """`prior` of all rows but the first."""
-        places = {members: place for place, members in enumerate(subsets(pattern[0].size))}
+        indices = {members: index for index, members in enumerate(subsets(pattern[0].size))}
         wheels = [tuple(np.flatnonzero(row).tolist()) for row in pattern]
         return cls(
             np.array(pattern),
             np.array(mean),
             np.array(variance),
             np.log([1.0 - sum(prior), *prior]),
-            [places.get(members, 0) for members in wheels],
+            [indices.get(members, 0) for members in wheels],
         )
 
 

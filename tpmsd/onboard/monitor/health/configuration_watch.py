@@ -51,8 +51,8 @@ class _Turns:
         if left[0, 0] < CONFIGURATION.least_turns_rad2 or left[1, 1] <= 0.0:
             return False
         correlation = left[0, 1] / math.sqrt(left[0, 0] * left[1, 1])
-        self.right = bool(correlation > CONFIGURATION.sure_correlation)
-        return bool(correlation < -CONFIGURATION.sure_correlation)
+        self.right = bool(correlation > CONFIGURATION.least_correlation)
+        return bool(correlation < -CONFIGURATION.least_correlation)
 
 
 class ConfigurationWatch:
@@ -115,9 +115,9 @@ class ConfigurationWatch:
         elif self._gyro.against():
             self.contradiction = "the yaw rate turns against the receiver's course: its sign seems wrong"
 
-    def _level(self, way_m: float, rotation: FloatArray) -> None:
+    def _level(self, distance_m: float, rotation: FloatArray) -> None:
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = way_m / (rotation * self._radius)
+            ratio = distance_m / (rotation * self._radius)
         seen = ratio[self._wheels]
         if not np.all(np.isfinite(seen)) or len(self._ratios) >= CONFIGURATION.radius_intervals:
             return

@@ -59,8 +59,8 @@ class ReceiverSpeed:
             return
         self._anchor = fix
         if anchor is not None and 0.0 < fix.time_s - anchor.time_s <= 2.0 * SIGNALS.chord_s:
-            way_m = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
-            self._speed_mps, self._time_s = way_m / (fix.time_s - anchor.time_s), fix.time_s
+            distance_m = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
+            self._speed_mps, self._time_s = distance_m / (fix.time_s - anchor.time_s), fix.time_s
 
 
 class Watching(NamedTuple):

@@ -70,8 +70,8 @@ class CarSpeed:
     def _compared(self, kmh: int) -> Heard:
         low_mps, high_mps = stated_range(kmh)
         agree = []
-        for place in (1, 2):
-            speeds = [moment[place] for moment in self._recent if math.isfinite(moment[place])]
+        for index in (1, 2):
+            speeds = [moment[index] for moment in self._recent if math.isfinite(moment[index])]
             agree.append(low_mps <= max(speeds) and min(speeds) <= high_mps if speeds else None)
         return Heard(low_mps, *agree)
 

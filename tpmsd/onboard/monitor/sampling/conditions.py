@@ -104,7 +104,7 @@ class ConditionTracker:
             "slope": self._slope,
         }
 
-    def take_up(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any]) -> None:
         """Take up what was saved; ValueError if it is nothing of that kind.
 
         Until the next tick the car is taken to have stood: the daemon ran on for as long as it was driven.

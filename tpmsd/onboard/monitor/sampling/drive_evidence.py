@@ -1,8 +1,8 @@
 """Evidence of a drive as a whole under each drive model: as learned, another load, a trailer, low grip.
 
-In: the `Reference` as the drive began and a sample every 20 s. Out: `Accounts`: change hypotheses with their
-covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every loss: what it
-explains better is no loss.
+In: the `Reference` as the drive began and a sample every 20 s. Out: `ChangeHypotheses`: change hypotheses
+with their covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every
+loss: what it explains better is no loss.
 """
 
 from __future__ import annotations
@@ -25,40 +25,40 @@ from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 
 
 @dataclass(frozen=True, slots=True)
-class Accounts:
+class ChangeHypotheses:
     """Change hypotheses of a drive, n of them over all drive models and rows of sizes."""
 
     change_m: FloatArray
     """(n, d)"""
     covariance_m2: FloatArray
-    """(n, d, d) without what is harmless."""
+    """(n, d, d) without what is nuisance."""
     log_weight: FloatArray
     """(n,) log of prior probability times likelihood of the drive, had no tyre changed."""
     model: NDArray[np.intp]
     """(n,) index of the drive model."""
     row: NDArray[np.intp]
     """(n,) index of the row of sizes, and ..."""
-    place: NDArray[np.intp]
+    index: NDArray[np.intp]
     """(n,) ... of the hypothesis among those of its model."""
     size: FloatArray
     """(n,) of that row, relative, if no tyre has lost air, and ..."""
     size_std: FloatArray
     """(n,)"""
 
-    def allowing(self, harmless_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def allowing(self, nuisance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the covariance of each change (n, d, d) and the log weights (n,) if no tyre has changed,
         where radii may also have changed by a nuisance of covariance (d, d).
 
-        What is harmless belongs to that likelihood as much as to the size of a loss: it is 0 in `log_weight`,
-        normal with `harmless_m2` here, and the ratio of the two is N(change; 0, C + H) / N(change; 0, C).
+        What is nuisance belongs to that likelihood as much as to the size of a loss: it is 0 in `log_weight`,
+        normal with `nuisance_m2` here, and the ratio of the two is N(change; 0, C + H) / N(change; 0, C).
         """
-        total_m2 = self.covariance_m2 + harmless_m2
+        total_m2 = self.covariance_m2 + nuisance_m2
         log_density = log_normal(self.change_m, total_m2) - log_normal(self.change_m, self.covariance_m2)
         return total_m2, self.log_weight + log_density
 
     def likely(self, log_weight: FloatArray) -> NDArray[np.intp]:
-        """Indices of the accounts that count: under the others even the change that fits best is less likely
-        than the best account of `log_weight` (n,) without any loss."""
+        """Indices of the change hypotheses that count: under the others even the change that fits best is
+        less likely than the best change hypothesis of `log_weight` (n,) without any loss."""
         solved = np.linalg.solve(self.covariance_m2, self.change_m[:, :, None])[:, :, 0]
         most = self.log_weight + 0.5 * np.einsum("nd,nd->n", self.change_m, solved)
         return np.flatnonzero(most > log_weight.max() - DRIVE_EVIDENCE.negligible_nats)
@@ -83,13 +83,13 @@ class DriveEvidence:
             for model in DRIVE_EVIDENCE.models
         ]
         # Neighbouring samples of what comes and goes are alike: each counts for less.
-        alike = math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s)
-        quick = Nuisance(0.0, 0.0, JUDGE.harmless.side, JUDGE.harmless.own)
+        alike = math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s)
+        quick = Nuisance(0.0, 0.0, JUDGE.nuisance.side, JUDGE.nuisance.own)
         self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + alike) / (1.0 - alike)
         self._level = LevelNoise(reference)
         self._slopes = 0
         """Slip slopes that were taken."""
-        self.accounts: Accounts | None = None
+        self.change_hypotheses: ChangeHypotheses | None = None
         """Changes by the samples so far; None as long as they are too few."""
 
     def take(
@@ -122,28 +122,32 @@ class DriveEvidence:
                 for model, bank, one in zip(DRIVE_EVIDENCE.models, self._banks, found, strict=True)
             ]
         )
-        model, row, place = (index.ravel() for index in np.indices(log_weight.shape))
+        model, row, index = (index.ravel() for index in np.indices(log_weight.shape))
         size, variance = (
             np.stack([getattr(one, name) for one in found])[model, row] for name in ("size", "size_variance")
         )
-        self.accounts = Accounts(
+        self.change_hypotheses = ChangeHypotheses(
             change_m=np.stack([one.change for one in found]).reshape(-1, self._radius.size) * self._radius,
             covariance_m2=np.stack([one.covariance for one in found]).reshape(-1, *scale.shape) * scale,
             log_weight=log_weight.ravel(),
             model=model,
             row=row,
-            place=place,
+            index=index,
             size=size,
             size_std=np.sqrt(variance),
         )
 
     def _log_prior(self, model: DriveModel) -> float:
-        told = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
-        return math.log(model.prior) if told else -math.inf
+        known = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
+        return math.log(model.prior) if known else -math.inf
 
-    def reference_beside(self, account: int) -> Reference:
-        """Return the reference by the drive, fitted jointly with the change of this one of `accounts`."""
-        assert self.accounts is not None
-        kept = self.accounts
-        bank = self._banks[int(kept.model[account])]
-        return bank.reference_beside(int(kept.row[account]), int(kept.place[account]), self._sizes)
+    def reference_fitted_jointly(self, change_index: int) -> Reference:
+        """Return the reference by the drive, fitted jointly with the change of this one of
+        `change_hypotheses`.
+        """
+        assert self.change_hypotheses is not None
+        kept = self.change_hypotheses
+        bank = self._banks[int(kept.model[change_index])]
+        return bank.reference_fitted_jointly(
+            int(kept.row[change_index]), int(kept.index[change_index]), self._sizes
+        )

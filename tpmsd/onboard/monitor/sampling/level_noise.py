@@ -49,7 +49,7 @@ class LevelNoise:
             last, last_h, last_variance, last_error2 = self._last
             step = h - last_h
             jump = level - last - float(step @ self._mean)
-            spread = variance + last_variance + 2.0 * JUDGE.harmless.common**2
+            spread = variance + last_variance + 2.0 * JUDGE.nuisance.common**2
             spread += float(step @ self._covariance @ step)
             spreads = spread + np.array([[0.0, error2], [last_error2, last_error2 + error2]])
             log_chances = np.log(chances) - 0.5 * (np.log(spreads) + jump**2 / spreads)

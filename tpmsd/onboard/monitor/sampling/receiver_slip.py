@@ -25,7 +25,7 @@ class ReceiverSlip:
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._radius_m = [float(radius) for radius in vehicle.wheel_radius_m]
         self._wheelbase_m, self._track_m = vehicle.wheelbase_m, vehicle.track_rear_m
-        self._ways: deque[tuple[float, float, float]] = deque()
+        self._distances: deque[tuple[float, float, float]] = deque()
         """Time, way of the mean of all wheels and of right minus left at the rear, since an interruption."""
         self._fixes: deque[tuple[float, Fix]] = deque()
         """Time and fix, of those whose way is not complete yet."""
@@ -37,22 +37,22 @@ class ReceiverSlip:
         fl, fr, rl, rr = (
             turn * radius for turn, radius in zip(tick.rotation_rad.tolist(), self._radius_m, strict=True)
         )
-        way_m, apart_m = 0.25 * (fl + fr + rl + rr), rr - rl
-        if tick.gap_s > 0.0 or not math.isfinite(way_m):
-            self._ways.clear()
+        distance_m, apart_m = 0.25 * (fl + fr + rl + rr), rr - rl
+        if tick.gap_s > 0.0 or not math.isfinite(distance_m):
+            self._distances.clear()
             self._fixes.clear()
-        if not math.isfinite(way_m):
+        if not math.isfinite(distance_m):
             return []
-        if not self._ways:
-            self._ways.append((tick.time_s - tick.dt_s, 0.0, 0.0))
-        _, way_before_m, apart_before_m = self._ways[-1]
-        self._ways.append((tick.time_s, way_before_m + way_m, apart_before_m + apart_m))
+        if not self._distances:
+            self._distances.append((tick.time_s - tick.dt_s, 0.0, 0.0))
+        _, distance_before_m, apart_before_m = self._distances[-1]
+        self._distances.append((tick.time_s, distance_before_m + distance_m, apart_before_m + apart_m))
         begin_s = tick.time_s - tick.dt_s
         for fix in tick.fixes:
             if math.isfinite(fix.speed_mps) and fix.speed_noise <= SLIP_SLOPE.most_speed_noise:
                 self._fixes.append((begin_s + fix.fraction * tick.dt_s, fix))
-        while self._ways[1][0] < tick.time_s - 3.0 * SLIP_SLOPE.span_s:
-            self._ways.popleft()
+        while self._distances[1][0] < tick.time_s - 3.0 * SLIP_SLOPE.span_s:
+            self._distances.popleft()
         out = []
         while self._fixes and self._fixes[0][0] + SLIP_SLOPE.span_s <= tick.time_s:
             at_s, fix = self._fixes.popleft()
@@ -63,12 +63,12 @@ class ReceiverSlip:
         return out
 
     def _point(self, at_s: float, fix: Fix) -> Point | None:
-        times, ways, aparts = zip(*self._ways, strict=True)
+        times, distances, aparts = zip(*self._distances, strict=True)
         span_s = SLIP_SLOPE.span_s
         if at_s - span_s < times[0]:
             return None
         moments = at_s + span_s * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
-        first, before, now, after, last = np.interp(moments, times, ways).tolist()
+        first, before, now, after, last = np.interp(moments, times, distances).tolist()
         apart_before, apart_after = np.interp(moments[[1, 3]], times, aparts).tolist()
         speed_mps, accel_mps2 = (after - before) / span_s, (last - 2.0 * now + first) / span_s**2
         least, most = SLIP_SLOPE.accel_mps2

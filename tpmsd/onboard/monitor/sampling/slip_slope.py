@@ -34,7 +34,7 @@ class SlipSlope:
         self._receiver = ReceiverSlip(vehicle) if self._front == 0.0 else None
         self._radius_m = [float(radius) for radius in vehicle.wheel_radius_m]
         self._wheelbase_m, self._track_m = vehicle.wheelbase_m, vehicle.track_rear_m
-        self._way_m = [0.0] * 4
+        self._distance_m = [0.0] * 4
         self._elapsed_s = 0.0
         self._seconds: list[tuple[float, float]] = []
         """Speed of the axle that is not driven, and slip, of each second in a row; the last two at least."""
@@ -57,21 +57,22 @@ class SlipSlope:
         if tick.gap_s > 0.0:
             self._interrupt()
         turns = tick.rotation_rad.tolist()
-        self._way_m = [
-            way + turn * radius for way, turn, radius in zip(self._way_m, turns, self._radius_m, strict=True)
+        self._distance_m = [
+            distance_m + turn * radius
+            for distance_m, turn, radius in zip(self._distance_m, turns, self._radius_m, strict=True)
         ]
         self._elapsed_s += tick.dt_s
         if self._elapsed_s >= SLIP_SLOPE.second_s:
             self._end_second()
 
     def _interrupt(self) -> None:
-        self._way_m, self._elapsed_s = [0.0] * 4, 0.0
+        self._distance_m, self._elapsed_s = [0.0] * 4, 0.0
         self._seconds.clear()
 
     def _end_second(self) -> None:
-        fl, fr, rl, rr = self._way_m
+        fl, fr, rl, rr = self._distance_m
         elapsed_s = self._elapsed_s
-        self._way_m, self._elapsed_s = [0.0] * 4, 0.0
+        self._distance_m, self._elapsed_s = [0.0] * 4, 0.0
         front, rear = 0.5 * (fl + fr), 0.5 * (rl + rr)
         free = rear if self._front > 0.0 else front
         slow_m = SLIP_SLOPE.slowest_mps * elapsed_s

@@ -48,7 +48,7 @@ LEAST_CHANCE = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Hypotheses:
-    """n accounts of the days so far."""
+    """n change hypotheses of the days so far."""
 
     log_weight: FloatArray
     """(n,)"""
@@ -237,16 +237,16 @@ class LeakFilter:
         event, begins = splits.event[index], splits.begins[index]
         for k, wheels in enumerate(WHEEL_SETS):
             chosen = np.flatnonzero(event == k)
-            places = [LOST.start + wheel for wheel in wheels]
-            out.mean[chosen[:, None], places] = 0.0
+            indices = [LOST.start + wheel for wheel in wheels]
+            out.mean[chosen[:, None], indices] = 0.0
             part = out.covariance[chosen]
-            part[:, places, :] = 0.0
-            part[:, :, places] = 0.0
+            part[:, indices, :] = 0.0
+            part[:, :, indices] = 0.0
             part[:, LOST, LOST] += filled(s, wheels)
             out.covariance[chosen] = part
             chosen = np.flatnonzero(event == len(WHEEL_SETS) + k)
-            for place in (BASE.start + wheel for wheel in wheels):
-                out.covariance[chosen, place, place] += s.change_std**2
+            for base in (BASE.start + wheel for wheel in wheels):
+                out.covariance[chosen, base, base] += s.change_std**2
         out.log_weight[:] = splits.log_weight[index]
         new = np.flatnonzero(begins != NO_WHEEL)
         rate, std, _ = np.array(s.leak_rates)[splits.rate[index[new]]].T

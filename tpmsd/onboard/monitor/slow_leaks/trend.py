@@ -34,7 +34,7 @@ class Trend:
     """Per cent of pressure per week beyond the other tyre of its axle, and its standard deviation."""
     rate_std: float
     lost: float
-    """Per cent of pressure that the tyre lacks of its fellow's, by loss and filling."""
+    """Per cent of pressure that the tyre lacks of the other wheel of its axle's, by loss and filling."""
     days: float
     span_d: float
     """Days with readings since the leak began, and the time since; expected values."""
@@ -53,7 +53,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True)
 class Leaks:
-    """The hypotheses of one leaking tyre: what it loses beyond its fellow."""
+    """The hypotheses of one leaking tyre: what it loses beyond the other wheel of its axle."""
 
     weight: FloatArray
     """(n,) sums to the probability of the leak"""
@@ -71,10 +71,10 @@ class Leaks:
         """Return the leaks of this tyre."""
         chosen = every.take(np.flatnonzero(every.wheel == wheel))
         pair = next(axle for axle in AXLES if wheel in axle)
-        fellow = pair[1 - pair.index(wheel)]
+        other = pair[1 - pair.index(wheel)]
         beyond = np.zeros((2, SIZE))
         for row, part in enumerate((RATE, LOST)):
-            beyond[row, part.start + wheel], beyond[row, part.start + fellow] = 1.0, -1.0
+            beyond[row, part.start + wheel], beyond[row, part.start + other] = 1.0, -1.0
         mean = chosen.mean @ beyond.T
         covariance = beyond @ chosen.covariance @ beyond.T
         return cls(
@@ -109,7 +109,7 @@ def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | No
 
 
 def has_ended(filter_: LeakFilter, settings: TrendSettings = TREND) -> bool:
-    """Return whether the days that a filter of one leak (`leak` given) has seen speak against its going on."""
+    """Return whether the days seen by a filter of one leak (`leak` given) speak against its going on."""
     seen = filter_.hypotheses.days.max() >= settings.least_days
     gone = filter_.probability(NO_WHEEL)
     return bool(seen and gone >= 1.0 / (1.0 + math.exp(-settings.clear_gain)))
@@ -142,6 +142,6 @@ def _low_in_d(
     days = WEEK_D * left / np.maximum(rates + beside, settings.least_rate)
     values, weights = days.ravel(), np.repeat(weight / first.size, first.size)
     order = np.argsort(values)
-    places = np.searchsorted(np.cumsum(weights[order]), (0.025, 0.5, 0.975))
-    low, middle, high = values[order[np.minimum(places, order.size - 1)]]
+    indices = np.searchsorted(np.cumsum(weights[order]), (0.025, 0.5, 0.975))
+    low, middle, high = values[order[np.minimum(indices, order.size - 1)]]
     return float(low), float(middle), float(high)

@@ -115,8 +115,8 @@ class SlowLeakWatch:
         difference, variance = np.full(3, math.nan), np.full(3, math.nan)
         variance[known] = np.diag(CONTRASTS @ estimate.covariance_m2 @ CONTRASTS.T)[known]
         difference[known] = (CONTRASTS @ radius)[known]
-        sure = (variance[known] >= 0.0) & (variance[known] <= READINGS.most_std_m**2)
-        if known and sure.all() and np.isfinite(difference[known]).all():
+        precise = (variance[known] >= 0.0) & (variance[known] <= READINGS.most_std_m**2)
+        if known and precise.all() and np.isfinite(difference[known]).all():
             self._reading.add(difference, variance)
         return events + self._commit(tick, over=False)
 
@@ -168,7 +168,7 @@ class SlowLeakWatch:
             "notices": [_to_json(event) for event in self._notices.values()],
         }
 
-    def take_up(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any]) -> None:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
             histories = {str(name): LeakHistory.from_json(e) for name, e in saved["histories"].items()}

@@ -8,9 +8,9 @@ import pytest
 from tpmsd.car.config.model import TyreConfig
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.detectable import Alike, detectable
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
-from tpmsd.onboard.monitor.evidence.sight import Alike, sight
 from tpmsd.onboard.monitor.evidence.sizes import Sized
 
 RADIUS = np.full(4, 0.316)
@@ -26,7 +26,7 @@ def test_the_smallest_losses_are_those_that_are_raised_nine_times_in_ten(common:
     covariance = (np.full((4, 4), common**2) + np.eye(4) * own**2) * 0.316**2
     scatter = np.random.default_rng(1).multivariate_normal(np.zeros(4), covariance, 400)
     alike = Alike.of(np.zeros((1, 4)), covariance[None], np.zeros(1), RADIUS)
-    found = sight(covariance, alike, RADIUS, TYRES, THRESHOLD, ASKED)
+    found = detectable(covariance, alike, RADIUS, TYRES, THRESHOLD, ASKED)
     for share, lost in ((found.one_tyre, np.array([1.0, 0.0, 0.0, 0.0])), (found.all_tyres, np.ones(4))):
         least_m = -TYRES[0].radius_change_m(share)
         raised = []
@@ -56,9 +56,9 @@ def test_what_a_load_may_do_makes_all_alike_harder_to_see(chance: float, lost_m:
 
     asked_on = np.full(4, -lost_m)
     alike = Alike.of(np.tile(asked_on, (2, 1)), both, weights(asked_on), RADIUS)
-    found = sight(learned, alike, RADIUS, TYRES, THRESHOLD, ASKED)
+    found = detectable(learned, alike, RADIUS, TYRES, THRESHOLD, ASKED)
     alone = Alike.of(np.zeros((1, 4)), learned[None], np.zeros(1), RADIUS)
-    assert found.all_tyres > 1.1 * sight(learned, alone, RADIUS, TYRES, THRESHOLD, ASKED).all_tyres
+    assert found.all_tyres > 1.1 * detectable(learned, alone, RADIUS, TYRES, THRESHOLD, ASKED).all_tyres
     least_m = -TYRES[0].radius_change_m(found.all_tyres)
     scatter = np.random.default_rng(2).multivariate_normal(np.zeros(4), learned, 400)
     raised = []
@@ -76,7 +76,7 @@ def test_what_a_load_may_do_makes_all_alike_harder_to_see(chance: float, lost_m:
 
 def test_where_all_are_not_judged_no_loss_of_theirs_is_seen() -> None:
     """Not even that of all their air."""
-    found = sight(np.eye(4) * 1e-8, None, RADIUS, TYRES, THRESHOLD, ASKED)
+    found = detectable(np.eye(4) * 1e-8, None, RADIUS, TYRES, THRESHOLD, ASKED)
     assert (1.0, True) == (found.all_tyres, found.one_tyre < 0.15)
 
 
@@ -93,7 +93,7 @@ def test_a_load_hides_both_tyres_of_the_axle_that_bears_it() -> None:
         for mask in ([1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0])
     )
     least = [
-        sight(learned, whole, RADIUS, TYRES, THRESHOLD, ASKED, axles).one_axle
+        detectable(learned, whole, RADIUS, TYRES, THRESHOLD, ASKED, axles).one_axle
         for axles in ((front,), (rear,), (front, rear))
     ]
     assert least[1] > 2.0 * least[0]

@@ -1,7 +1,7 @@
 """Minimum detectable losses of pressure.
 
-In: the covariances of what is judged. Out: `Sight`: the smallest loss of one tyre, and of all alike, that
-would raise an alarm.
+In: the covariances of what is judged. Out: `DetectableLoss`: the smallest loss of one tyre, and of all alike,
+that would raise an alarm.
 
 A loss s of the wheels p (1 for each) is known with the standard deviation (p' C^-1 p)^-1/2; let it be d of
 these. Its log-likelihood ratio to none is normal about d^2 / 2 with the standard deviation d; in nine of ten
@@ -26,7 +26,7 @@ from tpmsd.onboard.monitor.settings import JUDGE
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class DetectableLoss:
     """Smallest losses that would be seen, as shares of the pressure; 1 where not even a flat tyre would."""
 
     one_tyre: float
@@ -60,7 +60,7 @@ class Alike:
         return cls(information, weight / weight.sum())
 
 
-def sight(
+def detectable(
     one_m2: FloatArray,
     alike: Alike | None,
     radius_m: FloatArray,
@@ -68,7 +68,7 @@ def sight(
     threshold: float,
     probability: float,
     axles: tuple[Alike, ...] = (),
-) -> Sight:
+) -> DetectableLoss:
     """`one_m2` (d, d): covariance by which one tyre is judged; `alike`: how all alike are, None where they
     are not; radius_m (d,); `threshold` relative; `probability` asked for; `axles`: how both tyres of each are
     judged, none where they are not."""
@@ -78,11 +78,11 @@ def sight(
     one = Alike(np.array([of_each.min()]), np.ones(1))
     single = _pressure(_smallest(one, threshold, probability, priors[0]), radius_m, tyres)
     if alike is None:
-        return Sight(single, 1.0)
+        return DetectableLoss(single, 1.0)
     all_alike = _smallest(alike, threshold, probability, priors[radius_m.size - 1])
     pairs = [_smallest(axle, threshold, probability, priors[1]) for axle in axles]
     worst = _pressure(max(pairs), radius_m, tyres) if pairs else 1.0
-    return Sight(single, _pressure(all_alike, radius_m, tyres), worst)
+    return DetectableLoss(single, _pressure(all_alike, radius_m, tyres), worst)
 
 
 def _smallest(known: Alike, threshold: float, probability: float, prior: float) -> float:
