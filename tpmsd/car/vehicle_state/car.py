@@ -82,7 +82,7 @@ class CarDynamics:
 
 
 def typical(wheelbase_m: float, track_front_m: float, track_rear_m: float, driven: str) -> CarDynamics:
-    """A passenger car of this geometry; `driven` is front, rear or all."""
+    """Return a passenger car of this geometry; `driven` is front, rear or all."""
     share = {
         "front": SETTINGS.front_load_driven_front,
         "rear": SETTINGS.front_load_driven_rear,

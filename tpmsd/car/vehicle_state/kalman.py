@@ -66,7 +66,7 @@ class Ekf:
         self._car, self._noise, self._belief = car, noise, start
 
     def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
-        """One tick."""
+        """Update by one tick."""
         mean, by_state = advance_jacobian(self._car, self._belief.mean, inputs)
         covariance = by_state @ self._belief.covariance @ by_state.T
         covariance += self._noise.process_covariance(inputs.dt_s)
@@ -193,7 +193,7 @@ class Ukf:
         self.factor = 1.0
 
     def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
-        """One tick."""
+        """Update by one tick."""
         mean, covariance = self._belief.mean[None], self._belief.covariance[None]
         mean, covariance = predict(self._car, mean, covariance, inputs, self._noise)
         done = correct(self._car, mean, covariance, inputs, reading, self._noise, self._robust)

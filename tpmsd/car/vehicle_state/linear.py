@@ -57,7 +57,7 @@ def rates_jacobian(car: CarDynamics, state: FloatArray, inputs: Inputs) -> Float
 
 
 def advance_jacobian(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tuple[FloatArray, FloatArray]:
-    """The state after the tick (3,), and its derivative by the state before (3, 3)."""
+    """Return the state after the tick (3,), and its derivative by the state before (3, 3)."""
     count, step = substeps(state, inputs)
     whole = np.eye(3)
     for _ in range(count):

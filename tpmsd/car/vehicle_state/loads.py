@@ -1,4 +1,4 @@
-"""How the weight of a car lies on its wheels.
+"""Wheel loads of a car.
 
 In: accelerations. Out: loads of the four wheels. [Liu 2022, eq. 8], with the division by the wheelbase.
 """

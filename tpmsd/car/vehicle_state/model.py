@@ -41,7 +41,7 @@ _MAX_FORCE_SHARE = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """What drives the model over one step."""
+    """Inputs of the model over one step."""
 
     dt_s: float
     accel_long_mps2: float
@@ -74,7 +74,7 @@ def carried_slip(car: CarDynamics, accel_long_mps2: FloatArray | float) -> Float
 
 
 def wheels(car: CarDynamics, state: FloatArray, inputs: Inputs) -> Wheels:
-    """What happens at the four wheels in the states (..., 3)."""
+    """Return what happens at the four wheels in the states (..., 3)."""
     v, u, r = state[..., V, None], state[..., U, None], state[..., R, None]
     along = u - r * car.left_m
     left = v + r * car.forward_m

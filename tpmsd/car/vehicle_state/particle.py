@@ -47,7 +47,7 @@ class UnscentedParticleFilter:
         if particles < 1:
             raise ValueError(f"{particles} particles are too few")
         self._car, self._noise, self._robust, self._rng = car, noise, robust, rng
-        self._place = _draw(rng, np.tile(start.mean, (particles, 1)), start.covariance[None])
+        self._states = _draw(rng, np.tile(start.mean, (particles, 1)), start.covariance[None])
         self._covariance = np.tile(start.covariance, (particles, 1, 1)) if carry else None
         self.weights = np.ones(3)
         """(3,) equivalent weights of the last readings."""
@@ -56,32 +56,32 @@ class UnscentedParticleFilter:
         """Effective number of particles before the last resampling."""
 
     def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
-        """One tick."""
+        """Update by one tick."""
         car, process = self._car, self._noise.process_covariance(inputs.dt_s)
         if self._covariance is None:
-            own = ahead = model.advance(car, self._place, inputs)
+            own = ahead = model.advance(car, self._states, inputs)
             spread = np.zeros((len(own), 3, 3))
         else:
-            points = model.advance(car, sigma_points(self._place, self._covariance, SIGMA), inputs)
+            points = model.advance(car, sigma_points(self._states, self._covariance, SIGMA), inputs)
             own = points[:, 0]  # where the particle itself goes
             ahead, spread, _ = moments(points, SIGMA)
         done = correct(car, ahead, spread + process, inputs, reading, self._noise, self._robust)
         self.weights, self.factor = done.weights, done.factor
-        place = _draw(self._rng, done.mean, done.covariance)
-        log = _log_density(place - own, process / done.factor)
-        log -= _log_density(place - done.mean, done.covariance)
+        states = _draw(self._rng, done.mean, done.covariance)
+        log = _log_density(states - own, process / done.factor)
+        log -= _log_density(states - done.mean, done.covariance)
         seen = np.isfinite(reading)
         if seen.any():
-            off = reading[seen] - model.readings(car, place, inputs)[:, seen]
+            off = reading[seen] - model.readings(car, states, inputs)[:, seen]
             log += _log_density(off, done.noise)
         weights = np.exp(log - log.max())
         weights /= weights.sum()
         self.effective = float(1.0 / np.sum(weights**2))
-        mean = weights @ place
-        centred = place - mean
+        mean = weights @ states
+        centred = states - mean
         belief = Belief(mean, (centred * weights[:, None]).T @ centred)
         chosen = _systematic(self._rng, weights)
-        self._place = place[chosen]
+        self._states = states[chosen]
         if self._covariance is not None:
             self._covariance = done.covariance[chosen]
         return belief

@@ -1,4 +1,4 @@
-"""How the slips of a car's wheels go with what it does: shapes whose values a drive can tell.
+"""Slips of a car's wheels as functions of its motion: shapes whose values a drive can tell.
 
 In: a `Motion` and the `Car`. Out: per axle the slip of its wheels under drive and under brakes, and the slips
 of a typical car. Closed forms over the whole drive, no filter. What is left to be fitted is how stiff the
@@ -50,7 +50,7 @@ def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
 
 
 def dynamics_of(car: Car) -> CarDynamics:
-    """A typical car with the geometry and the driven axle of this one."""
+    """Return a typical car with the geometry and the driven axle of this one."""
     front, rear = bool(car.driven[:2].any()), bool(car.driven[2:].any())
     driven = "all" if front and rear else "front" if front else "rear"
     geometry = car.geometry

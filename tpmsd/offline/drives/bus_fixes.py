@@ -19,7 +19,7 @@ from tpmsd.onboard.sources.gnss.on_can import CanFixAssembler
 
 
 def is_on_bus(config: Config) -> bool:
-    """Whether the configured receiver sends its fixes on the bus."""
+    """Return whether the configured receiver sends its fixes on the bus."""
     source = source_of(config.gnss)
     return source is not None and source.kind == "can"
 
@@ -45,22 +45,22 @@ class BusFixes:
         of_name = bus_numbers(block.channels, self._config.can.channel, others)
         bus = np.array([of_name[name] for name in block.channels], dtype=np.int64)[block.channel]
         keys = bus << BUS_SHIFT | block.identifier
-        told = np.isin(keys, self._keys) & (block.flags & (ERROR | REMOTE) == 0)
-        for place in np.flatnonzero(told).tolist():
-            time_s, identifier = float(block.time_s[place]), int(block.identifier[place])
+        relevant = np.isin(keys, self._keys) & (block.flags & (ERROR | REMOTE) == 0)
+        for index in np.flatnonzero(relevant).tolist():
+            time_s, identifier = float(block.time_s[index]), int(block.identifier[index])
             events = self._assembler.advance(time_s)
             for event in self._decoder.decode(
                 time_s,
                 identifier & ~EXTENDED,
                 bool(identifier & EXTENDED),
-                block.payload(place),
-                int(bus[place]),
+                block.payload(index),
+                int(bus[index]),
             ):
                 if isinstance(event, InertialSample) and event.role in GNSS_ROLES:
                     events += self._assembler.take(event)
             self.fixes += [event for event in events if isinstance(event, GnssFix)]
 
     def finish(self) -> list[GnssFix]:
-        """All fixes; the last one too."""
+        """Return all fixes, the last one included."""
         self.fixes += [event for event in self._assembler.flush() if isinstance(event, GnssFix)]
         return self.fixes

@@ -68,7 +68,7 @@ class Drive:
 
     @property
     def folder(self) -> Path | None:
-        """Where it is stored; None for a drive in memory."""
+        """Folder that holds it; None for a drive in memory."""
         return self.recording.folder if isinstance(self.recording, FolderRecording) else None
 
     @classmethod
@@ -85,7 +85,7 @@ class Drive:
         settings: Mapping[str, Table] | None = None,
         name: str = "tables",
     ) -> Drive:
-        """A drive from dicts of arrays or data frames, without a file.
+        """Return a drive from dicts of arrays or data frames, without a file.
 
         Each table has a column `time_s`; all three share one clock, but not their rows. The name of any other
         column is a role with its unit, as in the tick table:
@@ -137,7 +137,7 @@ class Drive:
 
 
 def load(path: str | Path, config: str | Path | None = None) -> Drive:
-    """The drive in a folder, with the configuration of its `vehicle.toml` or of another file.
+    """Return the drive in a folder, with the configuration of its `vehicle.toml` or of another file.
 
     InputError if there is no such folder; ConfigError if the configuration cannot be used.
     """
@@ -149,14 +149,14 @@ def load(path: str | Path, config: str | Path | None = None) -> Drive:
 
 
 def drive_of(encoded: Encoded, tables: Mapping[str, Table], name: str) -> Drive:
-    """The drive of encoded signals, with the tables of its configuration."""
+    """Return the drive of encoded signals, with the tables of its configuration."""
     text = toml_text(car_tables(encoded, tables))
     config = config_of(text)
     return Drive(name, config, MemoryRecording(name, encoded.items, encoded.dbc), text)
 
 
 def as_drive(drive: Drive | str | Path) -> Drive:
-    """A drive, loaded if it is given by its folder."""
+    """Return a drive, loaded if it is given by its folder."""
     return drive if isinstance(drive, Drive) else load(drive)
 
 
@@ -166,7 +166,7 @@ def _joined(one: dict[str, Series], other: dict[str, Series]) -> dict[str, Serie
 
 
 def settings_of(config: Config) -> dict[str, Table]:
-    """The tables of a configuration that speak of car, antenna and filter, not of bus and files."""
+    """Return the tables of a configuration that speak of car, antenna and filter, not of bus and files."""
     tables: dict[str, Table] = {}
     for name in ("vehicle", "gnss", "filter", "monitor", "tyre"):
         record = getattr(config, name)
@@ -185,7 +185,7 @@ def settings_of(config: Config) -> dict[str, Table]:
 
 
 def _car(vehicle: Mapping[str, Any] | str | Path | Config) -> tuple[dict[str, Table], np.ndarray]:
-    """The tables that a car is known by, and its nominal radii (4,)."""
+    """Return the tables that a car is known by, and its nominal radii (4,)."""
     if isinstance(vehicle, str | Path):
         vehicle = load_config(Path(vehicle))
     if isinstance(vehicle, Config):

@@ -35,8 +35,7 @@ if TYPE_CHECKING:
     from tpmsd.offline.inference.recording import Recording
 
 REPORTED_LATE_S = 1.0
-"""What nothing but the end of a replay asks for may wait for so long, and is then done for many samples at
-once."""
+"""Delay of what only the end of a replay asks for, s: it is done for many samples at once."""
 
 
 def replayed(
@@ -46,7 +45,7 @@ def replayed(
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
 ) -> tuple[ReplayResult, TickTable | None]:
-    """A replay as records, each note handed on at once."""
+    """Return a replay as records; each note is handed on at once."""
     config = drive.config
     stream, database = drive.recording.open(config, note)
     recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
@@ -84,7 +83,7 @@ def explained(
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
 ) -> dict[str, Any]:
-    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`.
+    """Return the document of `tpmsd explain`: why each alarm of a drive was raised, and why there was none.
 
     `model`: effects beyond rolling that are compensated, those of `[filter] model` unless given.
     """
@@ -99,7 +98,7 @@ def explained(
 
 
 def recording_of(drive: Drive, name: str | None = None) -> Recording:
-    """A drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it."""
+    """Return a drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it."""
     from tpmsd.offline.inference.recording import record  # SciPy, which a replay does not need
 
     try:
@@ -114,7 +113,7 @@ def recording_of(drive: Drive, name: str | None = None) -> Recording:
 def known_effects(
     drives: list[Drive], model: ExtendedModel | str | Path | None = None
 ) -> ExtendedModel | None:
-    """The effects of the baseline; ConfigError where the drives' configurations name different models."""
+    """Return the effects of the baseline; ConfigError where configurations name different models."""
     if model is None:
         named = {drive.config.filter.model for drive in drives}
         if len(named) > 1:

@@ -25,7 +25,7 @@ _WANTED = "a drive is one folder, or two files, its CAN log and its NMEA log"
 
 @dataclass(frozen=True)
 class RawDrive:
-    """What a drive holds."""
+    """Contents of a drive."""
 
     can_log: Path
     nmea_log: Path
@@ -33,11 +33,11 @@ class RawDrive:
     log: BusLog
     fixes: list[GnssFix]
     host_times: bool
-    """Whether the sentences bear the host's clock."""
+    """True if the sentences bear the host's clock."""
 
 
 def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
-    """The CAN log and the receiver's log of a folder, or of two files in either order."""
+    """Return the CAN log and the receiver's log of a folder, or of two files in either order."""
     if len(paths) == 1:
         folder = _folder(paths[0])
         nmea = find_nmea_log(folder)
@@ -104,7 +104,7 @@ def _folder(path: Path) -> Path:
 
 
 def _sentences(nmea_log: Path, note: Callable[[Path, int, str], None]) -> list[GnssFix]:
-    """The fixes of a receiver's log."""
+    """Return the fixes of a receiver's log."""
     assembler = NmeaAssembler()
     fixes: list[GnssFix] = []
     for time_s, line, _ in read_nmea_log(nmea_log, lambda line, reason: note(nmea_log, line, reason)):

@@ -55,7 +55,7 @@ def ignore_progress(done_s: float) -> None:
 
 
 class Core(Protocol[Out]):
-    """What a drive can be played into: `BlockSource` and `Pipeline`."""
+    """Core that a drive can be played into: `BlockSource` and `Pipeline`."""
 
     @property
     def decoder(self) -> CanDecoder:
@@ -92,7 +92,7 @@ class Stream(Protocol):
 
     @property
     def can_log(self) -> Path:
-        """What an error about the frames names."""
+        """File that an error about the frames names."""
         ...
 
     def parts(self) -> Iterator[Part | CanFrame | Sentence]:
@@ -104,7 +104,7 @@ class Recording(Protocol):
     """A drive that can be opened any number of times."""
 
     def open(self, config: Config, note: Note = ignore_note) -> tuple[Stream, Database]:
-        """A new pass over it, its clocks aligned, and its DBC."""
+        """Return a new pass over it, its clocks aligned, and its DBC."""
         ...
 
 
@@ -115,7 +115,7 @@ class FolderRecording:
     folder: Path
 
     def open(self, config: Config, note: Note = ignore_note) -> tuple[FolderStream, Database]:
-        """The drive, its clocks aligned, and its DBC.
+        """Return the drive, its clocks aligned, and its DBC.
 
         InputError if there is no such drive; ConfigError (with the configuration's file) if the signals do
         not fit.
@@ -156,11 +156,11 @@ class MemoryRecording:
     dbc: str
 
     def open(self, config: Config, note: Note = ignore_note) -> tuple[MemoryStream, Database]:
-        """A new pass over them, and their DBC."""
+        """Return a new pass over them, and their DBC."""
         return MemoryStream(self.name, self.items), self.database()
 
     def database(self) -> Database:
-        """The DBC, read."""
+        """Return the DBC, read."""
         database = cantools.database.load_string(self.dbc, "dbc")
         assert isinstance(database, Database)
         return database
@@ -187,11 +187,11 @@ def play(
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
 ) -> Iterator[Out]:
-    """What the core makes of the whole drive, in order; `progress` is told the seconds that are done.
+    """Yield what the core makes of the whole drive, in order; `progress` receives the seconds that are done.
 
     InputError at the end if no frame had an identifier that the configured signals need.
     """
-    start, told, done = None, 0, 0
+    start, next_report, done = None, 0, 0
     of, bus = None, np.zeros(0, dtype=np.intp)
     for item in stream.parts():
         if isinstance(item, Part):
@@ -208,8 +208,8 @@ def play(
                 number = stream.buses.get(item.channel, 0)
                 identifier, extended = item.arbitration_id, item.is_extended
                 yield from core.on_frame(time_s, identifier, extended, item.data, number)
-        if done >= told:
-            start, told = time_s if start is None else start, done + PROGRESS_EVERY
+        if done >= next_report:
+            start, next_report = time_s if start is None else start, done + PROGRESS_EVERY
             progress(time_s - start)
     yield from core.finish()
     counts = core.decoder.counts
@@ -233,7 +233,7 @@ def read_ticks(
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
 ) -> list[Tick]:
-    """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
+    """Return all ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     stream, database = recording.open(config, note)
     with no_collection():
         return list(play(stream, BlockSource(TickSource(config, database, rate_hz)), progress, note))

@@ -23,15 +23,15 @@ from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, NORTH, Linea
 Q, QOLD, V, W, PSI, PE, PN = 0, 4, 8, 9, 10, 11, 12
 """Places of the first two blocks' states in every layout: reading errors of the wheels' angles at a window's
 end and start, errors of speed, yaw rate, heading and position."""
-HEADING_STD_RAD, PLACE_STD_M = 0.5, 300.0
-"""Of the reference's heading and place at the drive's start."""
-HEADING_GAP_RAD, PLACE_GAP_M = 0.1, 20.0
-"""Of what heading and place gain in a gap between windows."""
+HEADING_STD_RAD, POSITION_STD_M = 0.5, 300.0
+"""Standard deviations of the reference's heading and position at the drive's start."""
+HEADING_GAP_RAD, POSITION_GAP_M = 0.1, 20.0
+"""Standard deviations that heading and position gain in a gap between windows."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """What the blocks are told of a drive beside the noise; arrays over w windows."""
+    """Quantities of a drive that blocks need beside the noise; arrays over w windows."""
 
     gap: np.ndarray
     """(w,) windows since the one before."""
@@ -55,7 +55,7 @@ class StateBlock(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Of the noise, those that rule this block."""
+        """Return the parameters of the noise that rule this block."""
 
     @property
     def turning(self) -> tuple[int, ...]:
@@ -78,7 +78,7 @@ class Readings:
     turning = ()
 
     def rows(self, windows: Linearised) -> FloatArray:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.rows` returns."""
         out = np.zeros((len(windows), CHANNELS, 8))
         wheels = np.arange(4)
         out[:, wheels, wheels] = 1.0
@@ -86,7 +86,7 @@ class Readings:
         return out
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.steps` returns."""
         broken = steps.broken[:, None]
         read = steps.read
         decay = np.concatenate([np.zeros_like(read), np.where(broken, 0.0, np.ones_like(read))], axis=1)
@@ -103,7 +103,7 @@ class MotionErrors:
     turning = (PSI - V,)
 
     def rows(self, windows: Linearised) -> FloatArray:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.rows` returns."""
         out = np.zeros((len(windows), CHANNELS, 5))
         out[:, :, :3] = windows.design
         late = windows.after_fixes
@@ -115,11 +115,11 @@ class MotionErrors:
         return out
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.steps` returns."""
         count = len(steps.gap)
         decay = np.tile([0.0, 0.0, 1.0, 1.0, 1.0], (count, 1))
-        gained = np.array([0.0, 0.0, HEADING_GAP_RAD**2, PLACE_GAP_M**2, PLACE_GAP_M**2])
-        start = np.array([0.0, 0.0, HEADING_STD_RAD**2, PLACE_STD_M**2, PLACE_STD_M**2])
+        gained = np.array([0.0, 0.0, HEADING_GAP_RAD**2, POSITION_GAP_M**2, POSITION_GAP_M**2])
+        start = np.array([0.0, 0.0, HEADING_STD_RAD**2, POSITION_STD_M**2, POSITION_STD_M**2])
         return decay, steps.broken[:, None] * gained, start
 
 
@@ -131,7 +131,7 @@ WHITE = frozenset(
 )
 """Parameters of what is new in every window."""
 Rows = Callable[[Linearised], FloatArray]
-"""What the channels see (w, 9, n)."""
+"""Function of what the channels see (w, 9, n)."""
 
 
 @dataclass(frozen=True)
@@ -145,9 +145,9 @@ class GaussMarkov:
     """The one of the time constant (s), or of the correlation from window to window."""
     seen: Rows
     turns: bool = False
-    """Whether it turns the way."""
+    """True if it turns the path."""
     jumps: bool = False
-    """Whether it may jump where a position is far off."""
+    """True if it may jump where a position is far off."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -160,11 +160,11 @@ class GaussMarkov:
         return tuple(range(len(self.names))) if self.turns else ()
 
     def rows(self, windows: Linearised) -> FloatArray:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.rows` returns."""
         return self.seen(windows)
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.steps` returns."""
         value, std = float(getattr(noise, self.memory)), float(getattr(noise, self.size))
         kept = math.exp(-WINDOW_S / value) if self.memory.endswith("_s") else value
         faded = np.full(len(steps.gap), kept)
@@ -199,11 +199,11 @@ class RandomWalk:
         return (self.size,)
 
     def rows(self, windows: Linearised) -> FloatArray:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.rows` returns."""
         return self.seen(windows)
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As in `StateBlock`."""
+        """Return what `StateBlock.steps` returns."""
         fresh = float(getattr(noise, self.size)) ** 2 * steps.gap[:, None]
         return np.ones((len(steps.gap), 1)), fresh, np.array([self.start_std**2])
 
@@ -241,7 +241,7 @@ class Layout:
 
     @cached_property
     def parameters(self) -> frozenset[str]:
-        """Of the noise, those that matter."""
+        """Return the parameters of the noise that matter."""
         return frozenset(name for block in self.blocks for name in block.parameters) | WHITE
 
     def rows(self, windows: Linearised) -> FloatArray:

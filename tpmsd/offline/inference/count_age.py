@@ -51,7 +51,7 @@ SPEED_TICKS = 11
 
 @dataclass(frozen=True)
 class CommonAge:
-    """What all wheels share."""
+    """Age of counts that all wheels share."""
 
     std_s: float
     """Standard deviation."""
@@ -76,36 +76,36 @@ def common_age(recording: Recording) -> CommonAge | None:
     if len(wheels) < 2 or not bool(np.all(recording.quantum_rad[wheels] > 0.0)):
         return None
     radius_m = recording.car.radius_m[wheels]
-    way = (recording.rotation_rad[:, wheels] * radius_m).mean(axis=1)
-    speed = _smooth(way) / recording.dt_s
+    distance_m = (recording.rotation_rad[:, wheels] * radius_m).mean(axis=1)
+    speed = _smooth(distance_m) / recording.dt_s
     read_m = float(np.sqrt(np.mean((recording.quantum_rad[wheels] * radius_m) ** 2) / (2 * len(wheels))))
-    std_s = _std_s(way, speed, read_m)
+    std_s = _std_s(distance_m, speed, read_m)
     if not LEAST_STD_S < std_s < LONGEST_S:
         return None
     age = np.zeros(recording.ticks + 1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.isfinite(way), [False]]).astype(int)))
-    told = np.zeros(len(age), dtype=np.bool_)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], np.isfinite(distance_m), [False]]).astype(int)))
+    known = np.zeros(len(age), dtype=np.bool_)
     for start, end in edges.reshape(-1, 2):
         if end - start < SPEED_TICKS:
             continue
         here = slice(start, end + 1)
         v = speed[start:end]
         v = np.concatenate([v[:1], 0.5 * (v[1:] + v[:-1]), v[-1:]])
-        shown = np.concatenate([[0.0], np.cumsum(way[start:end])])
+        shown = np.concatenate([[0.0], np.cumsum(distance_m[start:end])])
         rolled = _rolled(shown, np.hypot(read_m, std_s * v), JERK_MPS3 * recording.dt_s**3)
         fast = v > FAST_MPS
         age[here][fast] = (rolled - shown)[fast] / v[fast]
-        told[here] |= fast
-    if not told.any():
+        known[here] |= fast
+    if not known.any():
         return None
-    middle = float(np.median(age[told]))
-    age[told] = np.clip(age[told] - middle, -LONGEST_S, LONGEST_S)
+    middle = float(np.median(age[known]))
+    age[known] = np.clip(age[known] - middle, -LONGEST_S, LONGEST_S)
     return CommonAge(std_s, age)
 
 
-def _std_s(way: FloatArray, speed: FloatArray, read_m: float) -> float:
+def _std_s(distance_m: FloatArray, speed: FloatArray, read_m: float) -> float:
     """Standard deviation of the age by the third differences of the way; 0 where too little is driven."""
-    third = np.convolve(way, [1.0, -2.0, 1.0], mode="valid")
+    third = np.convolve(distance_m, [1.0, -2.0, 1.0], mode="valid")
     v = speed[1:-1]
     fast = np.isfinite(third) & (v > FAST_MPS)
     if fast.sum() < FEWEST:

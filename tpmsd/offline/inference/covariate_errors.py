@@ -1,4 +1,4 @@
-"""How well a drive knows the covariates that effects depend on.
+"""Errors of the covariates that effects depend on.
 
 In: the `Reader` of a drive, a `Noise`. Out: the standard deviation of each covariate in a window. Covariates
 are estimated like everything else: they share noise with the residual, and no shape over a covariate can be

@@ -56,26 +56,26 @@ Prior = Mapping[str, tuple[float, float]]
 
 
 def gram(keys: Sequence[str], y: FloatArray, X: FloatArray, logdet: float = 0.0) -> Gram:
-    """Of innovations: data (n, r) and columns (n, p)."""
+    """Return the Gram matrices of innovations: data (n, r) and columns (n, p)."""
     XX, XY, YY = read_only(X.T @ X, X.T @ y, (y * y).sum(axis=0))
     return Gram(tuple(keys), XX, XY, YY, logdet)
 
 
 def solved(grams: Sequence[Gram], prior: Prior) -> Fit:
-    """The values of greatest posterior (k, r), drives added up."""
+    """Return the values of greatest posterior (k, r), drives added up."""
     keys = tuple(dict.fromkeys(key for one in grams for key in one.keys))
-    place = {key: at for at, key in enumerate(keys)}
+    index = {key: at for at, key in enumerate(keys)}
     replicates = grams[0].XY.shape[1]
     information, right = np.zeros((len(keys), len(keys))), np.zeros((len(keys), replicates))
     misfit = np.zeros(replicates)
     for one in grams:
-        at = [place[key] for key in one.keys]
+        at = [index[key] for key in one.keys]
         np.add.at(information, np.ix_(at, at), one.XX)
         np.add.at(right, at, one.XY)
         misfit += one.YY + one.logdet
     for key, (mean, std) in prior.items():
-        if key in place:
-            at_key = place[key]
+        if key in index:
+            at_key = index[key]
             information[at_key, at_key] += 1.0 / std**2
             right[at_key] += mean / std**2
             misfit += (mean / std) ** 2 + 2.0 * np.log(std)
@@ -95,7 +95,7 @@ def solved(grams: Sequence[Gram], prior: Prior) -> Fit:
 
 
 def read_only(*arrays: FloatArray) -> tuple[FloatArray, ...]:
-    """The arrays, which nobody can change any more."""
+    """Return the arrays, which nobody can change any more."""
     for array in arrays:
         array.flags.writeable = False
     return arrays

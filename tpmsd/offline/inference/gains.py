@@ -31,7 +31,7 @@ NARROW = 32
 
 
 class Gains(NamedTuple):
-    """Of w windows with c carried states and 9 channels."""
+    """Gains of w windows with c carried states and 9 channels."""
 
     inverse: FloatArray
     """(w, 9, 9) inverse of the lower Cholesky factor of the innovations' covariance."""
@@ -52,7 +52,7 @@ def gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -
 
 
 def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
-    """By NumPy."""
+    """Return it by NumPy."""
     out = _empty(moved, keep)
     count, rows, carry = moved.shape
     joint = np.empty((rows, rows))
@@ -73,7 +73,7 @@ def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: b
 
 
 def compiled_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
-    """By compiled code, for `MOST_COMPILED` states at most."""
+    """Return it by compiled code, for `MOST_COMPILED` states at most."""
     assert compiled is not None
     out = _empty(moved, keep)
     contiguous = (np.ascontiguousarray(array) for array in (moved, fresh, start))
@@ -99,7 +99,7 @@ def array_whitened(columns: FloatArray, here: np.ndarray, step: FloatArray) -> F
 def whitened_parts(
     parts: Iterable[FloatArray], shape: tuple[int, ...], here: np.ndarray, step: FloatArray
 ) -> FloatArray:
-    """The same of columns that come in parts, each (some windows, 9, p), which make `shape` together."""
+    """Return it of columns that come in parts, each (some windows, 9, p), which make `shape` together."""
     width, carry = shape[2], step.shape[1] - shape[1]
     out = np.empty(shape)
     both, after = np.zeros((step.shape[1], width)), np.empty((step.shape[1], width))
@@ -115,18 +115,20 @@ def whitened_parts(
 
 
 def kernel() -> ModuleType:
-    """The compiled code, where it was built."""
+    """Return the compiled code, where it was built."""
     assert compiled is not None
     return compiled
 
 
 def is_compiled(states: int, columns: int) -> bool:
-    """Whether the compiled code is there, has room, and is faster than the products of `array_whitened`."""
+    """Return whether the compiled code is there, has room, and is faster than the products of
+    `array_whitened`.
+    """
     return compiled is not None and states <= MOST_COMPILED and columns <= NARROW
 
 
 def compiled_whitened(columns: FloatArray, here: np.ndarray, moved: FloatArray, by: Gains) -> FloatArray:
-    """The same by compiled code, for `MOST_COMPILED` states at most, and without `steps`."""
+    """Return it by compiled code, for `MOST_COMPILED` states at most, and without `steps`."""
     assert compiled is not None
     out = np.empty(columns.shape)
     compiled.apply(
@@ -144,7 +146,7 @@ def chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def array_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """By NumPy."""
+    """Return it by NumPy."""
     out, state = np.empty_like(added), np.zeros(added.shape[1:])
     for k in range(len(added)):
         out[k] = state
@@ -154,7 +156,7 @@ def array_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, Floa
 
 
 def compiled_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """By compiled code."""
+    """Return it by compiled code."""
     assert compiled is not None
     out, last = np.empty(added.shape), np.empty(added.shape[1:])
     compiled.chain(out, last, np.ascontiguousarray(step), np.ascontiguousarray(added))

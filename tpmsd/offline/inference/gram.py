@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 class Grams:
-    """What it says never changes; what was made is kept."""
+    """Gram matrices of columns: immutable, with what was computed kept."""
 
     def __init__(self, white: FloatArray, blocks: np.ndarray) -> None:
         """`white` (w, 9, n); `blocks` (w,) numbers each window's block from 0, never falling."""
@@ -26,8 +26,8 @@ class Grams:
         ends = np.flatnonzero(np.diff(blocks)) + 1
         bounds = [0, *ends.tolist(), len(blocks)] if len(blocks) else [0]
         self._spans = [(rows * first, rows * last) for first, last in pairwise(bounds)]
-        self._place: dict[int, int] = {}
-        """Of the columns that are known by block, in `_compact` and `_by_block`."""
+        self._index: dict[int, int] = {}
+        """Indices of the columns that are known by block, in `_compact` and `_by_block`."""
         self._compact: FloatArray = np.empty((white.shape[0] * rows, 0))
         self._by_block: FloatArray = np.empty((self.blocks, 0, 0))
 
@@ -38,7 +38,7 @@ class Grams:
 
     @property
     def blocks(self) -> int:
-        """How many there are."""
+        """Return the number of blocks."""
         return len(self._spans)
 
     @cached_property
@@ -49,10 +49,10 @@ class Grams:
 
     def by_block(self, columns: np.ndarray) -> FloatArray:
         """(blocks, k, k) of some columns (k,)."""
-        missing = [int(k) for k in dict.fromkeys(columns.tolist()) if k not in self._place]
+        missing = [int(k) for k in dict.fromkeys(columns.tolist()) if k not in self._index]
         if missing:
             self._know(missing)
-        at = np.array([self._place[int(k)] for k in columns], dtype=np.intp)
+        at = np.array([self._index[int(k)] for k in columns], dtype=np.intp)
         return np.asarray(self._by_block[:, at[:, None], at[None, :]])
 
     def by_fold(self, folds: int) -> FloatArray:
@@ -73,12 +73,12 @@ class Grams:
         total[:, self.width :] = flat.T @ more
         total[self.width :] = total[:, self.width :].T
         out.__dict__["total"] = total
-        out._place, out._compact, out._by_block = dict(self._place), self._compact, self._by_block
+        out._index, out._compact, out._by_block = dict(self._index), self._compact, self._by_block
         return out
 
     def _know(self, columns: list[int]) -> None:
         """Make some more columns known by block."""
-        known = len(self._place)
+        known = len(self._index)
         more = self.white[:, :, columns].reshape(-1, len(columns))
         both = np.concatenate([self._compact, more], axis=1)
         by_block = np.empty((self.blocks, both.shape[1], both.shape[1]))
@@ -87,5 +87,5 @@ class Grams:
             cross = both[first:last].T @ more[first:last]
             by_block[block, :, known:] = cross
             by_block[block, known:] = cross.T
-        self._place |= {column: known + k for k, column in enumerate(columns)}
+        self._index |= {column: known + k for k, column in enumerate(columns)}
         self._compact, self._by_block = both, by_block

@@ -29,7 +29,7 @@ STANDS_MPS = 0.3
 
 
 def without_effects(recording: Recording, model: ExtendedModel) -> Recording:
-    """The recording without the effects; it needs readings of both rear wheels, and fixes."""
+    """Return the recording without the effects; it needs readings of both rear wheels, and fixes."""
     if not len(model):
         return recording
     left = recording

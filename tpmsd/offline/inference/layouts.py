@@ -1,4 +1,4 @@
-"""Which states a drive has: the layouts of the diagnosis and of the calibration.
+"""Layouts of a drive's states, for diagnosis and calibration.
 
 In: nothing (tables). Out: `DRIFTING_RADII`, `LEANING_CAR`. They share all but the slow changes of a radius:
 the diagnosis lets each radius drift by itself, the calibration lets the car lean (one side's radii against
@@ -15,10 +15,10 @@ from tpmsd.offline.inference.trajectory import WINDOW_S
 from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
 
 GYRO_BIAS_STD_RADPS = 0.05
-"""Of a gyro's zero at the drive's start, where no column stands for it."""
+"""Standard deviation of a gyro's zero at the drive's start, where no column stands for it."""
 
 AGE_STD_S = 1e-3
-"""Of what the fixes' age has drifted at the drive's start."""
+"""Standard deviation of the drift of the fixes' age at the drive's start."""
 
 
 def _v(windows: Linearised) -> FloatArray:
@@ -51,8 +51,8 @@ def _crab(windows: Linearised) -> FloatArray:
 
 
 def _lean(windows: Linearised) -> FloatArray:
-    way = _v(windows) * WINDOW_S
-    return _at(windows, *((wheel, 0, -way if IS_LEFT[wheel] else way) for wheel in range(4)))
+    distance_m = _v(windows) * WINDOW_S
+    return _at(windows, *((wheel, 0, -distance_m if IS_LEFT[wheel] else distance_m) for wheel in range(4)))
 
 
 READINGS, MOTION = Readings(), MotionErrors()
@@ -85,7 +85,7 @@ CRAB = GaussMarkov(("crab",), "crab_rad", "crab_tau_s", _crab, turns=True)
 
 
 def gyro_bias(start_std: float) -> RandomWalk:
-    """The gyro's zero, with this standard deviation (rad/s) at the drive's start."""
+    """Return the gyro's zero, with this standard deviation (rad/s) at the drive's start."""
     return RandomWalk(
         "gyro_bias", "gyro_drift_radps", start_std, lambda windows: _at(windows, (GYRO, 0, 1.0))
     )
@@ -93,6 +93,6 @@ def gyro_bias(start_std: float) -> RandomWalk:
 
 _RECEIVER = (SLOW_POSITION, SPEED_ERROR, CROSS_ERROR)
 DRIFTING_RADII = Layout((READINGS, MOTION, *_RECEIVER, gyro_bias(0.0), CLOCK, RADIUS_DRIFT))
-"""Of the diagnosis, in which a constant of the gyro has a column of its own."""
+"""Layout of the diagnosis, in which a constant of the gyro has a column of its own."""
 LEANING_CAR = Layout((READINGS, MOTION, *_RECEIVER, gyro_bias(GYRO_BIAS_STD_RADPS), AGE, LEAN, CRAB))
-"""Of the calibration."""
+"""Layout of the calibration."""

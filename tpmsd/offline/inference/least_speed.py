@@ -25,8 +25,8 @@ INFORMATION = 0.95
 def least_speed(speed_mps: FloatArray) -> float:
     """Speed (m/s) above which (n,) speeds at equal steps hold that share of the sum of their squares."""
     fastest = np.sort(speed_mps)[::-1]
-    told = np.cumsum(fastest**2)
-    if not len(told) or told[-1] <= 0.0:
+    information = np.cumsum(fastest**2)
+    if not len(information) or information[-1] <= 0.0:
         return USUAL_MPS
-    enough = int(np.searchsorted(told, INFORMATION * told[-1]))
-    return float(np.clip(fastest[min(enough, len(told) - 1)], LEAST_MPS, USUAL_MPS))
+    enough = int(np.searchsorted(information, INFORMATION * information[-1]))
+    return float(np.clip(fastest[min(enough, len(information) - 1)], LEAST_MPS, USUAL_MPS))

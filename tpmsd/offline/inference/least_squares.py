@@ -1,4 +1,4 @@
-"""What the data say for and against sets of hypotheses, all from sums over blocks of time.
+"""Evidence of the data for and against sets of hypotheses, from sums over blocks of time.
 
 In: whitened innovations of each drive (column 0 the data, the others responses) and the blocks they fall
 into. Out: `Evidence`, which fits any linear combinations of columns over all drives at once, holds blocks
@@ -38,7 +38,7 @@ class Fit:
     """Log-likelihood over that of no columns at all."""
 
     def known(self, column: int, std: float) -> Fit:
-        """The fit with one value known beforehand to be zero within `std`; the gain stays the data's."""
+        """Return the fit with one value known to be zero within `std`; the gain stays the data's."""
         across = self.covariance[:, column]
         total = std**2 + across[column]
         return replace(
@@ -53,7 +53,7 @@ class Part:
     """One drive's Gram matrices, and where its columns stand in the common index."""
 
     grams: Grams
-    """Of the drive's own n columns, the data first."""
+    """Gram matrices of the drive's own n columns, the data first."""
     here: np.ndarray
     """(m,) places in the common index, each once."""
     local: np.ndarray
@@ -63,7 +63,7 @@ class Part:
 
     @property
     def blocks(self) -> int:
-        """Of the drive."""
+        """Return the number of blocks of the drive."""
         return self.grams.blocks
 
     def own(self, design: FloatArray) -> FloatArray:
@@ -95,7 +95,9 @@ class Part:
 def part(
     white: FloatArray, blocks: np.ndarray, here: np.ndarray | None = None, local: np.ndarray | None = None
 ) -> Part:
-    """The `Part` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block from 0."""
+    """Return the `Part` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block from
+    0.
+    """
     every = np.arange(white.shape[2])
     return Part(Grams(white, blocks), every if here is None else here, every if local is None else local)
 
@@ -114,7 +116,7 @@ class Evidence:
         self.folds = [np.flatnonzero(np.arange(count) % FOLDS == fold) for fold in range(min(FOLDS, count))]
 
     def less(self, weights: FloatArray) -> Evidence:
-        """The same columns, with a combination (1 + p,) of them taken from the data."""
+        """Return the same columns, with a combination (1 + p,) of them taken from the data."""
         taken = -weights
         taken[0] += 1.0
         parts = []
@@ -247,8 +249,8 @@ def _by_drive(small: list[FloatArray]) -> list[FloatArray]:
 
 
 def _elsewhere(rest: FloatArray, shared: np.ndarray, windows: float) -> tuple[FloatArray, FloatArray]:
-    """What the other drives know of the shared values: mean and information, their own values integrated
-    out.
+    """Return what the other drives know of the shared values: mean and information, their own values
+    integrated out.
     """
     if not len(shared):
         return np.zeros(0), np.zeros((0, 0))
@@ -264,8 +266,9 @@ def _elsewhere(rest: FloatArray, shared: np.ndarray, windows: float) -> tuple[Fl
 def _within(
     by_block: FloatArray, mine: FloatArray, shared: np.ndarray, own: np.ndarray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """The drive's held-out log-likelihood as a quadratic function of the shared values: constant, slope and
-    curvature. In each fold the drive's own values are fitted on its other blocks, given the shared ones.
+    """Return the drive's held-out log-likelihood as a quadratic function of the shared values: constant,
+    slope and curvature. In each fold the drive's own values are fitted on its other blocks, given the shared
+    ones.
     """
     s, o = len(shared), len(own)
     rows = np.concatenate([[0], shared, own]).astype(int)

@@ -15,7 +15,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 
 LEAST_READING_M = 1e-4
-"""Of a wheel's way at an instant, where speeds are read instead of counts."""
+"""Least noise of a wheel's distance at an instant, where speeds are read instead of counts."""
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,13 @@ class Noise:
     """Standard deviations of what the instruments and the road add."""
 
     reading_m: tuple[float, float, float, float]
-    """Of a wheel's way at an instant: quantisation and time stamps."""
+    """Noise of a wheel's distance at an instant: quantisation and time stamps."""
     rough_m: float = 4e-4
-    """Of a wheel's way per square root of a metre: the road."""
+    """Noise of a wheel's distance per square root of a metre: the road."""
     floor_m: float = 1e-4
-    """Of a wheel's way per window, whatever the speed."""
+    """Noise of a wheel's distance per window, whatever the speed."""
     stamp_s: float = 2e-4
-    """Of the time stamps between wheels."""
+    """Noise of the time stamps between wheels."""
     gyro_radps: float = 1e-3
     gyro_drift_radps: float = 2e-6
     """Growth of the gyro's bias per square root of a second."""
@@ -49,7 +49,7 @@ class Noise:
     age_s: float = 5e-4
     """Growth of the fixes' age per square root of a second, where it is a random walk."""
     wander: float = 2e-5
-    """Of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
+    """Drift of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
     wander_tau_s: float = 60.0
     lean: float = 3e-5
     """Slow difference of left and right radii, relative: slant of the road, side wind."""
@@ -60,7 +60,9 @@ class Noise:
 
     @classmethod
     def first(cls, quantum_rad: FloatArray, radius_m: FloatArray) -> Noise:
-        """Where an estimate starts: the known quantisation of a tick's reading (4,), typical instruments."""
+        """Return where an estimate starts: the known quantisation of a tick's reading (4,), typical
+        instruments.
+        """
         fl, fr, rl, rr = np.maximum(quantum_rad / np.sqrt(2.0) * radius_m, LEAST_READING_M).tolist()
         return cls(reading_m=(fl, fr, rl, rr))
 

@@ -31,7 +31,7 @@ from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED,
 SLOW = ("slow_m", "slow_tau_s")
 WANDER = ("wander", "wander_tau_s")
 WANDERING = (*SLOW, *WANDER, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
-"""What could pass for a missing effect: not estimated before effects were looked for."""
+"""Parameters that could pass for a missing effect: not estimated before effects were looked for."""
 FIT_WINDOWS, SLOW_WINDOWS = 300, 600
 """Linearised that stand for a long drive, where all parameters and where slow ones are estimated."""
 OUTLIER = 3.5
@@ -47,7 +47,7 @@ _PROBE = 1e-5
 
 
 class Stage(Enum):
-    """How far the search for effects has come, and so what of the noise may be estimated."""
+    """Stage of the search for effects, and so the part of the noise that may be estimated."""
 
     FIRST = 0
     """Nothing was looked for: not what drifts."""
@@ -58,7 +58,7 @@ class Stage(Enum):
 
 @dataclass(frozen=True)
 class Data:
-    """What a noise is estimated from."""
+    """Data that a noise is estimated from."""
 
     space: Geometry
     columns: FloatArray
@@ -68,7 +68,7 @@ class Data:
     prior_std: FloatArray | None = None
     """(k,) of the columns' values; None where nothing is known of them."""
     priors: Mapping[str, tuple[float, float]] = field(default_factory=lambda: PRIORS)
-    """Of the noise: median and logarithmic spread by parameter."""
+    """Priors of the noise: median and logarithmic spread by parameter."""
 
     def estimable(self, names: Iterable[str] = LIMITS) -> list[str]:
         """Those parameters that the drive's states have and a measured channel shows."""
@@ -124,8 +124,9 @@ def log_posterior(
 
 
 def maximised(data: Data, start: Noise, names: Sequence[str], near_nats: float = NEAR_NATS) -> Noise:
-    """The noise of greatest restricted posterior in these parameters, from a start; it ends with a step that
-    gains less than `near_nats`."""
+    """Return the noise of greatest restricted posterior in these parameters, from a start; it ends with a
+    step that gains less than `near_nats`.
+    """
     if not names:
         return start
     free = np.array([_free(name, float(getattr(start, name))) for name in names])
@@ -177,7 +178,9 @@ def restricted_posterior(data: Data, noise: Noise, names: Sequence[str]) -> tupl
 
 
 def log_prior(noise: Noise, priors: Mapping[str, tuple[float, float]] = PRIORS) -> float:
-    """What is known of receivers: a drive holds too few swings of the slow error to tell it alone."""
+    """Return the log-prior of the noise of receivers: a drive holds too few swings of the slow error to tell
+    it alone.
+    """
     return -0.5 * sum(
         (math.log(getattr(noise, name) / middle) / spread) ** 2 for name, (middle, spread) in priors.items()
     )

@@ -35,7 +35,7 @@ class Recording:
     """Arrays over n ticks and m fixes; times in seconds since the drive's start."""
 
     car: Car
-    """As configured."""
+    """Car as configured."""
     dt_s: float
     start_s: float
     """The drive's start on its host clock."""
@@ -56,9 +56,9 @@ class Recording:
     host_minus_utc_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(m,) how far the host's clock was ahead of UTC at each fix, less that of the first; empty: not told."""
     name: str = "the drive"
-    """What reports call it."""
+    """Name in reports."""
     counts_per_rev: tuple[float | None, ...] = (None, None, None, None)
-    """By wheel, the counts per turn by which the angles were made, where not the configured ones."""
+    """Counts per turn of each wheel per turn by which the angles were made, where not the configured ones."""
 
     @property
     def ticks(self) -> int:
@@ -77,7 +77,7 @@ class Recording:
 
 
 def car_of(config: Config) -> Car:
-    """The car that a configuration describes."""
+    """Return the car that a configuration describes."""
     vehicle = config.vehicle
     return Car(
         radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
@@ -102,15 +102,15 @@ def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Re
     count = round((ticks[-1].time_s - begin) / dt_s)
     if count * dt_s > MAX_HOURS * 3600:
         raise ValueError(f"the drive spans {count * dt_s / 3600:.0f} h, more than {MAX_HOURS:.0f} h")
-    places = np.round((np.array([tick.time_s for tick in ticks]) - begin) / dt_s).astype(int) - 1
-    within = (places >= 0) & (places < count)
-    ticks, places = list(compress(ticks, within.tolist())), places[within]
+    indices = np.round((np.array([tick.time_s for tick in ticks]) - begin) / dt_s).astype(int) - 1
+    within = (indices >= 0) & (indices < count)
+    ticks, indices = list(compress(ticks, within.tolist())), indices[within]
     rotation, std = np.full((count, 4), math.nan), np.full((count, 4), math.nan)
-    rotation[places] = [tick.rotation_rad for tick in ticks]
-    std[places] = [tick.rotation_std_rad for tick in ticks]
+    rotation[indices] = [tick.rotation_rad for tick in ticks]
+    std[indices] = [tick.rotation_std_rad for tick in ticks]
     inertial = {name: np.full(count, math.nan) for name in INERTIAL}
     for role, values in inertial.items():
-        values[places] = [getattr(tick, role) for tick in ticks]
+        values[indices] = [getattr(tick, role) for tick in ticks]
     fixes = [
         (
             *(fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad),

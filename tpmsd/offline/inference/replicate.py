@@ -64,15 +64,17 @@ def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random
     recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     speed = np.maximum(motion.speed_mps, 0.0)
-    way = 0.5 * (speed[1:] + speed[:-1]) * dt
+    distance_m = 0.5 * (speed[1:] + speed[:-1]) * dt
     out = np.full((n, 4), math.nan)
     angles = wheel_angles(motion, car, model)
     for wheel in recording.wheels:
         angle = angles[:, wheel] + model.tooth_angle_error_rad(angles[:, wheel], wheel)
         angle = angle * model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
         drift = gauss_markov(rng, n, noise.wander, _kept(noise.wander_tau_s, dt))
-        road = np.sqrt(noise.rough_m**2 * way + noise.floor_m**2 * dt / WINDOW_S) * rng.standard_normal(n)
-        off_m = np.concatenate([[0.0], np.cumsum(road - drift * way)])
+        road = np.sqrt(
+            noise.rough_m**2 * distance_m + noise.floor_m**2 * dt / WINDOW_S
+        ) * rng.standard_normal(n)
+        off_m = np.concatenate([[0.0], np.cumsum(road - drift * distance_m)])
         stamps = noise.stamp_s * np.maximum(speed, 1.0) * rng.standard_normal(n + 1)
         angle = angle + (off_m + stamps) / car.radius_m[wheel]
         step = recording.quantum_rad[wheel] * math.sqrt(6.0)

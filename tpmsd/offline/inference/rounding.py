@@ -33,24 +33,26 @@ def held_variance(recording: Recording) -> FloatArray:
     count = recording.ticks // per
     out = np.zeros((count, 4))
     for wheel in np.flatnonzero(recording.quantum_rad == 0.0):
-        ways = recording.rotation_rad[:, wheel] * recording.car.radius_m[wheel]
-        ticks = ways[: count * per].reshape(count, per)
+        distances = recording.rotation_rad[:, wheel] * recording.car.radius_m[wheel]
+        ticks = distances[: count * per].reshape(count, per)
         still = np.ptp(ticks, axis=1) <= SAME * ticks.max(axis=1)
-        step = _measure(ticks[still & (ticks[:, 0] > 0.0), 0]) or _step(ways)
+        step = _measure(ticks[still & (ticks[:, 0] > 0.0), 0]) or _step(distances)
         if step > 0.0:
             run = _runs(still, ticks.mean(axis=1))
             out[:, wheel] = run * (per * step) ** 2 / 12.0
     return out
 
 
-def _step(ways: FloatArray) -> float:
-    """The common measure of the ways that two ticks in a row have in common; 0 where there is none."""
-    same = (np.abs(np.diff(ways)) <= SAME * ways[1:]) & (ways[1:] > 0.0)
-    return _measure(ways[1:][same])
+def _step(distances: FloatArray) -> float:
+    """Return the common measure of the distances that two ticks in a row have in common; 0 where there is
+    none.
+    """
+    same = (np.abs(np.diff(distances)) <= SAME * distances[1:]) & (distances[1:] > 0.0)
+    return _measure(distances[1:][same])
 
 
 def _measure(levels: FloatArray) -> float:
-    """The common measure of levels that were held; 0 where there is none."""
+    """Return the common measure of levels that were held; 0 where there is none."""
     levels = np.sort(levels)
     apart = np.diff(levels)
     apart = apart[apart > 2.0 * SAME * levels[1:]]

@@ -25,7 +25,7 @@ MOST_STATES = 64
 
 @dataclass(frozen=True)
 class Derivatives:
-    """Of a log-likelihood, by what a noise decides; shapes as in `Diagonals`."""
+    """Derivatives of a log-likelihood by what a noise decides; shapes as in `Diagonals`."""
 
     variance: FloatArray
     decay: FloatArray
@@ -58,13 +58,15 @@ class System:
 
 
 def scores(system: System, white: FloatArray) -> Derivatives:
-    """Of -1/2 (logdet + sum of squares of white (w, 9, k)); `variance` also of what was not measured."""
+    """Return the derivatives of -1/2 (logdet + sum of squares of white (w, 9, k)); `variance` also of what
+    was not measured.
+    """
     room = system.joint.shape[2] <= MOST_STATES and is_compiled(len(system.carried), 0)
     return (compiled_scores if room else array_scores)(system, white)
 
 
 def array_scores(system: System, white: FloatArray) -> Derivatives:
-    """By NumPy."""
+    """Return them by NumPy."""
     carried, joint, (inverse, gain, MP) = system.carried, system.joint, system.by
     carry = len(carried)
     seen, phi = system.seen, system.phi
@@ -73,18 +75,18 @@ def array_scores(system: System, white: FloatArray) -> Derivatives:
     error = inverse.transpose(0, 2, 1) @ (white - gain @ adjoint)
     zeta = np.concatenate([adjoint, error], axis=1)
     pull = joint.transpose(0, 2, 1) @ zeta
-    told_after, N = informations(phi, seen)
+    information_after, N = informations(phi, seen)
     white_rows = inverse @ joint[:, carry:]
     into = joint[:, :carry] - gain.transpose(0, 2, 1) @ white_rows
-    onward = told_after @ into
+    onward = information_after @ into
     of_fresh = 0.5 * (
         np.einsum("wsp,wsp->ws", pull, pull)
         - np.einsum("wcs,wcs->ws", into, onward)
         - np.einsum("wcs,wcs->ws", white_rows, white_rows)
     )
     K = gain.transpose(0, 2, 1) @ inverse
-    told = (inverse**2).sum(axis=1) + (K * (told_after @ K)).sum(axis=1)
-    of_variance = 0.5 * ((error**2).sum(2) - told)
+    information = (inverse**2).sum(axis=1) + (K * (information_after @ K)).sum(axis=1)
+    of_variance = 0.5 * ((error**2).sum(2) - information)
     # By the fading of each carried state: pull x' + (zeta zeta' - N) M P, the state's own row and column.
     of_decay = np.zeros(pull.shape[:2])
     through = zeta.transpose(0, 2, 1) @ MP
@@ -103,7 +105,7 @@ def array_scores(system: System, white: FloatArray) -> Derivatives:
 
 
 def compiled_scores(system: System, white: FloatArray) -> Derivatives:
-    """By compiled code, for `MOST_STATES` states at most."""
+    """Return them by compiled code, for `MOST_STATES` states at most."""
     (count, channels, width), (rows, every) = white.shape, system.joint.shape[1:]
     carry = len(system.carried)
     variance, start = np.empty((count, channels)), np.empty(carry)
@@ -120,11 +122,11 @@ def informations(phi: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatAr
     """(w, c, c) what all later windows tell about the carried states after each, and before the first."""
     out = np.empty(phi.shape)
     N = np.zeros(phi.shape[1:])
-    told = seen.transpose(0, 2, 1) @ seen
+    information = seen.transpose(0, 2, 1) @ seen
     for k in range(len(out) - 1, -1, -1):
         out[k] = N
         N = phi[k].T @ (N @ phi[k])
-        N += told[k]
+        N += information[k]
     return out, N
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 
 CUT_STDS = 4.0
-"""Where the Gaussian is cut off, in standard deviations."""
+"""Distance at which the Gaussian is cut off, in standard deviations."""
 NEAREST, REFLECT = "edge", "symmetric"
-"""What is taken for samples beyond the ends: the last one, or those inside, mirrored."""
+"""Values taken for samples beyond the ends: the last one, or those inside, mirrored."""
 
 
 def gaussian(values: FloatArray, sigma: float, beyond: str = REFLECT) -> FloatArray:

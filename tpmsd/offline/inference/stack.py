@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.windows import CHANNELS
 
 WINDOWS_AT_ONCE = 32
-"""Of all columns that fit into a processor's cache while they are laid side by side."""
+"""Number of windows whose columns all fit into a processor's cache while they are laid side by side."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class _Run:
 
     @property
     def width(self) -> int:
-        """How many columns."""
+        """Number of columns."""
         return len(self.arrays) if self.channel is None else int(self.arrays[0].shape[1])
 
 
@@ -70,7 +70,7 @@ class Stack:
         return windows, CHANNELS, sum(run.width for run in self._runs)
 
     def __getitem__(self, column: int) -> FloatArray:
-        """One column (w, 9)."""
+        """Return one column (w, 9)."""
         return self.take([column])[:, :, 0]
 
     def take(self, columns: Sequence[int] | np.ndarray) -> FloatArray:

@@ -28,7 +28,9 @@ from tpmsd.offline.inference.trajectory import WINDOW_S
 from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
 
 SPEED_STD_MPS, YAW_STD_RADPS = 1.0, 0.1
-"""Of the reference motion's errors in a window: so wide that the reference is believed nothing."""
+"""Standard deviations of the reference motion's errors in a window: so wide that the reference is believed
+nothing.
+"""
 LARGEST_JUMP = 100.0
 """Most by which a far-off position widens the receiver's slow error."""
 
@@ -143,7 +145,7 @@ class StateSpace:
 
 
 def geometry(windows: Linearised, here: np.ndarray, layout: Layout = DRIFTING_RADII) -> Geometry:
-    """Of a drive; `here` (w, 9) says what was measured."""
+    """Return the geometry of a drive; `here` (w, 9) says what was measured."""
     v = np.maximum(windows.covariates["speed"], 1.0)
     return Geometry(
         layout=layout,
@@ -159,7 +161,7 @@ def geometry(windows: Linearised, here: np.ndarray, layout: Layout = DRIFTING_RA
 
 
 def diagonals(space: Geometry, noise: Noise, inflate: FloatArray | None = None) -> Diagonals:
-    """What a noise decides; `inflate` (w, 9) multiplies the variances of single readings."""
+    """Return what a noise decides; `inflate` (w, 9) multiplies the variances of single readings."""
     return Diagonals(
         _variances(space, noise, inflate), *space.layout.steps(noise, _steps(space, noise, inflate))
     )
@@ -192,7 +194,7 @@ def _steps(space: Geometry, noise: Noise, inflate: FloatArray | None) -> Steps:
 def state_space(
     windows: Linearised, noise: Noise, here: np.ndarray, inflate: FloatArray | None
 ) -> StateSpace:
-    """The system of a drive under a noise."""
+    """Return the system of a drive under a noise."""
     space = geometry(windows, here)
     return StateSpace(space, diagonals(space, noise, inflate))
 

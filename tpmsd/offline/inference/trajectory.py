@@ -26,7 +26,7 @@ YAW_SMOOTHING_S = 0.6
 """At most, where wheels alone tell the yaw rate: 87 % of a lane change of four seconds are left, and the
 motion's own errors make up for the rest."""
 YAW_ERROR_RADPS = 1e-3
-"""Of such a yaw rate, by the rounding of counts, where no more smoothing than that is needed for it."""
+"""Error of such a yaw rate, by the rounding of counts, where no more smoothing than that is needed for it."""
 ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5
@@ -44,7 +44,7 @@ DRIFT_WITHIN_S = 3.0
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the diagnosis linearises."""
+    """Reference motion at which the diagnosis linearises."""
 
     motion: Motion
     """At the ticks' edges, (n + 1,)."""
@@ -53,7 +53,7 @@ class Reference:
     valid: np.ndarray
     """(n,) ticks in which all the car's wheels were read."""
     grade_known: bool
-    """Whether slopes could be told from heights or from the accelerometer."""
+    """True if slopes could be told from heights or from the accelerometer."""
     grade_by: str
     """accelerometer | heights | nothing"""
     least_mps: float
@@ -79,7 +79,9 @@ def reference(recording: Recording) -> Reference:
 
 
 def moved(recording: Recording, before: Reference, end_s: FloatArray, errors: FloatArray) -> Reference:
-    """The reference, moved by its errors (w, 3) of speed, yaw rate and heading; windows end at `end_s`."""
+    """Return the reference, moved by its errors (w, 3) of speed, yaw rate and heading; windows end at
+    `end_s`.
+    """
     old, edges = before.motion, recording.edges_s
     window = np.round(end_s / WINDOW_S).astype(int) - 1
     slower = np.zeros(len(edges) // round(WINDOW_S / recording.dt_s) + 2)
@@ -122,16 +124,16 @@ def _measured(recording: Recording) -> dict[str, FloatArray]:
     """(n + 1,) each: what the steering wheel, the engine and the thermometer tell, where the bus has them."""
     out = {}
     wheel = recording.inertial["steering_wheel_angle_rad"]
-    if _told(wheel):
+    if _measured(wheel):
         out["steering"] = to_edges(wheel, 1.0)
         out["steering_rate"] = np.gradient(to_edges(wheel, 3.0), recording.dt_s)
     for name, role in (("torque", "drive_torque_nm"), ("temperature", "ambient_temp_k")):
-        if _told(recording.inertial[role]):
+        if _measured(recording.inertial[role]):
             out[name] = to_edges(fill(recording.inertial[role]), 1.0)
     return out
 
 
-def _told(values: FloatArray) -> bool:
+def _measured(values: FloatArray) -> bool:
     known = np.isfinite(values)
     return bool(known.mean() > 0.8 and np.ptp(values[known]) > 0)
 
@@ -212,15 +214,19 @@ def _radius_scale(recording: Recording, speed: FloatArray, least_mps: float) -> 
     usable = np.isfinite(recording.speed_mps) & (at_fix > least_mps)
     if usable.sum() > 30:
         return float(np.median(recording.speed_mps[usable] / at_fix[usable]))
-    way = np.interp(recording.fix_time_s, recording.edges_s, integrate(speed, recording.edges_s))
-    step = max(1, round(len(way) / max(float(np.ptp(recording.fix_time_s)), 1.0))) if len(way) > 2 else 1
-    if len(way) <= step:
+    distance_m = np.interp(recording.fix_time_s, recording.edges_s, integrate(speed, recording.edges_s))
+    step = (
+        max(1, round(len(distance_m) / max(float(np.ptp(recording.fix_time_s)), 1.0)))
+        if len(distance_m) > 2
+        else 1
+    )
+    if len(distance_m) <= step:
         return 1.0
     moved = np.hypot(
         recording.east_m[step:] - recording.east_m[:-step],
         recording.north_m[step:] - recording.north_m[:-step],
     )
-    rolled = way[step:] - way[:-step]
+    rolled = distance_m[step:] - distance_m[:-step]
     usable = (rolled > least_mps) & np.isfinite(moved)
     return float(np.median(moved[usable] / rolled[usable])) if usable.sum() > 30 else 1.0
 
@@ -288,15 +294,15 @@ def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _slope(height_m: FloatArray, speed: FloatArray, sigma: float, dt: float) -> FloatArray:
-    """(n + 1,) rise over way of heights smoothed by a Gaussian of `sigma` ticks."""
+    """(n + 1,) rise over distance of heights smoothed by a Gaussian of `sigma` ticks."""
     height = twiced(height_m, sigma)
-    way = gaussian(speed, sigma, NEAREST)
-    slope = np.where(way > 1.0, np.gradient(height, dt) / np.maximum(way, 1.0), 0.0)
+    smoothed = gaussian(speed, sigma, NEAREST)
+    slope = np.where(smoothed > 1.0, np.gradient(height, dt) / np.maximum(smoothed, 1.0), 0.0)
     return np.asarray(np.clip(slope, -0.25, 0.25))
 
 
 def slope_by_heights(recording: Recording, speed: FloatArray) -> FloatArray | None:
-    """(n + 1,) rise over way by the receiver's heights alone at speeds (n + 1,); None of too few heights."""
+    """(n + 1,) rise over distance by the heights alone at speeds (n + 1,); None where they are too few."""
     known = np.isfinite(recording.up_m)
     if known.sum() <= FEWEST_HEIGHTS:
         return None

@@ -94,7 +94,7 @@ class Whitener:
         return array_whitened(columns, self._space.here, self._step)
 
     def apply_all(self, columns: Stack, first: int = 0) -> FloatArray:
-        """The same of a stack's columns from the first on."""
+        """Return it of a stack's columns from the first on."""
         windows, channels, every = columns.shape
         width = every - first
         if is_compiled(self._carry, width):
@@ -120,9 +120,9 @@ class Whitener:
         joint = self._space.joint[:, :, V : PN + 1] @ into
         white = self._inverse @ joint[:, self._carry :]
         carried = joint[:, : self._carry] - self._gain.transpose(0, 2, 1) @ white
-        told = (carried * (information @ carried)).sum(axis=1) + (white**2).sum(axis=1)
+        explained = (carried * (information @ carried)).sum(axis=1) + (white**2).sum(axis=1)
         before = into[:, [V - V, W - V], [V - V, W - V]]
-        return np.asarray(np.sqrt(np.maximum(before - told, 0.0)))
+        return np.asarray(np.sqrt(np.maximum(before - explained, 0.0)))
 
     def simulate(self, rng: np.random.Generator, replicates: int) -> FloatArray:
         """(w, 9, replicates) residuals drawn from the noise; zero where nothing was measured."""
@@ -137,8 +137,10 @@ class Whitener:
         return out
 
     def derivatives(self, white: FloatArray) -> Derivatives:
-        """Of -1/2 (logdet + sum of squares of white (w, 9, k)): of the restricted likelihood, if white are
-        the residual and columns that are orthonormal. Only of a whitener made for derivatives."""
+        """Return the derivatives of -1/2 (logdet + sum of squares of white (w, 9, k)): of the restricted
+        likelihood, if white are the residual and columns that are orthonormal. Only of a whitener made for
+        derivatives.
+        """
         found = scores(self._system, white)
         return replace(found, variance=found.variance * self._space.here)
 

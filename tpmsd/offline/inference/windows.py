@@ -56,7 +56,7 @@ CHANNEL_NAMES = ("wheel_ratio",) * 4 + (
 
 @dataclass(frozen=True)
 class Linearised:
-    """What the channels of w windows see of the errors of a reference motion."""
+    """Linearised view of w windows' channels on the errors of a reference motion."""
 
     index: np.ndarray
     """(w,) number of the window since the drive's start: neighbours differ by one."""
@@ -132,7 +132,7 @@ class Reader:
     def rolled_m(self) -> FloatArray:
         """(w, 4) ways of the wheels by the reference motion."""
         if self._rolled is None:
-            self._rolled = self._ways(self.reference.motion, ExtendedModel())
+            self._rolled = self._distances(self.reference.motion, ExtendedModel())
         return self._rolled
 
     def recalibrate(self, radii_m: FloatArray, base: ExtendedModel, errors: FloatArray) -> None:
@@ -165,7 +165,7 @@ class Reader:
         motion, car = self.felt(model), self.reference.car
         out = np.empty((len(self._kept), CHANNELS))
         base = None if radii_m is None else radii_m + model.radius_change_m(motion, car)
-        out[:, :GYRO] = self._ways(motion, model, base)
+        out[:, :GYRO] = self._distances(motion, model, base)
         out[:, GYRO] = self._gyro(motion, model)
         out[:, SPEED:] = self._fixes(motion, model)
         return out
@@ -183,7 +183,7 @@ class Reader:
             rates = rolling.with_effect(effect, motion, self.reference.car) - rolling.rates
             out[:, :GYRO] = self.over_windows(rates) * self.reference.car.radius_m * WINDOW_S
         elif WHEELS_READ in acting:
-            out[:, :GYRO] = self._ways(motion, model) - before[:, :GYRO]
+            out[:, :GYRO] = self._distances(motion, model) - before[:, :GYRO]
         if GYRO_READ in acting:
             out[:, GYRO] = self._gyro(motion, model) - before[:, GYRO]
         if RECEIVER_READ in acting:
@@ -191,7 +191,7 @@ class Reader:
         return np.nan_to_num(out, copy=False)
 
     def _rolling_at(self, base: ExtendedModel) -> Rolling | None:
-        """How the wheels turn at a model; None where it holds errors of teeth."""
+        """Return the wheels' rolling at a model; None where it holds errors of teeth."""
         if self._wheels is None or self._wheels[0] is not base:
             teeth = any(acts_by_teeth(effect) for effect in base)
             made = None if teeth else Rolling.of(self.felt(base), self.reference.car, base)
@@ -199,13 +199,15 @@ class Reader:
         return self._wheels[1]
 
     def felt(self, model: ExtendedModel) -> Motion:
-        """The reference's motion on the slopes that the wheels feel."""
+        """Return the reference's motion on the slopes that the wheels feel."""
         motion = self.reference.motion
         if (felt := model.grade_factor()) == 1.0:
             return motion
         return replace(motion, grade_rad=felt * motion.grade_rad)
 
-    def _ways(self, motion: Motion, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
+    def _distances(
+        self, motion: Motion, model: ExtendedModel, radii_m: FloatArray | None = None
+    ) -> FloatArray:
         """(w, 4) ways of the wheels (m) by their counters."""
         car = self.reference.car
         angles = wheel_angles(motion, car, model, radii_m)
@@ -327,11 +329,11 @@ class Reader:
         motion, car = self.reference.motion, self.reference.car
         speed, yaw = motion.speed_mps + dv, motion.yaw_rate_radps + dw
         moved = replace(motion, speed_mps=speed, yaw_rate_radps=yaw, accel_lat_mps2=speed * yaw)
-        ways = wheel_rates(moved, car, model) * car.radius_m * WINDOW_S
+        distances = wheel_rates(moved, car, model) * car.radius_m * WINDOW_S
         antenna = antenna_truth(moved, car, model)
         shown = antenna.shown_east_mps + 1j * antenna.shown_north_mps
         course = np.angle(shown * np.exp(-1j * motion.heading_rad))
-        seen = [*ways.T, gyro_rates(moved, car, model), np.abs(shown), course]
+        seen = [*distances.T, gyro_rates(moved, car, model), np.abs(shown), course]
         return np.stack([self._mean_edges(values, self._count)[self._kept] for values in seen], axis=1)
 
     def _growth(self) -> FloatArray:

@@ -31,7 +31,7 @@ from tpmsd.offline.signals.read import SignalTable, read_signals
 
 MOST_MEMBERS = 20_000
 MOST_BYTES = 1 << 30
-"""Of an unpacked archive."""
+"""Size of an unpacked archive at most."""
 MOST_DESCRIPTION_BYTES = 32 << 20
 WALL_S = 300.0
 """An FMU that takes longer is ended."""

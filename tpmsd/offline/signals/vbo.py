@@ -66,10 +66,10 @@ _UNITS = {
 
 @dataclass(frozen=True)
 class _Channel:
-    """How a column of the table is found in a file."""
+    """Rule by which a column of the table is found in a file."""
 
     names: re.Pattern[str]
-    """Of the name in lower case without blanks, dots, underscores and hyphens."""
+    """Pattern of the name in lower case without blanks, dots, underscores and hyphens."""
     units: tuple[str, ...]
     """Those it may have; the first where none is stated."""
 
@@ -101,7 +101,7 @@ _ALIKE = {"latitude": _LATITUDE, "longitude": _LONGITUDE, "lon": _LONGITUDE, "sa
 
 @dataclass(frozen=True)
 class VboTable:
-    """What a file holds."""
+    """Contents of a file."""
 
     columns: dict[str, FloatArray]
     """(n,) each, NaN where there is no value; rows in the order of time."""
@@ -148,12 +148,12 @@ def read_vbo(path: Path, note: Note) -> VboTable:
             lines = _lines(path, file)
             head = _head(path, lines)
             names = head.names
-            places = _places(path, names)
-            values = _rows(path, lines, len(names), sorted(set(places.values())), note)
+            indices = _indices(path, names)
+            values = _rows(path, lines, len(names), sorted(set(indices.values())), note)
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror or error}") from None
-    at = {column: k for k, column in enumerate(sorted(set(places.values())))}
-    raw = {name: values[:, at[place]] for name, place in places.items()}
+    at = {column: k for k, column in enumerate(sorted(set(indices.values())))}
+    raw = {name: values[:, at[index]] for name, index in indices.items()}
     units = head.units(len(names))
     time_s = _time(raw[_TIME], head.date)
     good = np.isfinite(time_s)
@@ -162,13 +162,13 @@ def read_vbo(path: Path, note: Note) -> VboTable:
     columns = {"time_s": time_s, **_position(raw)}
     if head.date is not None:
         columns["gnss_utc_s"] = time_s
-    sources = {"time_s": names[places[_TIME]]}
+    sources = {"time_s": names[indices[_TIME]]}
     for column, channel in _CHANNELS.items():
-        if column in places:
-            unit = units[places[column]]
+        if column in indices:
+            unit = units[indices[column]]
             scale = _UNITS[unit if unit in channel.units else channel.units[0]]
             columns[column] = raw[column] * scale
-            sources[column] = names[places[column]]
+            sources[column] = names[indices[column]]
     columns = {name: taken[good] for name, taken in columns.items()}
     _turn(columns, sources, path, note)
     return VboTable(columns, {name: source for name, source in sources.items() if name in columns})
@@ -190,7 +190,7 @@ def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
 
 
 def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
-    """The sections up to `[data]`."""
+    """Return the sections up to `[data]`."""
     head, section = _Head(), ""
     for number, line in lines:
         if number > MOST_HEAD_LINES:
@@ -210,21 +210,21 @@ def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
     raise InputError(path, "no VBO file: it has no section [data]")
 
 
-def _places(path: Path, names: list[str]) -> dict[str, int]:
+def _indices(path: Path, names: list[str]) -> dict[str, int]:
     """Column of each quantity; InputError without time, or with too many columns."""
     if len(names) > MOST_COLUMNS:
         raise InputError(path, f"{len(names)} columns; at most {MOST_COLUMNS} are read")
     found: dict[str, int] = {}
-    for place, name in enumerate(names):
+    for index, name in enumerate(names):
         plain = re.sub(r"[\s._-]+", "", name.lower())
         plain = _ALIKE.get(plain, plain)
         if plain in (_TIME, _LATITUDE, _LONGITUDE, _SATELLITES):
-            found.setdefault(plain, place)
+            found.setdefault(plain, index)
             continue
         stem = re.sub(r"(g|deg|kmh|m)$", "", plain) if plain.startswith(("lat", "long", "height")) else plain
         for column, channel in _CHANNELS.items():
             if channel.names.fullmatch(plain) or channel.names.fullmatch(stem):
-                found.setdefault(column, place)
+                found.setdefault(column, index)
     if _TIME not in found:
         raise InputError(path, "no VBO file: no column time in [column names] or [header]")
     return found
@@ -245,7 +245,7 @@ def _rows(
         try:
             if len(words) != width:
                 raise ValueError(f"{len(words)} values, {width} columns")
-            values.extend([float(words[place]) for place in kept])
+            values.extend([float(words[index]) for index in kept])
         except ValueError as error:
             values = values[: len(values) // len(kept) * len(kept)]
             bad, first = bad + 1, first or f"{path}:{number}: {str(error)[:80]}"
