@@ -95,6 +95,9 @@ _SIGNALS, _LEARNS = (
     "tests/onboard/monitor/test_learns_in_order.py",
 )
 _OFFSET, _OFFSET_TEST = "tpmsd/onboard/timeline/utc_offset.py", "tests/onboard/gnss/test_utc_offset.py"
+_LOOP, _RESET = "tpmsd/onboard/daemon/loop.py", "tests/onboard/daemon/test_reset.py"
+_QUEUE, _INPUTS = "tpmsd/onboard/daemon/input_queue.py", "tests/onboard/daemon/test_inputs.py"
+_STEPPED = "heapq.heapify(self._heap)\n        self._released_until_s = -math.inf"
 _SETTINGS = "tpmsd/onboard/monitor/settings.py"
 _LATE, _BACK = "time_s > self.deadline_s", "time_s < burst.last_s - self._interval.gap_s"
 _BURST_ENDS = f"({_LATE} or {_BACK})"
@@ -149,6 +152,32 @@ NAMED = (
     Named(_OFFSET, "QUANTILE = 0.15", "QUANTILE = 0.2", (_OFFSET_TEST,)),
     Named(_OFFSET, "MAX_DRIFT = 2e-3", "MAX_DRIFT = 4e-3", (_OFFSET_TEST,)),
     Named("tpmsd/onboard/sources/wheel_counter.py", "if interval <= 0.0:", "if interval < 0.0:", (_COUNTER,)),
+    Named("tpmsd/onboard/sources/wheel_counter.py", "0 < sum(bits) <= limit and", "", (_COUNTER,)),
+    Named(_OFFSET, "STEP_FIXES = 4", "STEP_FIXES = 3", (_OFFSET_TEST,)),
+    # A receiver's reset sentence is none; a reset over the socket waits five seconds for the next.
+    Named(_LOOP, "if not line.startswith(PREFIX):", "if True:", (_RESET,)),
+    Named(_LOOP, "RESET_PAUSE_S = 5.0", "RESET_PAUSE_S = 4.0", (_RESET,)),
+    Named(
+        "tpmsd/onboard/daemon/recorder.py",
+        "            os.ftruncate(self._descriptor, self._size)",
+        "            pass",
+        ("tests/onboard/daemon/test_recorder.py",),
+    ),
+    Named(_QUEUE, "STRANGE_S = 60.0", "STRANGE_S = 61.0", (_INPUTS,)),
+    Named(_QUEUE, _STEPPED, "heapq.heapify(self._heap)", (_INPUTS,)),
+    Named(_QUEUE, "(stamp_s, kind, self._number, item)", "(stamp_s, kind, -self._number, item)", (_INPUTS,)),
+    Named(
+        "tpmsd/onboard/daemon/notify.py",
+        "self._begun_s = math.inf  # killed",
+        "pass  # killed",
+        ("tests/onboard/daemon/test_notify.py",),
+    ),
+    Named(
+        "tpmsd/onboard/monitor/alarms/alarm_state.py",
+        "max(self.raise_hold_s, least_hold_s)",
+        "min(self.raise_hold_s, least_hold_s)",
+        ("tests/onboard/monitor/test_alarm_state.py",),
+    ),
     Named("tpmsd/onboard/daemon/health.py", "BUS_SILENT_S = 2.0", "BUS_SILENT_S = 3.0", (_HEALTH,)),
     Named("tpmsd/onboard/daemon/health.py", "RECEIVER_SILENT_S = 3.0", "RECEIVER_SILENT_S = 2.0", (_HEALTH,)),
     Named("tpmsd/onboard/daemon/health.py", 'counts["late"],\n', 'counts["lost"],\n', (_HEALTH,)),

@@ -113,6 +113,22 @@ def test_a_damaged_result_is_nothing_and_the_rest_goes_on(tmp_path: Path) -> Non
     assert 200 < noted < 400
 
 
+def test_a_link_in_a_store_is_replaced_and_not_written_through(tmp_path: Path) -> None:
+    """A result that is a link to a file elsewhere is replaced by the new result; the other file stays as it
+    was. A try that is a link there is not written through either."""
+    store = store_of(tmp_path / "store")
+    other = tmp_path / "other.json"
+    other.write_text("mine")
+    for link in (store.results / f"{KEYS[0]}.json", store.tries / f"{KEYS[0]}.run.1"):
+        link.unlink(missing_ok=True)
+        link.symlink_to(other)
+
+    store.write_result(KEYS[0], RESULT)
+    assert 2 == store.begin_try(KEYS[0], "run")
+    assert ("mine", False) == (other.read_text(), (store.results / f"{KEYS[0]}.json").is_symlink())
+    assert RESULT == store.result(KEYS[0])
+
+
 @pytest.mark.parametrize("text", ["", "{", "[]", "NaN", '{"status": NaN}', "[" * 100_000, "\xff"])
 def test_what_is_no_json_is_nothing(text: str, tmp_path: Path) -> None:
     """A result that is no JSON object counts as missing, and is noted."""

@@ -67,6 +67,16 @@ def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, caplog: pytest.LogCap
     assert 2 == len(begun)
 
 
+def test_a_write_that_hangs_is_not_over(tmp_path: Path) -> None:
+    """A writer is busy, and its write not over, until the disk has answered; then it is over once."""
+    go_on = threading.Event()
+    writer = StateWriter(lambda file, content: (go_on.wait(60.0), None)[1])
+    writer.begin(tmp_path / "state.json", b"")
+    assert (False, False, True) == (writer.over(), writer.over(0.01), writer.busy)
+    go_on.set()
+    assert (True, False) == (writer.over(60.0), writer.busy)
+
+
 def test_without_memory_for_a_thread_the_state_is_saved_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

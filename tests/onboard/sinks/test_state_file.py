@@ -330,6 +330,12 @@ def test_a_payload_that_is_no_json_or_too_big_is_refused(tmp_path: Path) -> None
 # ---- damage
 
 
+def test_a_state_of_900_kb_is_kept(tmp_path: Path) -> None:
+    """The bound is for what is not ours: a state far greater than any that a car makes is saved and read."""
+    save_state(tmp_path / "state.json", {"a": "x" * 900_000})
+    assert ({"a": "x" * 900_000}, []) == load(tmp_path / "state.json")
+
+
 def test_a_file_cut_at_any_byte_is_noticed(tmp_path: Path) -> None:
     """Every proper prefix of a state file is damaged, is moved aside and reported."""
     path = tmp_path / "state.json"

@@ -146,6 +146,16 @@ def test_a_repeated_value_at_speed_is_not_a_reading() -> None:
     assert [0] == [sample.segment for sample in wheel.feed(1.02, total + 10)]
 
 
+def test_a_value_that_braking_can_leave_unchanged_is_a_reading() -> None:
+    """At 150 counts/s a period of 10 ms moves 1.5 counts, 1.2 of them under the hardest braking: fewer than
+    the two from which an unchanged value was not renewed."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 150.0 * M_PER_COUNT)
+
+    assert 1 == len(wheel.feed(1.01, total))
+    assert {} == wheel.faults.counts
+
+
 def test_a_wheel_that_stops_impossibly_says_so_until_it_turns() -> None:
     """A value that stands still at speed is impossible; one that stands after braking is not."""
     wheel = Wheel()
@@ -225,6 +235,16 @@ def test_a_new_level_is_a_new_segment() -> None:
     assert {"rl.jump": 1} == dict(wheel.faults.counts)
 
 
+def test_a_new_level_after_the_first_reading_is_a_new_segment() -> None:
+    """The first reading itself may be the odd one: the second and the third, which agree, begin a segment."""
+    wheel = Wheel()
+    wheel.feed(0.0, 1000)
+
+    assert [] == wheel.feed(0.01, 31000)
+    (sample,) = wheel.feed(0.02, 31002)
+    assert (1, 0.0) == (sample.segment, sample.angle_rad)
+
+
 def test_even_readings_are_believed_against_the_speed_before() -> None:
     """After frozen frames that said 0, six readings in a row of a fast wheel begin a segment."""
     wheel = Wheel()
@@ -234,6 +254,15 @@ def test_even_readings_are_believed_against_the_speed_before() -> None:
     assert 0 == wheel.counter.segment
     wheel.drive(1.05, 1.15, 60.0, start=math.floor(0.05 * 60.0 / M_PER_COUNT))
     assert 1 == wheel.counter.segment
+
+
+def test_even_readings_beyond_any_cars_speed_are_not_believed() -> None:
+    """Six readings that agree on 300 m/s are no wheel's."""
+    wheel = Wheel()
+    wheel.drive(0.0, 1.0, 0.0)
+
+    wheel.drive(1.0, 1.2, 300.0)
+    assert 0 == wheel.counter.segment
 
 
 def test_sparse_odd_readings_are_not_believed() -> None:

@@ -114,6 +114,14 @@ def test_a_plan_waits_for_its_frames() -> None:
     assert plan.tick(6, float(edges_s[0]), 31) is None
 
 
+def test_readings_of_one_stamp_are_not_taken_ahead() -> None:
+    """A track leaves out the second of two readings of one stamp, so such readings go one by one."""
+    edges_s = np.arange(1, 4) * 0.1
+    for times_s, planned_ahead in ((np.arange(8) * 0.05, True), (np.repeat(np.arange(4) * 0.1, 2), False)):
+        found = RotationTrack().ahead(times_s, np.arange(8.0), 0, 0.1, edges_s)
+        assert planned_ahead == (found is not None)
+
+
 def test_a_wheel_that_falls_silent_is_not_planned() -> None:
     """A wheel of which the track has readings and the block has none ends all planning."""
     times_s = np.arange(12) * 0.1

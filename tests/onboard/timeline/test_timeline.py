@@ -169,6 +169,23 @@ def test_a_late_fix_is_left_out_and_told() -> None:
     assert np.ptp(errors) < 20.0 * 0.03 + 0.01
 
 
+def test_a_fix_that_is_valid_seconds_after_it_arrives_is_left_out_and_told() -> None:
+    """One fix whose UTC leaps by 3 s is not kept until then; the others keep their ticks."""
+    timeline = Timeline(10.0)
+    several = fixes(20.0, 20.0, lag_s=0.1)
+    one = several[12]
+    assert isinstance(one, GnssFix)
+    values = dict(zip(GnssFix.__slots__, _values(one), strict=True))
+    several[12] = GnssFix(**{**values, "utc_s": one.utc_s + 3.0})
+    ticks = play(timeline, merged(rotations(60.0, 20.0), several))
+    assert (1, ["early"]) == (
+        timeline.counts["early_fixes"],
+        [fault.kind for tick in ticks for fault in tick.faults],
+    )
+    errors = [fix.north_m - 20.0 * (fix.time_s - START_S) for tick in ticks for fix in tick.fixes]
+    assert np.ptp(errors) < 20.0 * 0.03 + 0.01
+
+
 def _values(fix: GnssFix) -> list[float]:
     return [getattr(fix, name) for name in GnssFix.__slots__]
 
