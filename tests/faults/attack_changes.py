@@ -23,6 +23,7 @@ WHEELS_ID = 0xB0
 """Frame of the four counters on the bus `counts16`; two bytes each, fl fr rl rr."""
 FROM_S, TO_S = 120.0, 300.0
 """When something happens that passes."""
+NOMINAL_M = 0.316
 TickChange = Callable[[list[Tick], float], Iterable[Tick]]
 DAY_S = 86_400.0
 
@@ -212,6 +213,12 @@ def turned(factors: list[float], from_s: float = 0.0) -> TickChange:
         ]
 
     return change
+
+
+def rotated_left(ticks: list[Tick], start_s: float) -> Iterable[Tick]:
+    """The tyres of the left side change places in second 120: 1 mm more in front, 1 mm less behind."""
+    larger, smaller = NOMINAL_M / (NOMINAL_M + 1e-3), NOMINAL_M / (NOMINAL_M - 1e-3)
+    return turned([larger, 1.0, smaller, 1.0], FROM_S)(ticks, start_s)
 
 
 def spoofed(items: list[Item], start_s: float) -> list[Item]:

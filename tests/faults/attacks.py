@@ -3,6 +3,7 @@
     python -m tests.faults.attacks                          every attack, three drives, both filters: minutes
     python -m tests.faults.attacks --drives rural --methods mpf-pn --only "frames twice"
     python -m tests.faults.attacks --tests                  and the tests that SECURITY.md names, by pytest
+    python -m tests.faults.attacks --summary FILE           a row per attack, of the rows that were printed
 
 In: attacks. Out: a table with a row per attack, drive and filter. The rule is that of SECURITY.md: no false
 alarm of a tyre, and a `malfunction` within ten minutes of driving or right work. Right work means that the
@@ -129,6 +130,7 @@ ATTACKS = (
     ),
     Attack("counters of the rear wheels exchanged", changes.exchanged(2, 3), promised=False),
     Attack("counters of the left wheels exchanged", changes.exchanged(0, 2), promised=False),
+    Attack("left tyres rotated, 1 mm apart, no reset", ticks=changes.rotated_left, promised=False),
     Attack("stamps 0.3 s early every other five seconds", changes.early_stamps),
     Attack("wheel frames of a second node", changes.spoofed),
     Attack("counters frozen", changes.frozen_counters),
@@ -219,6 +221,31 @@ def table(methods: list[str], routes: list[str], wanted: list[Attack]) -> int:
     return broken
 
 
+def summary(text: str) -> list[str]:
+    """Fold a printed table into one with a row per attack: its plays, the alarms in any, the worst radii."""
+    plays: dict[str, list[list[str]]] = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if line.startswith("| ") and len(cells) == 8 and cells[0] not in ("attack", "---"):
+            plays.setdefault(cells[0], []).append(cells)
+    out = ["| attack | plays | with a tyre alarm | malfunction | radii off, at most | broke the rule |"]
+    out.append("| --- " * 6 + "|")
+    for name, rows in plays.items():
+        alarms = {cells[3] for cells in rows} - {"-"}
+        accused = sum(cells[3] != "-" for cells in rows)
+        told = [float(cells[4].split()[1]) for cells in rows if cells[4] != "-"]
+        when = f"{len(told)}, after {min(told):.0f} to {max(told):.0f} s" if told else "-"
+        off_mm, stds = (max(float(cells[6].split()[k]) for cells in rows) for k in (0, 2))
+        broke = (
+            "not promised"
+            if any(cells[7] == "not promised" for cells in rows)
+            else sum(cells[7] == "BROKEN" for cells in rows)
+        )
+        shown = f"{accused} ({'; '.join(sorted(alarms))})" if alarms else "0"
+        out.append(f"| {name} | {len(rows)} | {shown} | {when} | {off_mm:.2f} mm, {stds:.1f} std | {broke} |")
+    return out
+
+
 def named_tests() -> list[str]:
     """Tests that SECURITY.md names, by pytest's own names."""
     from tests.faults.test_table import ATTACKS as DOCUMENT
@@ -234,7 +261,11 @@ def main() -> int:
     parser.add_argument("--methods", default=",".join(drives.METHODS), metavar="LIST")
     parser.add_argument("--only", default="", metavar="TEXT", help="attacks whose names hold this")
     parser.add_argument("--tests", action="store_true", help="run the tests that SECURITY.md names, too")
+    parser.add_argument("--summary", type=Path, metavar="FILE", help="fold what an earlier run printed")
     args = parser.parse_args()
+    if args.summary is not None:
+        print("\n".join(summary(args.summary.read_text("utf-8"))))
+        return 0
     routes, methods = args.drives.split(","), args.methods.split(",")
     wanted = [attack for attack in ATTACKS if args.only in attack.name]
     if {*routes} - {*ROUTES} or {*methods} - {*drives.METHODS} or not wanted:
