@@ -259,6 +259,22 @@ def test_mistakes_in_own_tables(make: Make, extra: str, text: str | None) -> Non
         assert f"{path}:{problem.line}: {text}" == problem.text
 
 
+@pytest.mark.parametrize("table", ["can", "buses", "can.output"])
+def test_a_dbc_whose_name_is_too_long_is_one_line(make: Make, table: str) -> None:
+    """A path that the file system refuses, in any place where a DBC is named, is a problem of one line."""
+    name = "9" * 400 + ".dbc"
+    extra = {
+        "buses": f'[can.buses]\nfront = {{ channel = "can1", dbc = "{name}" }}\n',
+        "can.output": f'[[can.output]]\nmessage = "ESP"\ndbc = "{name}"\nsignals = {{ YAW = 0 }}\n',
+    }
+    if table == "can":
+        (problem,) = problems_of(make(('dbc = "bus.dbc"', f'dbc = "{name}"')))
+        assert "File name too long" in problem.text
+    else:
+        problems = problems_of(make(text=f"{GOOD_TOML}{extra[table]}"))
+        assert any("dbc: no such file" in problem.text for problem in problems)
+
+
 def test_all_problems_at_once(make: Make) -> None:
     """Mistakes in several tables are all said, in the order of their lines."""
     path = make(

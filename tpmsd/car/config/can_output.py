@@ -13,7 +13,7 @@ from typing import Any
 
 from tpmsd.car.config.model import OutputConfig, OutputSignal
 from tpmsd.car.config.output_names import NAMES
-from tpmsd.car.config.problems import BadValueError, show, show_key
+from tpmsd.car.config.problems import BadValueError, is_file, show, show_key
 from tpmsd.car.config.rules import Choice, FilePath, Number, Text, Whole
 from tpmsd.car.config.suggest import nearest
 
@@ -73,7 +73,7 @@ def read_output(raw: object, folder: Path) -> OutputConfig:
     elif "source_address" in read:
         raise BadValueError("source_address: only j1939 needs one")
     dbc = read.get("dbc")
-    if dbc is not None and not dbc.is_file():
+    if dbc is not None and not is_file(dbc):
         raise BadValueError("dbc: no such file", show(str(dbc)))
     return OutputConfig(**read)
 

@@ -81,6 +81,14 @@ def parse(document: Document, dbc: Path | None = None, *, dbc_elsewhere: bool = 
 _READ_APART = {("can", "buses"), ("can", "output")}
 
 
+def _no_file(path: Path) -> BadValueError:
+    """Return what is wrong about a DBC's path that is no file. Raises OSError where it cannot be seen."""
+    if path.exists() or path.is_symlink():
+        return BadValueError("not a file", show(str(path)))
+    beside = [p.name for p in path.parent.glob("*.dbc")] if path.parent.is_dir() else []
+    return BadValueError("no such file", show(str(path)), suggestion=nearest(path.name, beside))
+
+
 class _Parser:
     def __init__(self, document: Document, dbc_elsewhere: bool = False) -> None:
         self._document = document
@@ -288,14 +296,13 @@ class _Parser:
             self._report(BadValueError("missing", allowed=hint), "can", "dbc")
             return None
         path: Path | None = can.get("dbc")
-        if path is not None and not path.is_file():
-            found = (
-                nearest(path.name, [p.name for p in path.parent.glob("*.dbc")])
-                if path.parent.is_dir()
-                else None
-            )
-            there = path.exists() or path.is_symlink()
-            what, near = ("not a file", None) if there else ("no such file", found)
-            self._report(BadValueError(what, show(str(path)), suggestion=near), "can", "dbc")
+        if path is None:
+            return None
+        try:
+            wrong = None if path.is_file() else _no_file(path)
+        except OSError as error:  # a name too long for the file system, a folder that may not be read
+            wrong = BadValueError(f"cannot be read ({error.strerror})", show(str(path)))
+        if wrong is not None:
+            self._report(wrong, "can", "dbc")
             return None
         return path

@@ -66,6 +66,14 @@ def shown_lines(problems: Sequence[Problem]) -> list[str]:
     return lines
 
 
+def is_file(path: Path) -> bool:
+    """Return whether a file is there; False too where its name is too long or its folder may not be read."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 class BadValueError(Exception):
     """A value that breaks its rule; becomes a `Problem` once file, line and key are known."""
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from tpmsd.car.config.model import BusConfig, Condition, SignalOptions
-from tpmsd.car.config.problems import BadValueError, show, show_key
+from tpmsd.car.config.problems import BadValueError, is_file, show, show_key
 from tpmsd.car.config.rules import Channel, FilePath, Flag, Number, SignalName, Text, Whole
 from tpmsd.car.config.suggest import nearest
 from tpmsd.car.config.units import canonical_unit
@@ -146,7 +146,7 @@ class BusEntry:
         if "channel" not in read:
             raise BadValueError("channel: missing", allowed="the channel's name, such as 'can1'")
         dbc = read.pop("dbc", main_dbc)
-        if dbc is None or not dbc.is_file():
+        if dbc is None or not is_file(dbc):
             raise BadValueError("dbc: no such file", show(str(dbc)))
         inherited = {key: main[key] for key in ("interface", "fd", "bitrate") if key in main}
         return BusConfig(**{**inherited, **read, "dbc": dbc})
