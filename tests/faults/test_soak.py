@@ -52,7 +52,8 @@ def test_a_week_has_weather_tyres_clocks_and_one_puncture() -> None:
     assert [1, 5] == [k for k, one in enumerate(days) if one.clock_off_s]
     warm, cold = np.array(days[2].offset_m), np.array(days[1].offset_m)
     assert np.allclose(14.0 / 20.0 * 0.56e-3, warm - cold)
-    assert not np.allclose(np.ptp(np.array(days[2].offset_m)), np.ptp(np.array(days[3].offset_m)))
+    larger_m = np.array(days[3].offset_m) - warm
+    assert 0.1e-3 < np.ptp(larger_m) < 0.5e-3  # other tyres, alike among themselves: none looks soft
     assert {86_400.0} == {later.start_s - one.start_s for one, later in itertools.pairwise(days)}
 
 

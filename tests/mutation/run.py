@@ -39,7 +39,7 @@ TREE = REPO / "build" / "mutation"
 BAR = 0.90
 OPERATORS_LEFT_OUT = ("VariableReplacer", "VariableInserter", "RemoveDecorator")
 """The first two take arguments; decorators say how a class is stored (slots, frozen), not what it does."""
-PATIENCE = 10.0
+PATIENCE = 3.0
 """A mutant that takes this many times the time of the tests has hung, and is killed by that."""
 WARM = ("can", "cantools", "hypothesis", "numpy", "pytest", "scipy.special", "scipy.stats", "serial")
 """Imported once; each mutant's tests run in a fork of this process."""

@@ -57,6 +57,7 @@ ROOMS = {
             "tests/onboard/gnss/test_utc_offset.py",
             "tests/onboard/gnss/test_local_plane.py",
         ),
+        "test_any_stamps or test_faulty_lines or test_faulty_buses",
     ),
     "daemon": Room(_modules("tpmsd/onboard/daemon"), _daemon_tests()),
     "wheel_counter": Room(

@@ -76,7 +76,7 @@ def test_a_hundred_kilometres_along_the_meridian(latitude: float):
     assert pytest.approx((0.0, expected), abs=1e-3) == tuple(places[-1])
 
 
-@pytest.mark.parametrize("height", [0.0, 2000.0])
+@pytest.mark.parametrize("height", [0.0, 2000.0, -430.0])
 @pytest.mark.parametrize("latitude", LATITUDES)
 def test_a_hundred_kilometres_along_a_parallel(latitude: float, height: float):
     """A hundred kilometres east at height, over the date line, have the parallel's length, to 1 mm."""
