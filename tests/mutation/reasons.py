@@ -5,4 +5,30 @@ A reason that begins with `same` says that the mutant does the same as the progr
 
 from __future__ import annotations
 
-REASONS: dict[str, str] = {}
+_HAS_TEST = "has a test since"
+_EDGE = "missed: they part at one value of a float"
+REASONS: dict[str, str] = {
+    "while len(content) != MAX_BYTES": "same: a regular file is read in one piece",
+    "state_writer.py:52": _HAS_TEST,
+    "wait_s: float = -1.0": "same: a negative wait is none",
+    "MAX_BYTES = 1 << 19": _HAS_TEST,
+    "if bits >= high or": _EDGE,
+    "_time_s = -1.0": "same: it is set before it is used",
+    "_span = 1.0": "same: it is set before it is used",
+    "len(history) != 2": "same: the history holds two at least there",
+    "REPEATED_BITS = 1.0": _HAS_TEST,
+    "after[0] % before[0]": "same: stamps of an epoch leave the difference",
+    "readings[-1][0] / readings[0][0]": _HAS_TEST,
+    "wheel_counter.py:434": _HAS_TEST,
+    "ages[ 1]": "missed: they part at one fix of a hundred",
+    "times[1:] >= times[:-1]": _HAS_TEST,
+    "last_s != begin_s": "missed",
+    "- 499.0, 9000.0": "missed: no road is that low",
+    "valid == arrival + MAX_AHEAD_S": _HAS_TEST,
+    "strict=False": "same: both have one length",
+    "not 500.0, 9000.0": _HAS_TEST,
+    "gap_s > 1.0": "missed",
+    "asked to learn the tyres": "missed: a line of the log",
+    "config_toml.py:68": "held outside of the room, by tests of the configuration's text",
+    "state_lock.py:35": "held outside of the room, by tests/onboard/daemon/test_state_lock.py",
+}

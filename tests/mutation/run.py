@@ -19,6 +19,7 @@ import compileall
 import difflib
 import importlib
 import os
+import re
 import shutil
 import signal
 import sys
@@ -273,6 +274,19 @@ def page(rooms: list[Judged], sample: int, seed: int) -> str:
     return "\n".join(lines)
 
 
+def printed(text: str) -> list[Judged]:
+    """Return the rooms of which an earlier run printed survivors and their number."""
+    rooms, survivors = [], []
+    for line in text.splitlines():
+        if line.startswith("  survived: "):
+            change = line.removeprefix("  survived: ")
+            survivors.append((change.partition(":")[0], change))
+        elif found := re.fullmatch(r"(\w+) +(\d+) of +(\d+) killed", line):
+            rooms.append(Judged(found[1], int(found[3]), survivors))
+            survivors = []
+    return rooms
+
+
 def judge_named() -> int:
     """Judge the mutations by name; 1 if one survives."""
     limits: dict[tuple[str, ...], float] = {}
@@ -300,10 +314,14 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="a line for killed mutants, too")
     parser.add_argument("--page", action="store_true", help="print tables for bench/results/mutation.md")
     parser.add_argument("--minutes", type=float, default=1e6, help="for each room; it ends early after these")
+    parser.add_argument("--of", type=Path, metavar="FILE", help="print these tables of an earlier run's text")
     parser.add_argument("rooms", nargs="*", help=f"default: all of {' '.join(ROOMS)}")
     args = parser.parse_args()
     if unknown := sorted(set(args.rooms) - set(ROOMS)):
         parser.error(f"no such room: {' '.join(unknown)}")
+    if args.of is not None:
+        print(page(printed(args.of.read_text("utf-8")), args.sample, args.seed))
+        return 0
     sys.dont_write_bytecode = True
     copy_tree()
     for name in WARM:

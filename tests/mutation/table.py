@@ -40,8 +40,11 @@ def _modules(folder: str, *left_out: str) -> tuple[str, ...]:
 
 def _daemon_tests() -> tuple[str, ...]:
     """The tests of the daemon that run it in their own process."""
-    names = "can_errors health inputs link_ends links loop notify obd record recorder reset state_keeper time"
-    return tuple(f"tests/onboard/daemon/test_{name}.py" for name in names.split())
+    names = (
+        *("can_errors", "health", "inputs", "link_ends", "links", "loop", "notify", "obd"),
+        *("record", "recorder", "reset", "state_keeper", "state_lock", "time"),
+    )
+    return tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
 
 
 ROOMS = {

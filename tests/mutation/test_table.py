@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.mutation.run import REPO, behaviour
+from tests.mutation.run import REPO, behaviour, page, printed
 from tests.mutation.table import NAMED, ROOMS
 
 
@@ -20,3 +20,11 @@ def test_what_is_no_behaviour_makes_no_mutant() -> None:
     assert behaviour(one) == behaviour(other)
     assert behaviour(one) != behaviour(one.replace("a + 1", "a - 1"))
     assert "" == behaviour("def")
+
+
+def test_a_printed_run_gives_its_tables() -> None:
+    """Survivors belong to the room whose number follows them; a cell of the table holds no bar of its own."""
+    text = "  survived: a.py:3  - x | y   + x & y\nepochs          39 of  40 killed\nlinks 2 of 2 killed\n"
+    epochs, links = printed(text)
+    assert (("epochs", 40, 39), ("links", 2, 2)) == tuple((r.name, r.seen, r.dead) for r in (epochs, links))
+    assert "| epochs | `a.py:3  - x \\| y   + x & y` | missed |" in page([epochs, links], 40, 1).splitlines()
