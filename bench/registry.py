@@ -60,6 +60,7 @@ CAMPAIGNS = {
     campaign.name: campaign
     for campaign in (
         _campaign("", "speed", "figures of the README: rates, memory, start-up", "speed_and_memory"),
+        _campaign("", "command-times", "CPU time of discover, check, explain and web, as ratios to replay"),
         _campaign(
             "onboard", "gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"
         ),
