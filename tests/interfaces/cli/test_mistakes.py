@@ -255,6 +255,7 @@ MISTAKES = (
     Mistake("a model over a configuration", f"diagnose d --model-out {TOML}", 1, "a configuration is there"),
     Mistake("a page over the DBC", f"replay d --html {DBC}", 1, "a DBC is there"),
     Mistake("a folder for a configuration", "discover d --force --write d", 2, "d: a folder; the name"),
+    Mistake("a file in no folder", "discover d --write no/v.toml", 2, "no/v.toml: there is no folder no"),
     Mistake("a folder for a car's file", "init --car vw_mqb --force --write d", 2, "d: a folder; the name"),
     Mistake("a folder for the state", "run --config d --state d --duration 1", 2, "d: a folder"),
     Mistake("a drive where another is", "simulate d --duration 20", 2, "--force"),

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tpmsd.offline.report import static_figures
 from tpmsd.offline.report.explanation_text import _pair
 from tpmsd.offline.report.figures import Bars, Chart, Curve
 from tpmsd.offline.report.static_figures import _bars, _chart
@@ -43,3 +46,13 @@ def test_an_axis_of_dates_has_few_marks(span_s: float) -> None:
 def test_an_explanation_writes_one_sign_for_plus_or_minus() -> None:
     """The text of a terminal has `+-` in every line."""
     assert "-1.55 +- 0.18 (+16.5 nats)" == _pair({"change_mm": -1.55, "std_mm": 0.18, "gain_nats": 16.5})
+
+
+def test_no_colon_hangs_behind_a_name_of_a_legend() -> None:
+    """uPlot's style sets one behind every name; that of the reports takes it away with the same precision."""
+    assets = Path(static_figures.__file__).parent / "assets"
+    rule = re.search(r"(\S+\.u-live th::after) \{ content: \"\"; \}", (assets / "report.css").read_text())
+
+    assert rule is not None
+    assert '.u-inline.u-live th::after {content: ":"' in (assets / "uPlot.min.css").read_text()
+    assert rule[1] == ".u-legend.u-inline.u-live th::after"

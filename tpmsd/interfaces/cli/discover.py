@@ -101,7 +101,7 @@ def refuse(path: Path, force: bool) -> None:
     if path.exists() and not force:
         raise ConfigError(f"{path}: is there already; --force replaces it")
     if not path.absolute().parent.is_dir():
-        raise ConfigError(f"{path}: no such folder")
+        raise ConfigError(f"{path}: there is no folder {path.parent}")
 
 
 def write_files(found: Discovery, dbc: Path | None, target: Path) -> list[Path]:
