@@ -124,16 +124,16 @@ def _measured(recording: Recording) -> dict[str, FloatArray]:
     """(n + 1,) each: what the steering wheel, the engine and the thermometer tell, where the bus has them."""
     out = {}
     wheel = recording.inertial["steering_wheel_angle_rad"]
-    if _measured(wheel):
+    if _is_measured(wheel):
         out["steering"] = to_edges(wheel, 1.0)
         out["steering_rate"] = np.gradient(to_edges(wheel, 3.0), recording.dt_s)
     for name, role in (("torque", "drive_torque_nm"), ("temperature", "ambient_temp_k")):
-        if _measured(recording.inertial[role]):
+        if _is_measured(recording.inertial[role]):
             out[name] = to_edges(fill(recording.inertial[role]), 1.0)
     return out
 
 
-def _measured(values: FloatArray) -> bool:
+def _is_measured(values: FloatArray) -> bool:
     known = np.isfinite(values)
     return bool(known.mean() > 0.8 and np.ptp(values[known]) > 0)
 
