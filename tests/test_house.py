@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import re
 import subprocess
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -409,6 +410,56 @@ def test_the_watch_over_branches_sees() -> None:
     sources = ["def f(x):\n" + "    if x:\n        pass\n" * number for number in (15, 16)]
 
     assert [{}, {"m.f": 16}] == [branchy("m", source) for source in sources]
+
+
+_SHARED_TWICE = """
+    AccelerometerBias AccelerometerTilt Baseline Belief Calibration Change Channel Column
+    ComplianceSteer Connection Diagnosis Drive Effect EstimatorSettings Fault Field Finding Frame
+    Geometry Gram GyroDelay HeadWind Hypotheses Inputs Layout LockedDifferential Look Moment
+    Motion NotDetectable Parameter Part Place Plan Point Probe Proposal Quantity Recording
+    RoadBank RoadGrade Rolling Rows Seen SignalPlan Stack Stage SteeringOffset
+    SteeringRatioError Style Summary Term Track Unknown Verdict YawRateBias YawRateScale
+    """
+SHARED_CLASS_NAMES = {
+    "Span": 3,
+    "Car": 3,
+    "Noise": 3,
+    "Discovery": 3,
+    "Heard": 3,
+    "Columns": 3,
+    "Reference": 3,
+    "Fit": 3,
+    "Series": 3,
+    "Step": 3,
+    "Table": 3,
+} | dict.fromkeys(_SHARED_TWICE.split(), 2)
+"""Public class names that two or more modules of the program define, with their number; only shrinks."""
+
+
+def classes_of(sources: dict[str, str]) -> Counter[str]:
+    """Return in how many of the modules each public class name is defined at the top."""
+    return Counter(
+        name
+        for source in sources.values()
+        for name in {node.name for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
+        if not name.startswith("_")
+    )
+
+
+def test_a_class_name_has_one_meaning() -> None:
+    """No public class name is defined in two modules but those of `SHARED_CLASS_NAMES`, which shrinks."""
+    found = classes_of({dotted_name(path): read(path) for path in modules()})
+    shared = {name: count for name, count in found.items() if count > 1}
+
+    assert {} == {name: n for name, n in shared.items() if n > SHARED_CLASS_NAMES.get(name, 1)}
+    assert {} == {name: n for name, n in SHARED_CLASS_NAMES.items() if n != found[name]}
+
+
+def test_the_watch_over_class_names_sees() -> None:
+    """A name in two modules counts twice; one of a function, or defined twice in a module, once."""
+    sources = {"a": "class X: pass\nclass Y: pass", "b": "class X: pass\ndef f():\n    class Y: pass"}
+
+    assert {"X": 2, "Y": 1} == classes_of(sources)
 
 
 def test_modules_say_what_they_are_for() -> None:
