@@ -24,7 +24,6 @@ from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.report.replay_document import replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_series import settled_range
-from tpmsd.offline.report.simulation_text import agreement
 from tpmsd.offline.report.wording import alarm_label
 from tpmsd.offline.tables.extras import need_pandas
 from tpmsd.offline.tables.tick_table import TickTable
@@ -235,6 +234,8 @@ class Diagnosis:
         """
         axes = own_axes(ax)
         if not self.findings:
+            from tpmsd.offline.report.simulation_text import agreement
+
             text = self.result.reason if self.result.reason else agreement(self.result)
             axes.text(0.5, 0.5, text, ha="center", va="center", wrap=True, transform=axes.transAxes)
             axes.set(xticks=[], yticks=[], title=f"{', '.join(self.drives)}: {self.verdict}")
