@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.offline.report.pages import Page
+from tpmsd.interfaces.cli.fleet_pages import write_drive_pages
 from tpmsd.offline.fleet.report import model_title, report_document, report_text
 from tpmsd.offline.fleet.report_page import report_page
 from tpmsd.offline.fleet.settings import FleetSettings
 from tpmsd.offline.fleet.tables import COLUMNS
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 Row = dict[str, Any]
 
@@ -171,3 +175,21 @@ def test_a_large_fleet_has_few_pictures(
 
     assert (0, 1) == (page.tags["svg"], len(page.data))
     assert "-0.50 ± 0.10|" in page.text
+
+
+def test_a_drive_with_an_alarm_leads_to_its_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], tables: dict[str, list[Row]]
+) -> None:
+    """A drive that can be read has a page that the report links; one that is gone is named."""
+    spec = DriveSpec(route="oval", duration_s=40.0)
+    folder = write_drive(tmp_path / "d", simulate_drive(spec))
+    first, second = list(dict.fromkeys(row["key"] for row in tables["alarms"]))[:2]
+    moved = [row | {"path": str(folder)} if row["key"] == first else row for row in tables["drives"]]
+    links = write_drive_pages(tmp_path / "fleet.html", {**tables, "drives": moved})
+
+    assert {first: f"fleet-drives/{first}.html"} == links
+    assert "<title>" in (tmp_path / links[first]).read_text()
+    assert "no page of this drive" in capsys.readouterr().err
+    made = report_page(report_document(tables), tables, links)
+    assert f'<a href="fleet-drives/{first}.html">' in made
+    assert second not in links

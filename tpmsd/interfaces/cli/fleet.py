@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.interfaces.cli.fleet_pages import write_drive_pages
 from tpmsd.interfaces.cli.output import Subparsers, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 
@@ -85,6 +86,11 @@ def add_parser(subparsers: Subparsers) -> None:
     report = parts.add_parser("report", help="what the fleet shows, for its manager and its engineer")
     report.add_argument("store", type=Path, metavar="STORE")
     report.add_argument("--html", type=Path, metavar="FILE", help="write a page that opens offline")
+    report.add_argument(
+        "--drive-pages",
+        action="store_true",
+        help="with --html: also the page of every drive with an alarm, in FILE-drives, linked",
+    )
     _optional_json(report)
     sql = parts.add_parser(
         "sql",
@@ -219,6 +225,8 @@ def _report(args: argparse.Namespace) -> int:
     from tpmsd.offline.report.page import check_report_packages
 
     outputs = Outputs(("--html", args.html), ("--json", args.json))
+    if args.drive_pages and args.html is None:
+        raise ConfigError("--drive-pages goes with --html FILE")
     if args.html is not None:
         check_report_packages()
     store = Store.open(args.store)
@@ -227,7 +235,10 @@ def _report(args: argparse.Namespace) -> int:
     document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:
         print(report_text(document))
-    outputs.write({"--html": lambda: report_page(document, tables), "--json": lambda: json_text(document)})
+    pages = write_drive_pages(args.html, tables) if args.drive_pages else {}
+    outputs.write(
+        {"--html": lambda: report_page(document, tables, pages), "--json": lambda: json_text(document)}
+    )
     return 0
 
 

@@ -50,8 +50,10 @@ class CarView:
     """True where its drives are shown at once: cars that need attention."""
 
 
-def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) -> str:
-    """Return the page."""
+def report_page(
+    document: Mapping[str, Any], tables: Mapping[str, list[Row]], pages: Mapping[str, str] | None = None
+) -> str:
+    """Return the page; `pages`: links to pages of drives by their keys."""
     return render(
         "fleet.html",
         Origin.now(document),
@@ -59,7 +61,7 @@ def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) ->
         head=_tiles(document),
         attention=_attention(document["attention"]),
         models=[_model(model) for model in document["models"]],
-        cars=list(_cars(tables, [row["car"] for row in document["attention"]])),
+        cars=list(_cars(tables, [row["car"] for row in document["attention"]], pages or {})),
     )
 
 
@@ -131,7 +133,9 @@ def _model(model: Row) -> ModelView:
     )
 
 
-def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[CarView]:
+def _cars(
+    tables: Mapping[str, list[Row]], first: Sequence[str], pages: Mapping[str, str]
+) -> Iterable[CarView]:
     wheels: dict[str, dict[str, Row]] = defaultdict(dict)
     for row in tables["wheels"]:
         wheels[row["key"]][row["wheel"]] = row
@@ -155,17 +159,23 @@ def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[Car
             f"{car} ({model_title(drives[0]['model'])}), {len(drives)} drive{'s' * (len(drives) != 1)}",
             f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
             None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
-            Table(heads, tuple(_drive(row, wheels[row["key"]], alarms[row["key"]]) for row in shown)),
+            Table(
+                heads,
+                tuple(
+                    _drive(row, wheels[row["key"]], alarms[row["key"]], pages.get(row["key"], ""))
+                    for row in shown
+                ),
+            ),
             car in first,
         )
 
 
-def _drive(row: Row, wheels: Mapping[str, Row], alarms: Sequence[Row]) -> tuple[Cell, ...]:
+def _drive(row: Row, wheels: Mapping[str, Row], alarms: Sequence[Row], page: str) -> tuple[Cell, ...]:
     named = "\n".join(
         " ".join(filter(None, (plain_name(one["kind"]), one["wheel"], one["state"]))) for one in alarms
     )
     return (
-        Cell(str(row["path"])),
+        Cell(str(row["path"]), href=page),
         Cell(utc(row["start"]) or "", row["start"], style="when"),
         _number((row["distance_m"] or 0.0) / 1e3),
         Cell(row["status"] + (f": {row['reason']}" if row["reason"] else "")),

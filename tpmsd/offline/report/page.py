@@ -44,6 +44,8 @@ class Cell:
     """Aligned to the right."""
     link: str = ""
     """Identifier on the same page."""
+    href: str = ""
+    """Another page, relative to this one."""
     style: str = ""
     """A class of the style sheet."""
 
