@@ -20,9 +20,9 @@ from tpmsd.offline.tables.read_table import Table
 from tpmsd.offline.tables.roles import TIME_UNITS, scale_of
 
 USUAL_RADIUS_M, USUAL_TRACK_M, USUAL_WHEELBASE_M = 0.315, 1.55, 2.7
-"""Of a passenger car of the middle class (205/55 R16), where the table tells nothing."""
+"""Measures of a middle-class passenger car (205/55 R16), where the table has none."""
 _LEAST_CORRELATION = 0.7
-"""Of a yaw rate or a wheel difference with the course's rate, below which its slope is left out."""
+"""Least correlation of a yaw rate or a wheel difference with the course's rate; below it no slope."""
 _POSITIONS = (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north"))
 
 
@@ -40,7 +40,7 @@ class Column:
 
 @dataclass
 class Guess:
-    """What a table may mean."""
+    """Guessed meaning of a table."""
 
     time: str | None = None
     time_unit: str = "s"
@@ -49,7 +49,7 @@ class Guess:
     """Key of [vehicle] -> value and reason."""
     unused: tuple[str, ...] = ()
     doubts: list[str] = field(default_factory=list)
-    """What is to be looked at, a sentence each."""
+    """Points to be checked, a sentence each."""
 
     @property
     def has_wheels(self) -> bool:
@@ -58,7 +58,7 @@ class Guess:
         return {"rl", "rr"} <= found and ("fl" in found) == ("fr" in found)
 
     def text(self, table: str) -> str:
-        """The map, for the table of this file name."""
+        """Return the map, for the table of this file name."""
         lines = [f"# Guessed from {table} by names, units and values. Check each line."]
         lines += [f"# to check: {one}" for one in self.doubts]
         lines += ["", "[vehicle]"]
@@ -130,7 +130,7 @@ class _Guesser:
         return found
 
     def _choose_time(self) -> None:
-        """The column of the time, by its name and because it rises; its unit by name or by its steps."""
+        """Choose the column of the time, by its name and because it rises; its unit by name or by its steps."""
         found = self._found
         ranked = sorted(self._table.names, key=lambda name: -time_weight(spelled(name)))
         for name in ranked:
@@ -158,7 +158,7 @@ class _Guesser:
         return self._column(self._found.time) * TIME_UNITS[self._found.time_unit]
 
     def _si(self, role: str) -> FloatArray:
-        """A role's values in SI units (degrees for latitude and longitude)."""
+        """Return a role's values in SI units (degrees for latitude and longitude)."""
         one = self._found.columns[role]
         factor, offset = scale_of(role, one.unit)
         return factor * one.scale * self._column(one.name) + offset
@@ -341,7 +341,7 @@ class _Guesser:
             doubts.append(f"wheel speeds: {per_mps:.4g} times the positions' m/s, which is no unit")
 
     def _turning_radius(self, unit: str, per_mps: float) -> None:
-        """The rolling radius by the way per turn, if it is a car's."""
+        """Take the rolling radius by the distance per turn, if it is a car's."""
         radius = 1.0 / (per_mps * scale_of("wheel_speed_rl", unit)[0])
         if by_value.RADII_M[0] <= radius <= by_value.RADII_M[1]:
             self._found.measures["wheel_radius_m"] = (radius, "by the way between positions per turn")
@@ -384,7 +384,7 @@ class _Guesser:
             measures["teeth_per_rev"] = teeth
 
     def _road(self, role: str, radius_m: float) -> FloatArray:
-        """A wheel's speed along the road, m/s."""
+        """Return a wheel's speed along the road, m/s."""
         unit = self._found.columns[role].unit
         return self._si(role) * (radius_m if unit in (None, "rad/s", "rpm", "deg/s") else 1.0)
 
@@ -398,5 +398,5 @@ def _quoted(text: str) -> str:
 
 
 def _printable(name: str) -> str:
-    """A name on one line of a comment."""
+    """Return a name on one line of a comment."""
     return "".join(mark if mark.isprintable() else "\N{REPLACEMENT CHARACTER}" for mark in name)[:80]

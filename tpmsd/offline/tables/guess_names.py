@@ -1,4 +1,4 @@
-"""What a column's name says: its words, its unit, and the roles it may have.
+"""Meaning of a column's name: its words, its unit, and the roles it may have.
 
 In: the names of a table's columns. Out: name -> `Spelled` (words and unit), and (role, weight) pairs. Pure.
 """
@@ -31,7 +31,7 @@ _LEFT, _RIGHT = {"left", "l", "links"}, {"right", "r", "rechts"}
 
 
 def _words(text: str) -> frozenset[str]:
-    """The words of a list that is easier to read as a text."""
+    """Return the words of a list that is easier to read as a text."""
     return frozenset(text.split())
 
 
@@ -93,7 +93,7 @@ class Spelled:
 
     words: tuple[str, ...]
     unit: str | None = None
-    """As the name has it: `km/h` of `v [km/h]` and of `v_kmh`."""
+    """Unit that the name has: `km/h` of `v [km/h]` and of `v_kmh`."""
 
 
 def spelled(name: str) -> Spelled:
@@ -117,7 +117,7 @@ def _known_unit(text: str) -> str | None:
 
 
 def time_weight(one: Spelled) -> int:
-    """How well a name fits a table's time: 3 the word alone, 2 the word among others, 0 not at all."""
+    """Return how well a name fits a table's time: 3 the word alone, 2 the word among others, 0 not at all."""
     times = {"time", "t", "timestamp", "timestamps", "zeit", "ts", "stamp"}
     if not times & set(one.words):
         return 0
@@ -149,7 +149,7 @@ def roles_by_name(names: Sequence[str]) -> dict[str, list[tuple[str, float]]]:
 
 
 def _wheel(one: Spelled) -> str | None:
-    """The wheel that a name tells by letters or words; None if it tells none, or nothing of a wheel."""
+    """Return the wheel that a name states by letters or words; None if it states none."""
     words = list(one.words)
     if set(words) & _NO_WHEEL_MOTION:
         return None
@@ -163,7 +163,7 @@ def _wheel(one: Spelled) -> str | None:
 
 
 def _by_words(words: Sequence[str]) -> str | None:
-    """The wheel of two neighbouring words, such as `front left` or `links vorn`."""
+    """Return the wheel of two neighbouring words, such as `front left` or `links vorn`."""
     for pair in itertools.pairwise(words):
         for front, side in (pair, pair[::-1]) if max(map(len, pair)) > 1 else ():
             axle = "f" if front in _FRONT else "r" if front in _REAR else ""

@@ -1,9 +1,9 @@
-"""What a column's values say: units, signs, directions and measures of the car.
+"""Meaning of a column's values: units, signs, directions and measures of the car.
 
 In: arrays of a table on one clock. Out: units, scales and lengths; None where the values cannot tell. Pure.
 
-All is measured against the receiver: its way over ground gives the unit of every speed, its course unit and
-sign of the yaw rate, and wheel turns per way the rolling radius.
+All is measured against the receiver: its distance over ground gives the unit of every speed, its course unit and
+sign of the yaw rate, and wheel turns per distance the rolling radius.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Way:
 
 
 def time_unit(values: FloatArray) -> str | None:
-    """The unit of time by the median step: the coarsest in which it is at most 2 s; None if time falls."""
+    """Return the coarsest unit of time in which the median step is at most 2 s; None if time falls."""
     steps = np.diff(values[np.isfinite(values)])
     if len(steps) < 2 or np.any(steps < 0.0) or not np.any(steps > 0.0):
         return None
@@ -56,7 +56,7 @@ def time_unit(values: FloatArray) -> str | None:
 def way_of(
     time_s: FloatArray, east_m: FloatArray, north_m: FloatArray, least_step_s: float = 0.5
 ) -> Way | None:
-    """The motion by positions that were renewed at least `least_step_s` apart; None with fewer than ten."""
+    """Return the motion by positions renewed at least `least_step_s` apart; None with fewer than ten."""
     known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m) & np.isfinite(time_s))
     if not len(known):
         return None
@@ -149,7 +149,7 @@ def ratio(time_s: FloatArray, values: FloatArray, way: Way) -> float | None:
 
 
 def road_unit(per_mps: float) -> str | None:
-    """The unit of a speed over the road by its ratio to m/s; None where none fits."""
+    """Return the unit of a speed over the road by its ratio to m/s; None where none fits."""
     near = min(_ROAD, key=lambda unit: abs(per_mps / _ROAD[unit] - 1.0))
     return near if abs(per_mps / _ROAD[near] - 1.0) < UNIT_TOLERANCE else None
 
