@@ -111,18 +111,18 @@ class _Guesser:
             rivals = tuple(name for _, name in entries[1:3])
             found.columns[role] = Column(entries[0][1], "by its name", rivals=rivals)
         self._drop_half_positions()
-        way = self._way()
-        self._wheels(way)
+        motion = self._motion()
+        self._wheels(motion)
         for role in [role for role in found.columns if not role.startswith("wheel_")]:
-            self._unit(role, found.columns[role], way)
-        self._measures(way)
+            self._unit(role, found.columns[role], motion)
+        self._measures(motion)
         used = {one.name for one in found.columns.values()} | {found.time}
         found.unused = tuple(name for name in names if name not in used)
         if not found.has_wheels:
             found.doubts.append(
                 "no column of each rear wheel was found: give wheel_speed_*, _angle_* or _count_*"
             )
-        if way is None:
+        if motion is None:
             found.doubts.append("no positions: units of speeds are by names alone")
         order = {role: k for k, role in enumerate(found.columns)}
         wheels_first = sorted(order, key=lambda role: (not role.startswith("wheel_"), role[-2:], order[role]))
@@ -130,7 +130,7 @@ class _Guesser:
         return found
 
     def _choose_time(self) -> None:
-        """Choose the column of the time, by its name and because it rises; its unit by name or by its steps."""
+        """Choose the column of the time by its name and because it rises; its unit by name or steps."""
         found = self._found
         ranked = sorted(self._table.names, key=lambda name: -time_weight(spelled(name)))
         for name in ranked:
@@ -174,7 +174,7 @@ class _Guesser:
         for role in whole[0] if whole else ():
             self._named_unit(role, columns[role])
 
-    def _way(self) -> by_value.Way | None:
+    def _motion(self) -> by_value.GroundMotion | None:
         columns = self._found.columns
         for first, second in _POSITIONS:
             if first not in columns or second not in columns:
@@ -188,7 +188,7 @@ class _Guesser:
             if not np.isfinite(one).any():
                 return None
             east, north = (one, other) if first == "gnss_east" else by_value.plane(one, other)
-            return by_value.way_of(time_s, east, north)
+            return by_value.motion_of(time_s, east, north)
         return None
 
     def _named_unit(self, role: str, one: Column) -> bool:
@@ -204,42 +204,42 @@ class _Guesser:
         one.unit, one.why = said, "role and unit by its name"
         return True
 
-    def _unit(self, role: str, one: Column, way: by_value.Way | None) -> None:
+    def _unit(self, role: str, one: Column, motion: by_value.GroundMotion | None) -> None:
         """Unit and sign of a role that is no wheel's."""
         named = self._named_unit(role, one)
         time_s = self._time(one.name)
-        if way is None or time_s is None or len(time_s) != len(self._column(one.name)):
+        if motion is None or time_s is None or len(time_s) != len(self._column(one.name)):
             return
         values = self._column(one.name)
         if role == "gnss_speed" and not named:
-            per_mps = by_value.ratio(time_s, values, way)
+            per_mps = by_value.ratio(time_s, values, motion)
             unit = None if per_mps is None else by_value.road_unit(per_mps)
             if unit in ("m/s", "km/h", "kn"):
                 one.unit, one.why = unit, "by its name; the unit by the way between positions"
             elif per_mps is not None:
                 self._found.doubts.append(f"{_printable(one.name)}: {per_mps:.3g} times the positions' m/s")
         elif role in ("gnss_course", "gnss_heading"):
-            self._direction(one, named, time_s, values, way)
+            self._direction(one, named, time_s, values, motion)
         elif role == "yaw_rate":
-            self._yaw(one, named, time_s, values, way)
+            self._yaw(one, named, time_s, values, motion)
 
     def _direction(
-        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, way: by_value.Way
+        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, motion: by_value.GroundMotion
     ) -> None:
         """Clockwise from north or counter-clockwise from east, in degrees or radians: by the positions."""
         columns = self._found.columns
         role = next(name for name, other in columns.items() if other is one)
         units = [one.unit] if named and one.unit else ["deg", "rad"]
-        at = np.isfinite(way.course_rad)
+        at = np.isfinite(motion.course_rad)
         known = np.isfinite(values)
         if at.sum() < 10 or known.sum() < 10:
             return
-        near = np.clip(np.searchsorted(time_s[known], way.time_s[at]), 0, known.sum() - 1)
+        near = np.clip(np.searchsorted(time_s[known], motion.time_s[at]), 0, known.sum() - 1)
         misses = {}
         for unit in units:
             angle = values[known][near] * scale_of("gnss_course", unit)[0]
             for kind, course in (("gnss_course", angle), ("gnss_heading", 0.5 * np.pi - angle)):
-                misses[kind, unit] = float(np.median(np.abs(_wrapped(course - way.course_rad[at]))))
+                misses[kind, unit] = float(np.median(np.abs(_wrapped(course - motion.course_rad[at]))))
         (kind, unit), miss = min(misses.items(), key=lambda entry: entry[1])
         if miss > 0.2:
             self._found.doubts.append(f"{_printable(one.name)}: not the course of the positions; left out")
@@ -250,9 +250,9 @@ class _Guesser:
             columns[kind] = columns.pop(role)
 
     def _yaw(
-        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, way: by_value.Way
+        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, motion: by_value.GroundMotion
     ) -> None:
-        at_s, rate = way.rate()
+        at_s, rate = motion.rate()
         slope, correlation = by_value.slope(time_s, values, at_s, rate)
         if abs(correlation) < _LEAST_CORRELATION:
             self._found.doubts.append(
@@ -268,7 +268,7 @@ class _Guesser:
             self._found.doubts.append(f"{_printable(one.name)}: its name says {one.unit}, its values {unit}")
         one.unit, one.why = unit, "by its name; unit and sign by the course"
 
-    def _wheels(self, way: by_value.Way | None) -> None:
+    def _wheels(self, motion: by_value.GroundMotion | None) -> None:
         """Angle, speed or count of all wheels alike, and the unit."""
         columns = self._found.columns
         wheels = {wheel: columns.pop(f"{WHEEL}_{wheel}") for wheel in WHEELS if f"{WHEEL}_{wheel}" in columns}
@@ -284,7 +284,7 @@ class _Guesser:
                 one.modulus = by_value.modulus_of(self._column(one.name))
             elif kind == "angle":
                 self._named_unit(role, one)
-        per_mps = self._per_mps(wheels, kind, way)
+        per_mps = self._per_mps(wheels, kind, motion)
         if kind == "speed":
             self._speed_unit(wheels, per_mps)
         elif kind == "angle" and per_mps is not None:
@@ -294,18 +294,20 @@ class _Guesser:
             why = f"by the way and a rolling radius of {USUAL_RADIUS_M} m: replace both"
             self._found.measures["teeth_per_rev"] = (float(np.round(teeth)), why)
 
-    def _per_mps(self, wheels: Mapping[str, Column], kind: str, way: by_value.Way | None) -> float | None:
+    def _per_mps(
+        self, wheels: Mapping[str, Column], kind: str, motion: by_value.GroundMotion | None
+    ) -> float | None:
         """Median of the wheels' units (per second, for angles and counts) per m/s of the receiver."""
         found = []
         for one in wheels.values():
             time_s = self._time(one.name)
             values = self._column(one.name)
-            if way is None or time_s is None or len(time_s) != len(values):
+            if motion is None or time_s is None or len(time_s) != len(values):
                 return None
             rates = values if kind == "speed" else by_value.rate_of(time_s, values, one.modulus)
             if kind == "angle" and one.unit is not None:
                 rates = rates * scale_of("wheel_angle_rl", one.unit)[0]
-            per_mps = by_value.ratio(time_s, rates, way)
+            per_mps = by_value.ratio(time_s, rates, motion)
             if per_mps is not None:
                 found.append(per_mps)
         return float(np.median(found)) if found else None
@@ -359,7 +361,7 @@ class _Guesser:
                 return
         self._found.doubts.append("wheel angles: no unit gives a rolling radius of a car")
 
-    def _measures(self, way: by_value.Way | None) -> None:
+    def _measures(self, motion: by_value.GroundMotion | None) -> None:
         """Radius and tracks; the tracks by the difference of an axle's wheels over the course's rate."""
         measures, columns = self._found.measures, self._found.columns
         radius = measures.get("wheel_radius_m", (USUAL_RADIUS_M, "a usual value: not measured"))
@@ -368,9 +370,9 @@ class _Guesser:
         for axle, left, right in (("front", "fl", "fr"), ("rear", "rl", "rr")):
             value, why = USUAL_TRACK_M, "a usual value: not measured"
             roles = [f"wheel_speed_{wheel}" for wheel in (left, right)]
-            if way is not None and all(role in columns for role in roles):
+            if motion is not None and all(role in columns for role in roles):
                 one, other = (self._road(role, radius[0]) for role in roles)
-                at_s, rate = way.rate()
+                at_s, rate = motion.rate()
                 time_s = self._time(columns[roles[0]].name)
                 if time_s is not None and len(one) == len(other) == len(time_s):
                     track, correlation = by_value.slope(time_s, other - one, at_s, rate)

@@ -2,7 +2,7 @@
 
 In: arrays of a table on one clock. Out: units, scales and lengths; None where the values cannot tell. Pure.
 
-All is measured against the receiver: its distance over ground gives the unit of every speed, its course unit and
+Measured against the receiver: its distance over ground gives the unit of every speed, its course unit and
 sign of the yaw rate, and wheel turns per distance the rolling radius.
 """
 
@@ -29,7 +29,7 @@ _SLOWEST_STEP_S = 2.0
 
 
 @dataclass(frozen=True)
-class Way:
+class GroundMotion:
     """The receiver's motion at the times of its fixes."""
 
     time_s: FloatArray
@@ -53,9 +53,9 @@ def time_unit(values: FloatArray) -> str | None:
     return next((unit for unit, scale in _TIME_STEPS.items() if step * scale <= _SLOWEST_STEP_S), None)
 
 
-def way_of(
+def motion_of(
     time_s: FloatArray, east_m: FloatArray, north_m: FloatArray, least_step_s: float = 0.5
-) -> Way | None:
+) -> GroundMotion | None:
     """Return the motion by positions renewed at least `least_step_s` apart; None with fewer than ten."""
     known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m) & np.isfinite(time_s))
     if not len(known):
@@ -77,7 +77,7 @@ def way_of(
     usable = (speed > LEAST_MOVING_MPS) & (step < 5.0)
     full = np.full(len(course), np.nan)
     full[usable] = np.unwrap(course[usable])
-    return Way(0.5 * (times[1:] + times[:-1]), np.where(step < 5.0, speed, np.nan), full)
+    return GroundMotion(0.5 * (times[1:] + times[:-1]), np.where(step < 5.0, speed, np.nan), full)
 
 
 def plane(latitude_deg: FloatArray, longitude_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -135,17 +135,17 @@ def rate_of(time_s: FloatArray, values: FloatArray, modulus: int | None = None) 
     return rate
 
 
-def ratio(time_s: FloatArray, values: FloatArray, way: Way) -> float | None:
+def ratio(time_s: FloatArray, values: FloatArray, motion: GroundMotion) -> float | None:
     """Units of a speed per m/s of the receiver while the car moves; None if both know too little of that."""
     known = np.isfinite(values) & np.isfinite(time_s)
-    moving = np.isfinite(way.speed_mps) & (way.speed_mps > LEAST_MOVING_MPS)
+    moving = np.isfinite(motion.speed_mps) & (motion.speed_mps > LEAST_MOVING_MPS)
     if known.sum() < 10 or moving.sum() < 10:
         return None
-    inside = moving & (way.time_s >= time_s[known][0]) & (way.time_s <= time_s[known][-1])
+    inside = moving & (motion.time_s >= time_s[known][0]) & (motion.time_s <= time_s[known][-1])
     if inside.sum() < 10:
         return None
-    here = np.interp(way.time_s[inside], time_s[known], values[known])
-    return float(here.sum() / way.speed_mps[inside].sum())
+    here = np.interp(motion.time_s[inside], time_s[known], values[known])
+    return float(here.sum() / motion.speed_mps[inside].sum())
 
 
 def road_unit(per_mps: float) -> str | None:
