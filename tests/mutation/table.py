@@ -44,7 +44,8 @@ def _daemon_tests() -> tuple[str, ...]:
         *("can_errors", "health", "inputs", "link_ends", "links", "loop", "notify", "obd"),
         *("record", "recorder", "reset", "state_keeper", "state_lock", "time"),
     )
-    return tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
+    own = tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
+    return (*own, "tests/car/config/test_signal_table.py")
 
 
 ROOMS = {
