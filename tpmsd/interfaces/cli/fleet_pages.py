@@ -17,7 +17,7 @@ from tpmsd.foundation.errors import TpmsdError
 
 def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, str]:
     """Write the pages; returns the link of each drive's key, relative to the report."""
-    import tpmsd
+    from tpmsd.interfaces.api.functions import replay
     from tpmsd.offline.fleet.settings import SETTINGS
 
     paths = {row["key"]: row["path"] for row in tables["drives"]}
@@ -26,7 +26,7 @@ def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, A
     links = {}
     for key in keys[: SETTINGS.most_pictures]:
         try:
-            page = tpmsd.replay(paths[key], table=True).to_html()
+            page = replay(paths[key], table=True).to_html()
         except TpmsdError as error:
             print(f"tpmsd: {paths[key]}: no page of this drive: {error}", file=sys.stderr)
             continue
