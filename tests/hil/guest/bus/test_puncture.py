@@ -37,9 +37,9 @@ class Outcome:
     socket: Path
 
 
-@pytest.fixture(scope="module")
-def outcome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Outcome]:
-    """One drive with a puncture, played once for all tests."""
+@pytest.fixture(scope="module", params=["gaussian-sum", "mpf-pn"])
+def outcome(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Outcome]:
+    """One drive with a puncture, played once for all tests of a filter."""
     folder = tmp_path_factory.mktemp("puncture")
     car, pty = folder / "car", folder / "gnss"
     drive = ["--route", "rural", "--duration", f"{DURATION_S:g}", "--seed", "3"]
@@ -61,7 +61,8 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Outcome]:
         wait_until(pty.exists, "the car drives")
         with (car / "vehicle.toml").open("a") as config:
             config.write(f"\n[monitor]\nlearn_s = {LEARN_S:g}\n")
-        with running(car, "--device", str(pty), "--speed-up", f"{SPEED_UP:g}") as daemon:
+        speed_up = ["--speed-up", f"{SPEED_UP:g}"]
+        with running(car, "--method", request.param, "--device", str(pty), *speed_up) as daemon:
             daemon.ready()
             wait_until(lambda: listener.frames(ALARM_ID), "an alarm is heard", 120.0)
             first_s = listener.frames(ALARM_ID)[0].time_s
