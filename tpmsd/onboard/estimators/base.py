@@ -1,4 +1,4 @@
-"""What every estimator of tyre radii takes and gives.
+"""Interface of every estimator of tyre radii.
 
 In: `Tick`s. Out: a `RadiusEstimate` per tick. An estimator does no I/O, reads no clock and draws from the
 `numpy.random.Generator` it was given.
@@ -14,8 +14,9 @@ from tpmsd.onboard.timeline.tick import Tick
 
 
 class Stated(NamedTuple):
-    """What is told of the radii, apart from the chance that one of them has just changed:
-    p(x) = rho p(x | change) + (1 - rho) p(x | none), with a change within `SETTINGS.recent_change_s`."""
+    """Statement of the radii, apart from the chance that one of them has just changed: p(x) = rho p(x |
+    change) + (1 - rho) p(x | none), with a change within `SETTINGS.recent_change_s`.
+    """
 
     mean_m: FloatArray
     """(d,) radius minus nominal, given the more probable of the two answers; (4,) and NaN for a wheel that is
@@ -38,7 +39,7 @@ class RadiusEstimate(NamedTuple):
     noise_std_m: FloatArray
     """(4,) standard deviation of one tick's radius error (the paper's sqrt(Sigma))."""
     informative: bool
-    """Whether this tick taught the radii anything (moving, gentle, wheels valid)."""
+    """True if radii were learned from this tick (moving, gentle, wheels valid)."""
     informative_s: float
     """Driving time that has taught the radii so far."""
     speed_mps: float
@@ -57,8 +58,9 @@ class RadiusEstimate(NamedTuple):
     """Standard deviation of the mean radii between the particles, root mean square over the wheels; NaN where
     nothing is drawn."""
     stated: Stated | None = None
-    """Of the last block of odometry; None before the first, and of filters that suppose no changes of single
-    wheels. Judgements take `deviation_m` and `covariance_m2`, which hold both answers."""
+    """Statement after the last block of odometry; None before the first, and of filters that suppose no
+    changes of single wheels. Judgements take `deviation_m` and `covariance_m2`, which hold both answers.
+    """
 
 
 NIGHT_S = 1000.0
@@ -86,7 +88,7 @@ MOST_DEVIATION_M = 0.2
 
 
 def unsound(estimate: RadiusEstimate, wheels: list[int]) -> str:
-    """Why the radii of these wheels are no estimate, in a few words; empty if they are one."""
+    """Return why the radii of these wheels are no estimate, in a few words; empty if they are one."""
     # Plain numbers: for so few numpy takes ten times as long, and this is asked every tick.
     deviation, spread = estimate.deviation_m.tolist(), estimate.covariance_m2.ravel().tolist()
     variances = spread[::5]

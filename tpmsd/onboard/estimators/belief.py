@@ -1,4 +1,4 @@
-"""What a `RadiusFilter` delegates to: a belief about pose and radii, and the records that pass between them.
+"""Beliefs about pose and radii, which a `RadiusFilter` delegates to, and the records between them.
 
 In: movements and fixes. Out: `Moments`. A belief is made of pieces (`table`): the filter decides *whether* a
 tick is informative and a fix is used, the belief *what follows* from it. Wheels are in the filter's order,
@@ -22,12 +22,12 @@ from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 Saved = Mapping[str, Any]
-"""What a state file holds of an estimator: anything at all, until it was checked."""
+"""Contents of a state file for an estimator: anything at all, until it was checked."""
 
 
 @dataclass(frozen=True, slots=True)
 class Car:
-    """What a belief knows of the car."""
+    """Car as a belief knows it."""
 
     order: tuple[int, ...]
     """Places of the filter's wheels in arrays of four."""
@@ -47,7 +47,7 @@ class Car:
 
 
 class Pose(NamedTuple):
-    """Where the middle of the rear axle is believed to be, and how surely."""
+    """Pose of the middle of the rear axle, with its uncertainty."""
 
     east_m: float
     north_m: float
@@ -57,12 +57,12 @@ class Pose(NamedTuple):
 
 
 def wrapped(heading_rad: float) -> float:
-    """The same heading within half a turn of east; NaN for one that is not finite."""
+    """Return the heading within half a turn of east; NaN for one that is not finite."""
     return math.remainder(heading_rad, 2 * math.pi) if math.isfinite(heading_rad) else math.nan
 
 
 class Moments(NamedTuple):
-    """What a belief says."""
+    """Moments that a belief states."""
 
     mean_m: FloatArray
     """(d,) posterior mean of radius minus nominal."""
@@ -74,11 +74,11 @@ class Moments(NamedTuple):
     effective: float
     """Effective number of particles or hypotheses; 1 where there are none."""
     ancestors: float = math.nan
-    """As of `RadiusEstimate`."""
+    """Value of `RadiusEstimate`."""
     between_std_m: float = math.nan
-    """As of `RadiusEstimate`."""
+    """Value of `RadiusEstimate`."""
     stated: Stated | None = None
-    """As of `RadiusEstimate`."""
+    """Value of `RadiusEstimate`."""
 
 
 class Moment(NamedTuple):
@@ -86,7 +86,7 @@ class Moment(NamedTuple):
 
     tick: Tick
     informative: bool
-    """Whether radii may be learned from it."""
+    """True if radii may be learned from it."""
     speed_mps: float
     """Smoothed."""
     accel_mps2: float
@@ -101,13 +101,13 @@ class Rolling(NamedTuple):
     angle_rad: FloatArray
     """(d,) rotation; finite for the rear pair."""
     way_m: float
-    """By nominal radii (`Car.virtual_motion`)."""
+    """Distance by nominal radii (`Car.virtual_motion`)."""
     turn_rad: float
-    """The same."""
+    """Turn by nominal radii."""
     curvature: float | None
-    """By the steering, where it replaces the wheels' turn [Lundquist 2013, eq. 38c]."""
+    """Curvature by the steering, where it replaces the wheels' turn [Lundquist 2013, eq. 38c]."""
     judged: bool
-    """Whether fixes come that can judge a jump hypothesis."""
+    """True if fixes come that can judge a jump hypothesis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,21 +137,21 @@ class Sight(NamedTuple):
     interval_s: float
     """Since the last one that was used."""
     by_position: bool = True
-    """Whether its position is a measurement, and not its course alone."""
+    """True if its position is a measurement, and not its course alone."""
 
 
 class Belief(Protocol):
     """Beliefs differ in representation, models and likelihoods; the verbs are the same."""
 
     takes_blocks: bool
-    """Whether `hold` does anything."""
+    """True if `hold` does anything."""
 
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move by one tick, learning from it if it is informative; expected way (m) and turn (rad)."""
         ...
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """How far (m) a fix is from where it is expected, and the variance (m2) of that."""
+        """Return the distance (m) of a fix from where it is expected, and the variance (m2) of that."""
         ...
 
     def update(self, sight: Sight) -> None:
@@ -164,7 +164,7 @@ class Belief(Protocol):
         ...
 
     def settle(self, moment: Moment) -> None:
-        """What follows the fixes of a tick, used or not: resampling, blocks of odometry."""
+        """Do what follows the fixes of a tick, used or not: resampling, blocks of odometry."""
         ...
 
     def moments(self) -> Moments:
@@ -176,11 +176,11 @@ class Belief(Protocol):
         ...
 
     def lose(self) -> None:
-        """The pose was given up: drop what belongs to it; the radii stay."""
+        """Drop what belongs to a pose that was given up; the radii stay."""
         ...
 
     def snapshot(self) -> dict[str, Any]:
-        """What was learned, as plain numbers: `mean_m` and `covariance_m2` of the radii, and its own."""
+        """Return the learned, as plain numbers: `mean_m` and `covariance_m2` of the radii, and its own."""
         ...
 
     def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:

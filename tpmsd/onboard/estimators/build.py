@@ -1,4 +1,4 @@
-"""Which estimator a configuration asks for.
+"""Estimators as configurations ask for them.
 
 In: a `Config` and a random generator. Out: an `Estimator`. What there is stands in `table`.
 """
@@ -43,7 +43,7 @@ def monitored_wheels(config: Config) -> tuple[int, ...]:
 
 
 def build_estimator(config: Config, rng: np.random.Generator) -> RadiusFilter:
-    """The estimator that [filter] method names; ConfigError if there is none of that name."""
+    """Return the estimator that [filter] method names; ConfigError if there is none of that name."""
     front = len(monitored_wheels(config)) == 4
     return build_filter(config.vehicle, config.gnss, config.filter, rng, front)
 
@@ -57,8 +57,9 @@ def build_filter(
     row: Row | None = None,
     gate: MotionGate | None = None,
 ) -> RadiusFilter:
-    """An estimator of the rear pair, or of all wheels with `front`; `row` None: the one that `settings`
-    name; `gate` None likewise. ConfigError if there is none of that name."""
+    """Return an estimator of the rear pair, or of all wheels with `front`; `row` None: the one that
+    `settings` name; `gate` None likewise. ConfigError if there is none of that name.
+    """
     row = row or row_of(settings.method)
     if row is None:
         known = ", ".join([*TABLE, *ALIASES])
@@ -71,7 +72,7 @@ def build_filter(
 
 
 def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> Car:
-    """What a filter of this car's rear pair, or of all its wheels, knows of it."""
+    """Return the car as a filter of its rear pair, or of all its wheels, knows it."""
     order = (RL, RR, FL, FR) if front else (RL, RR)
     return Car(
         order=order,
@@ -84,7 +85,7 @@ def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> Car:
 
 
 def begin_belief(row: Row, car: Car, settings: FilterConfig, rng: np.random.Generator) -> Belief:
-    """The belief of a row, before the first tick."""
+    """Return the belief of a row, before the first tick."""
     pieces = row.pieces
     if isinstance(pieces, MixturePieces):
         chosen = replace(pieces, fix_weights=FIX_WEIGHTS[settings.fix_weights])

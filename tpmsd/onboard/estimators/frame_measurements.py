@@ -1,4 +1,4 @@
-"""What the frame of a filter hears, and hands on to every belief alike.
+"""Measurements that the frame of a filter takes and hands on to every belief alike.
 
 In: ticks. Out: ticks without what [filter] measurements leaves out; blocks of rotation with the Doppler way
 and the turn by the gyro less its bias. A belief that carries what confounds the radii (`mixture`) makes
@@ -28,7 +28,7 @@ class Heard:
         """`names`: of MEASUREMENTS."""
         self._lacks = {name for name in MEASUREMENTS if name not in names}
         self.position = "position" not in self._lacks
-        """Whether positions are measurements; a pose is found by them in any case."""
+        """True if positions are measurements; a pose is found by them in any case."""
         self._fix_fields: dict[str, Any] = {
             field: NAN
             for name, field in (("speed", "speed_mps"), ("course", "heading_rad"))
@@ -41,7 +41,7 @@ class Heard:
         }
 
     def of(self, tick: Tick) -> Tick:
-        """The tick as it is heard."""
+        """Return the tick with the measurements that are used."""
         if self._tick_fields:
             tick = replace(tick, **self._tick_fields)
         if self._fix_fields and tick.fixes:

@@ -49,7 +49,7 @@ class Block:
     speed_change_mps: float
     """Doppler speed at the end minus that at the start."""
     speed_noise: float
-    """By how much the error of the Doppler speeds is greater than usual."""
+    """Error of the Doppler speeds over the usual one."""
     speed_swing_mps: float
     """Largest step between Doppler speeds, plus the change: what jitter of the time stamps acts on."""
     reading_way_m: float
@@ -80,7 +80,7 @@ class BlockBuilder:
         self._fixes: list[tuple[int, Fix]] = []
 
     def add_fix(self, fix: Fix, tick: Tick) -> None:
-        """A fix inside the tick that is about to be added."""
+        """Add a fix inside the tick that is about to be added."""
         if math.isfinite(fix.speed_mps):
             self._fixes.append((tick.index, fix))
 
@@ -179,7 +179,9 @@ class BlockBuilder:
         reading: list[float],
         radius: list[float],
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
-        """Of both front wheels; ways (m), turns (rad) and shares of n ticks, the rest by wheel."""
+        """Return the residuals of both front wheels; distances (m), turns (rad) and shares of n ticks, the
+        rest by wheel.
+        """
         # The hub's lateral part enters squared, so quantisation noise in a short tick's turn would bias it:
         # there the turn is smoothed.
         size = max(round(SETTINGS.front_smoothing_s / self._ticks[0][0].dt_s), 1)

@@ -1,4 +1,4 @@
-"""Where the car is and where it points, from fixes alone: to start the filter and to find it again when lost.
+"""Pose of the car from fixes alone: to start the filter and to find it again when lost.
 
 In: fixes. Out: a `PoseStart` once the fixes agree on a heading, either by the receiver's course or by the
 chord between two fixes far enough apart.

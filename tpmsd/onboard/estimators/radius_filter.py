@@ -40,12 +40,12 @@ LONGEST_S = 1e9
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """What a filter leaves out."""
+    """Gates of a filter: what it leaves out."""
 
     ticks: bool = True
-    """Whether only gentle driving above the speed limit is informative; else every tick is."""
+    """True if only gentle driving above the speed limit is informative; else every tick is."""
     fixes: bool = True
-    """Whether fixes far off or at a standstill are left out; else every fix is used."""
+    """True if fixes far off or at a standstill are left out; else every fix is used."""
     fix_interval_s: float = 0.0
     """Least time between two fixes that are used."""
     printed_steering: bool = False
@@ -73,7 +73,7 @@ class RadiusFilter:
         self._grid = np.ix_(car.order, car.order)
         self._places = list(car.order)
         self._back = np.argsort(self._places) if len(car.order) == 4 else None
-        """Where each of the four wheels is in the filter's order; None if not all are."""
+        """Index of each of the four wheels is in the filter's order; None if not all are."""
         if self._back is not None:
             self._flat = (4 * self._back[:, None] + self._back).ravel()
         self._steering_ratio = vehicle.steering_ratio
@@ -93,9 +93,9 @@ class RadiusFilter:
         self._coasting_s = 0.0
         self._speed, self._yaw_rate = 0.0, 0.0
         self._steady_yaw_rate = 0.0
-        """By the present radii, smoothed."""
+        """Yaw rate by the present radii, smoothed."""
         self._stated: tuple[Stated | None, Stated | None] = (None, None)
-        """What the belief has stated last, and the same of four wheels."""
+        """Last statement of the belief, and that of four wheels."""
         self.counts: dict[str, int] = {"fixes": 0, "rejected_fixes": 0, "lost_pose": 0}
 
     def step(self, tick: Tick) -> RadiusEstimate:
@@ -272,7 +272,7 @@ class RadiusFilter:
         return self._stated[1]
 
     def snapshot(self) -> dict[str, Any]:
-        """What was learned, as plain numbers."""
+        """Return what was learned, as plain numbers."""
         return {
             "order": list(self._car.order),
             "nominal_m": self._car.nominal_m.tolist(),

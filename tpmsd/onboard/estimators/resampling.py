@@ -47,7 +47,7 @@ SYSTEMATIC = Systematic()
 
 
 class Lineage:
-    """Which particles of a while ago the present ones descend from."""
+    """Lineage: the earlier particles that the present ones descend from."""
 
     def __init__(self, count: int) -> None:
         self._older = np.arange(count)

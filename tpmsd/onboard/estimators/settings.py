@@ -26,7 +26,7 @@ class EstimatorSettings:
     coast_speed_std_mps: float = 1.0
     """Speed noise while coasting, m/s: gentle braking over a second."""
     coast_speed_share: float = 0.1
-    """The same relative to the speed."""
+    """Fraction of the speed."""
     moving_mps: float = 0.5
     """Below this a fix is no measurement: at a standstill correlated fixes would only sharpen a wrong
     position."""
@@ -38,7 +38,7 @@ class EstimatorSettings:
     reverse_course_mps: float = 0.8
     """From this speed on the receiver's course tells forward from backward (0.1 m/s of noise: 7 degrees)."""
     reverse_within_rad: float = 0.8
-    """Of the opposite direction: no car slips sideways by so much at this speed."""
+    """Angle about the opposite direction: no car slips sideways by so much at this speed."""
     reverse_after_s: float = 0.35
     """Between two courses that say so: one may be the echo of a fix before."""
     reverse_rest_s: float = 0.5
@@ -78,7 +78,7 @@ class EstimatorSettings:
     slide_window_s: float = 4.5
     """Time over which way and speeds are compared: long against white noise, short against `bias_tau_s`."""
     slide_most_turn_rad: float = 1.0
-    """Of a step: beyond, its direction is noise and it is no arc."""
+    """Largest turn of a step: beyond, its direction is noise and it is no arc."""
     slide_jump_m: float = 1.0
     """A step of the way that differs from the speeds by more is a jump and no slide ..."""
     slide_jump_share: float = 0.1
@@ -120,7 +120,7 @@ class EstimatorSettings:
     # -- sampled and Gaussian beliefs of [Lundquist 2013] --
 
     particles: int = 500
-    """Where neither configuration nor row says: half of what AUG-PF needs in the paper's Fig. 9."""
+    """Number where neither configuration nor row says: half of what AUG-PF needs in the paper's Fig. 9."""
     position_floor_m: float = 0.3
     """Least position error: below it a bootstrap proposal would starve; it covers what the clocks leave."""
     way_floor_m: float = 0.1
@@ -147,7 +147,7 @@ class EstimatorSettings:
     niw_nu: float = 5.0
     """Prior nu: the least for which the variance of Sigma's mean exists at d = 2."""
     change_rate_per_s: float = 0.003
-    """How often a particle supposes that a radius has just changed (bench: slow puncture)."""
+    """Rate at which a particle supposes that a radius has just changed (bench: slow puncture)."""
     change_std: float = 0.01
     """Size of such a change, relative to the radius: twice a loss of 20 % of the pressure."""
     change_heading_rad: float = 0.03
@@ -157,7 +157,7 @@ class EstimatorSettings:
     walk_particles_m: float = 0.06e-3
     """Random walk of AUG-PF's radii, m per sqrt(s): particles need a long one to explore (bench: tuning)."""
     walk_gaussian_m: float = 0.02e-3
-    """The same of AUG-EKF and AUG-UKF (bench: tuning)."""
+    """Value of AUG-EKF and AUG-UKF (bench: tuning)."""
     sigma_step: float = 0.05
     """Standard deviation of a step of Sigma, relative [Lundquist 2013, eqs 28c, 28d]."""
     sigma_first_m: float = 0.001
@@ -167,7 +167,7 @@ class EstimatorSettings:
     walk_yaw_radps2: float = 0.25
     """Random walk of MPF-MN's yaw rate over a tick, per second [Lundquist 2013, eq. 31c]."""
     walk_speed_mps2: float = 2.0
-    """The same of its speed: brisk braking."""
+    """Random walk of its speed: brisk braking."""
     path_quantum_m: float = 0.02
     """Least error of a wheel's path in a tick of MPF-MN: half a cog."""
     start_motion: tuple[float, float] = (0.05, 0.5)
@@ -199,13 +199,14 @@ class EstimatorSettings:
     level_floor: float = 0.003
     """Least weight of each level, relative to the best hypothesis."""
     recent_change_s: float = 10.0
-    """What is stated of a radius leaves out changes within so much driving, or all else: blocks judge a
-    change within two to five seconds (bench: 2 to 60 s state the same)."""
+    """Time of driving; what is stated of a radius leaves out changes within so much driving, or all else:
+    blocks judge a change within two to five seconds (bench: 2 to 60 s state the same).
+    """
 
     # -- the particles of MPF-PN (`particle_bank`) --
 
     marginal_particles: int = 200
-    """Where the configuration says nothing."""
+    """Number where the configuration gives none."""
     noise_log_std: float = 0.7
     """Standard deviation of the log of the variance of way and heading noise: crown, bank and roughness of
     roads differ by a factor of two."""
@@ -235,9 +236,9 @@ class EstimatorSettings:
     drift_own_m: float = 0.010e-3
     """Random walk of one wheel's radius, m per sqrt(s): load, temperature, what the model leaves out."""
     drift_axle_m: float = 0.020e-3
-    """The same for front against rear: slip of the driven axle, load."""
+    """Value for front against rear: slip of the driven axle, load."""
     drift_common_m: float = 0.040e-3
-    """The same for all wheels together: centrifugal growth, warm-up."""
+    """Value for all wheels together: centrifugal growth, warm-up."""
     calm_common: float = 0.5
     """Least share of `drift_common_m` that a calm level has."""
     turn_noise: float = 0.0004
@@ -257,8 +258,9 @@ class EstimatorSettings:
     latency_drift: float = 0.001
     """s per sqrt(s): what the tracking of the clocks leaves."""
     least_load_factor: float = 0.5
-    """Of the wheels' turn over the car's, which load transfer makes larger: less than one is unphysical, at
-    zero a turn would have no end."""
+    """Least ratio of the wheels' turn over the car's, which load transfer makes larger: less than one is
+    unphysical, at zero a turn would have no end.
+    """
     gyro_drift: float = 5e-6
     """rad/s per sqrt(s): 0.3 mrad/s in an hour, as production gyros drift with temperature."""
     common_prior: float = 0.75
@@ -281,7 +283,7 @@ class EstimatorSettings:
     gyro_noise_radps: float = 0.002
     """White part of a yaw rate over one second, and what the road's bank and steering add."""
     gyro_relative: float = 0.02
-    """Of the turn: side slip makes the wheels' turn and the body's differ in the way into a bend."""
+    """Fraction of the turn: side slip makes the wheels' turn and the body's differ in the way into a bend."""
     roughness: float = 2.0e-4
     """Front against rear over one block, relative to the way at 20 m; grows with the way's square root."""
     slow_yaw_s: float = 3.0
@@ -317,15 +319,15 @@ class AgreementSettings:
     speed_noise_mps: float = 0.35
     """Doppler 0.1 m/s, counts over half a second 0.1 m/s: three standard deviations."""
     speed_share: float = 0.01
-    """Of the speed: what all four radii may do beyond what is believed of them."""
+    """Fraction of the speed: what all four radii may do beyond what is believed of them."""
     lag_s: float = 0.6
-    """By so much a receiver's speed may be late, of the present acceleration."""
+    """Time by which a receiver's speed may be late, of the present acceleration."""
     smoothing_s: float = 0.5
     """Time constant of the wheels' speeds and of their acceleration: a tick of 0.1 s holds few counts."""
     moving_mps: float = 5.0
     """Below, counts and Doppler are too coarse to tell drives apart."""
     position_noise_mps: float = 2.5
-    """Of a speed from positions a second or more apart, ..."""
+    """Noise of a speed from positions a second or more apart, ..."""
     position_share: float = 0.1
     """... and its share of the speed."""
     recover_s: tuple[float, float] = (10.0, 40.0)
@@ -361,16 +363,16 @@ class PathLengthSettings:
     least_m: float = 400.0
     """Path below which the wander of positions hides what is looked for."""
     place_m: float = 4.0
-    """By so much the ends of a path may wander against each other at least, ..."""
+    """Distance by which the ends of a path may wander against each other at least, ..."""
     place_stds: float = 5.0
     """... and by so many standard deviations of a random walk whose rate is that of the steps in the window:
     the positions of some receivers wander by 3 m in a minute, those of others by centimetres."""
     share: float = 0.003
-    """Of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
+    """Fraction of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
     lag_s: float = 1.0
-    """By so much speeds may be late against positions."""
+    """Time by which speeds may be late against positions."""
     agree_share: float = 0.6
-    """Of the limit, below which they agree again."""
+    """Fraction of the limit below which they agree again."""
     jump_m: float = 1.0
     """A step that is off by more is a position that jumped (another solution of the receiver), and no scale;
     ..."""
@@ -379,7 +381,7 @@ class PathLengthSettings:
     slowest_mps: float = 3.0
     """Below, positions wander as fast as the car moves."""
     most_turn_rad: float = 1.0
-    """Of a step: beyond, it is no arc."""
+    """Largest turn of a step: beyond, it is no arc."""
 
 
 PATH_LENGTH = PathLengthSettings()

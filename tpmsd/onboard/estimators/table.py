@@ -68,5 +68,5 @@ ALIASES = MappingProxyType({"mpf-rb": "gaussian-sum"})
 
 
 def row_of(method: str) -> Row | None:
-    """The row of a method or of its alias; None if there is none."""
+    """Return the row of a method or of its alias; None if there is none."""
     return TABLE.get(ALIASES.get(method, method))

@@ -32,8 +32,8 @@ def scalar_update(
     frozen_from: int | None = None,
     weights: Weights = square_weights,
 ) -> FloatArray:
-    """One scalar measurement z = row . x + noise for all particles, robustly; changes mean and covariance in
-    place.
+    """Update by one scalar measurement z = row . x + noise for all particles, robustly; changes mean and
+    covariance in place.
 
     innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is divided by
     the equivalent weight of its innovation: an outlier's pull falls off as its distance grows. States from
@@ -65,7 +65,7 @@ def scalar_update(
 
 
 LEAST_VARIANCE = 1e-14
-"""What rounding leaves of a variance that has become nothing, in any of the states' units squared."""
+"""Rounding error of a variance that has become nothing, in any of the states' units squared."""
 
 
 def symmetrise(covariance: FloatArray) -> None:

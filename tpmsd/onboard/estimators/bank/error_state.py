@@ -44,7 +44,7 @@ E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
 
 USUAL_TRACK_M = 1.5
-"""By which an error of the track is made relative: tracks of cars lie within 10 % of it."""
+"""Track by which its error is made relative, m: tracks of cars lie within 10 % of it."""
 PRIORS: Mapping[int, tuple[float, float]] = MappingProxyType(
     {
         LAT: (FIX_AGE_S.mean, FIX_AGE_S.std),
@@ -103,8 +103,9 @@ class Motion:
     witness_turn_rad: float | None = None
     """The tick's turn as something smoother than the wheels' reading tells it, for TRK; None: the wheels'."""
     lateral_known: bool = True
-    """Whether `accel_lat_mps2` is another instrument's; else it is the wheels', smoothed and late by seconds,
-    and serves for derivatives alone."""
+    """True if `accel_lat_mps2` is another instrument's; else it is the wheels', smoothed and late by seconds,
+    and serves for derivatives alone.
+    """
     steered_curvature: float | None = None
     """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
 
@@ -188,7 +189,7 @@ class ProcessModel:
         return np.reciprocal(np.maximum(factor, SETTINGS.least_load_factor))
 
     def load_gain(self, motion: Motion) -> float:
-        """By how much of the car's turn the wheels show too much of it, per LOAD."""
+        """Return the fraction of the car's turn by which the wheels show too much of it, per LOAD."""
         way_m = float(motion.rear_rad @ self._rear_m[:, 0]) / 2.0
         return way_m * float(motion.rear_rad.sum()) / (self._track * motion.dt_s**2)
 
@@ -248,8 +249,9 @@ class ProcessModel:
         return mean_way, mean_turn
 
     def constants(self, motion: Motion, position_std_m: float) -> tuple[float, ...]:
-        """What `propagate` takes of a tick as plain numbers, in the order of `struct motion` in `_bank.c`;
-        NaN where there is no witness or no steering, or where the lateral acceleration is known."""
+        """Return what `propagate` takes of a tick as plain numbers, in the order of `struct motion` in
+        `_bank.c`; NaN where there is no witness or no steering, or where the lateral acceleration is known.
+        """
         nan, dt_s, track_m = math.nan, motion.dt_s, self._track
         rough = 0.0 if motion.informative else 1.0
         if self._decay[0] != dt_s:
@@ -287,8 +289,9 @@ class ProcessModel:
         motion: Motion,
         share: FloatArray | float,
     ) -> _Bend:
-        """Of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N): way along it,
-        share: of `_Bend`."""
+        """Return the bend of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N):
+        way along it, share: of `_Bend`.
+        """
         by_wheels = motion.steered_curvature is None
         across = np.empty_like(step)
         np.negative(step[1], out=across[0])

@@ -104,7 +104,7 @@ class JumpHypotheses:
         return out
 
     def begin(self, count: int, nominal_m: FloatArray) -> Bank:
-        """The prior: one hypothesis per kind, and the other places empty."""
+        """Return the prior: one hypothesis per kind, and the other places empty."""
         mean, covariance = initial_state(count, nominal_m)
         level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
         bank = Bank(mean, covariance, np.full(count, UNUSED), level, kind)
@@ -164,8 +164,10 @@ class JumpHypotheses:
 
 
 def stated(bank: Bank) -> Stated:
-    """What is told of the radii: moments of the hypotheses that suppose no change within `recent_change_s`,
-    or of the others where these are more probable, by weights of prior and evidence (`Bank.raised`)."""
+    """Return the statement of the radii: moments of the hypotheses that suppose no change within
+    `recent_change_s`, or of the others where these are more probable, by weights of prior and evidence
+    (`Bank.raised`).
+    """
     log_weights = bank.log_weights - bank.raised
     weights = np.exp(log_weights - np.maximum.reduce(log_weights))
     weights /= np.add.reduce(weights)

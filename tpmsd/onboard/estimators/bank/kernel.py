@@ -1,5 +1,4 @@
-"""What is done to all hypotheses of the bank at once, by NumPy arrays or, where it was built, by compiled
-code.
+"""Arithmetic of all hypotheses of the bank at once, by NumPy arrays or, where it was built, by compiled code.
 
 In: a `Bank`. Out: the bank, changed in place, and what it says. `ArrayKernel` is the reference; `KERNEL` is
 the compiled one (`_bank.c`) where it can be imported. Both give the same within rounding
@@ -35,7 +34,9 @@ except ImportError:  # not built: there was no compiler, or it was left out
 
 
 def usable(module: ModuleType | None) -> bool:
-    """Whether this compiled kernel was built, and of sources whose `propagate` takes what is handed to it."""
+    """Return whether this compiled kernel was built, and of sources whose `propagate` takes what is handed to
+    it.
+    """
     standing = Motion(1.0, np.zeros(2), 0.0, 0.0, False)
     handed = ProcessModel(np.ones(2), 1.0, False).constants(standing, 1.0)
     whole = getattr(module, "MOTION_NUMBERS", None) == len(handed)
@@ -43,7 +44,7 @@ def usable(module: ModuleType | None) -> bool:
 
 
 class Summary(NamedTuple):
-    """Of all hypotheses together."""
+    """Moments of all hypotheses together."""
 
     mean: FloatArray
     """(n,) of the state."""
@@ -74,7 +75,7 @@ class BankKernel(Protocol):
     def antenna_position(
         self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """As `measurements.antenna_position`."""
+        """Return what `measurements.antenna_position` returns."""
         ...
 
     def symmetrise(self, bank: Bank) -> None:
@@ -91,19 +92,19 @@ class BankKernel(Protocol):
 
 
 class ArrayKernel:
-    """By NumPy."""
+    """Kernel of NumPy arrays."""
 
     def propagate(
         self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         factor = bank.noise_factor
         return process.propagate(bank.mean, bank.covariance, motion, position_std_m, drift, factor)
 
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         bank.log_weights += scalar_update(
             bank.mean, bank.covariance, scalar.innovation, scalar.row, scalar.variance, frozen_from, weights
         )
@@ -111,18 +112,18 @@ class ArrayKernel:
     def antenna_position(
         self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         return measurements.antenna_position(bank.mean, fix, tick, now)
 
     def symmetrise(self, bank: Bank) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         symmetrise(bank.covariance)
 
     def complete(self, bank: Bank) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
 
     def summary(self, bank: Bank) -> Summary:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         weights = bank.weights()
         state, spread = bank.state, bank.spread
         mean = state @ weights
@@ -136,7 +137,7 @@ class ArrayKernel:
 
 
 class CompiledKernel:
-    """By compiled code; banks must lie in memory as `error_state.side_by_side` lays them."""
+    """Kernel of compiled code; banks must lie in memory as `error_state.side_by_side` lays them."""
 
     def __init__(self, module: ModuleType) -> None:
         """`module`: `tpmsd.onboard.estimators.bank._bank`."""
@@ -148,7 +149,7 @@ class CompiledKernel:
     def propagate(
         self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         way, turn = self._propagate(
             bank.state,
             bank.spread,
@@ -161,7 +162,7 @@ class CompiledKernel:
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         if weights is not square_weights:
             self._arrays.update(bank, scalar, frozen_from, weights)
             return
@@ -180,7 +181,7 @@ class CompiledKernel:
     def antenna_position(
         self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         state = bank.state
         east, north = np.empty(state.shape[1]), np.empty(state.shape[1])
         east_row, north_row = np.empty_like(state), np.empty_like(state)
@@ -192,14 +193,14 @@ class CompiledKernel:
         return east, north, east_row.T, north_row.T
 
     def symmetrise(self, bank: Bank) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         self._symmetrise(bank.spread, LEAST_VARIANCE)
 
     def complete(self, bank: Bank) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
 
     def summary(self, bank: Bank) -> Summary:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         count, size = bank.mean.shape
         mean, radii_m2, weights = np.empty(size), np.empty((size - MU, size - MU)), np.empty(count)
         pose = self._moments(mean, radii_m2, weights, bank.state, bank.spread, bank.log_weights)
@@ -207,8 +208,10 @@ class CompiledKernel:
 
 
 class HalfKernel(CompiledKernel):
-    """By compiled code that keeps the upper triangle of the covariances alone, for banks of hundreds: half of
-    the memory is read and written. The lower triangle is made of it where it is asked for (`complete`)."""
+    """Kernel of compiled code that keeps the upper triangle of the covariances alone, for banks of hundreds:
+    half of the memory is read and written. The lower triangle is made of it where it is asked for
+    (`complete`).
+    """
 
     def __init__(self, module: ModuleType) -> None:
         """`module`: `tpmsd.onboard.estimators.bank._bank`."""
@@ -219,13 +222,13 @@ class HalfKernel(CompiledKernel):
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         if weights is not square_weights:
             self._mirror(bank.spread)
         super().update(bank, scalar, frozen_from, weights)
 
     def complete(self, bank: Bank) -> None:
-        """As of `BankKernel`."""
+        """Return what `BankKernel` returns."""
         self._mirror(bank.spread)
 
 

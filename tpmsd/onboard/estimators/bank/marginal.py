@@ -29,7 +29,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 @dataclass(frozen=True, slots=True)
 class MarginalPieces:
-    """What the belief is made of."""
+    """Pieces of the belief."""
 
     hypotheses: SampledHypotheses = field(default_factory=SampledHypotheses)
     mixture: MixturePieces = field(default_factory=lambda: MixturePieces(kernel=HALF_KERNEL))
@@ -46,10 +46,10 @@ class MarginalBelief(MixtureBelief):
         super().__init__(car, pieces.mixture, count, pieces.hypotheses.begin(count, car.nominal_m, rng))
         self._lineage = Lineage(count)
         self._effective = math.nan
-        """Of the last tick."""
+        """Effective particles of the last tick."""
         self._unwalked_s = 0.0
         self._between_m = math.nan
-        """Of the last informative block; NaN: to be computed."""
+        """Spread between particles of the last informative block; NaN: to be computed."""
 
     def _suppose(self, block: Block, gyro_trusted: bool) -> None:
         """Let theta walk, and changes be proposed where the block can judge them: others would only spread
@@ -74,14 +74,14 @@ class MarginalBelief(MixtureBelief):
         super().settle(moment)
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """Of the particles' mean; the spread between the particles is in the variance."""
+        """Return the distance from the particles' mean; the variance has the spread between them."""
         residual_m, variance_m2 = super().distance(sight)
         weights, place = self.bank.weights(), self.bank.state[[E, N]]
         away = place - (place @ weights)[:, None]
         return residual_m, variance_m2 + float(np.square(away).sum(axis=0) @ weights)
 
     def snapshot(self) -> dict[str, Any]:
-        """As of the mixture."""
+        """Return what the mixture's snapshot holds."""
         self._kernel.complete(self.bank)
         return super().snapshot()
 
@@ -93,7 +93,7 @@ class MarginalBelief(MixtureBelief):
         self._hypotheses.reopen(self.bank, half, self._car.nominal_m, self._rng)
 
     def moments(self) -> Moments:
-        """Of all particles together."""
+        """Return the moments of all particles together."""
         said = super().moments()
         self._effective = said.effective
         if self._between_m != self._between_m:

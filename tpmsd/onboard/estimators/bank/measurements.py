@@ -1,4 +1,4 @@
-"""What the Gaussian-sum filter holds its hypotheses against: measurement rows, predictions and variances.
+"""Measurement models of the Gaussian-sum filter: measurement rows, predictions and variances.
 
 In: fixes, blocks of rotation, the particles' means. Out: what `batched_kalman.scalar_update` takes. State
 layout: `error_state`.
@@ -44,7 +44,7 @@ class Scalar(NamedTuple):
 
 
 class Present(NamedTuple):
-    """What the measurement models know of the moment."""
+    """State of the moment that measurement models need."""
 
     speed_mps: float
     yaw_rate_radps: float
@@ -131,7 +131,7 @@ def front_wheel(
     driven_front_minus_rear: float,
     turn_rad: float,
 ) -> Scalar:
-    """One front wheel against the hub path that the rear pair predicts; `place` is 2 (fl) or 3 (fr).
+    """Return one front wheel against the hub path that the rear pair predicts; `place` is 2 (fl) or 3 (fr).
     `turn_rad` as for `gyro_turn`.
 
     A driven rear pair makes the predicted path shorter (omega r = v (1 + slip)), a driven front wheel its
@@ -149,7 +149,8 @@ def front_wheel(
 
 
 def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, turn_rad: float) -> Scalar:
-    """The bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being states.
+    """Return the bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being
+    states.
 
     `turn_rad` is the block's turn as something other than these wheels in this second tells it. It is what
     gain, track and load are multiplied by: with the wheels' own turn there, whose reading error is the

@@ -73,13 +73,13 @@ NUISANCE_LIMIT = 10.0
 
 @dataclass(frozen=True, slots=True)
 class MixturePieces:
-    """What a mixture belief is made of."""
+    """Pieces of a mixture belief."""
 
     changes: JumpHypotheses = JUMPS
     fix_weights: Weights = square_weights
-    """Of positions, courses and Doppler speeds, by how they fit."""
+    """Weights of positions, courses and Doppler speeds, by how they fit."""
     kernel: BankKernel = KERNEL
-    """What does the arithmetic of the bank."""
+    """Kernel of the bank's arithmetic."""
 
 
 class MixtureBelief:
@@ -165,7 +165,9 @@ class MixtureBelief:
         return measurements.Present(sight.speed_mps, sight.yaw_rate_radps, *self._car.antenna_m)
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """Of the mixture's mean; the variance is the position's within the hypotheses and the fix's."""
+        """Return the distance from the mixture's mean; the variance is the position's within the hypotheses
+        and the fix's.
+        """
         fix, bank = sight.fix, self.bank
         self._expected = fix, *self._kernel.antenna_position(bank, fix, sight.tick, self._present(sight))
         _, east, north, _, _ = self._expected
@@ -197,8 +199,9 @@ class MixtureBelief:
         self._update(measurements.Scalar(fix.north_m - north, row, variance), weights)
 
     def _reading_heading(self, tick: Tick) -> float:
-        """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
-        rad."""
+        """Return the counters' reading error at one instant (half of a tick's variance) as an error of
+        heading, rad.
+        """
         std_rad, radius_m = tick.rotation_std_rad.tolist(), self._car.nominal_m.tolist()
         rolls = [std_rad[wheel] * radius_m[place] for place, wheel in enumerate(self._car.order[:2])]
         known = [roll for roll in rolls if roll == roll]
@@ -299,7 +302,7 @@ class MixtureBelief:
         return mean, within + (off * weights) @ off.T
 
     def moments(self) -> Moments:
-        """Of all hypotheses together."""
+        """Return the moments of all hypotheses together."""
         said = self._kernel.summary(self.bank)
         self._radii = said.mean[MU:]
         east, north, heading = said.mean[: PSI + 1].tolist()
@@ -324,8 +327,9 @@ class MixtureBelief:
         }
 
     def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
-        """The radii may have changed meanwhile, and after a night the receiver may be another: the saved
-        covariances are widened by what that time can do, to those of the prior at most."""
+        """Restore radii that may have changed meanwhile, and after a night the receiver may be another: the
+        saved covariances are widened by what that time can do, to those of the prior at most.
+        """
         mean, covariance = saved_radii(saved, self._car.nominal_m)
         size = MU - LAT
         nuisance = numbers(saved, "nuisance", (size,), NUISANCE_LIMIT)

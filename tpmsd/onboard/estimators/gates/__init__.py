@@ -1,1 +1,1 @@
-"""Which ticks and fixes are used, and whether wheels and receiver agree."""
+"""Gates: which ticks and fixes are used, and whether wheels and receiver agree."""

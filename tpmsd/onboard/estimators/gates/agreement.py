@@ -1,4 +1,4 @@
-"""Whether wheels and receiver report the same drive; where they do not, no tyre may be judged by them.
+"""Check whether wheels and receiver report the same drive; where they do not, no tyre may be judged by them.
 
 In: ticks, and the radii that were believed some time ago. Out: `Agreement`: whether fixes are withheld from
 the estimator, and whether anything may be judged. A receiver that replays another drive, wheels of another
@@ -30,7 +30,7 @@ FAULT_KINDS = frozenset({"jump", "reset", "late", "implausible"})
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """What may be believed of a tick."""
+    """Check of what may be trusted of a tick."""
 
     withheld: bool
     """Wheels and receiver disagree, or did a moment ago: the fixes are not for the estimator."""
@@ -43,7 +43,7 @@ class Agreement:
 
     @property
     def trusted(self) -> bool:
-        """Whether tyres may be judged."""
+        """True if tyres may be judged."""
         return not (self.withheld or self.unsteady)
 
 
@@ -62,7 +62,7 @@ class AgreementWatch:
         self._mean_m = math.nan
         self._window: deque[tuple[float, bool]] = deque()
         self._off = 0
-        """How many of the window are off."""
+        """Number of the window's samples that disagree."""
         self._paths = [PathLength(window_s) for window_s in PATH_LENGTH.windows_s]
         self._anchor: Fix | None = None
         self._withheld = self._unsteady = self._recovering = False

@@ -1,4 +1,4 @@
-"""Which fixes are used: outliers are rejected, but a receiver that insists is believed again.
+"""Gate of fixes: outliers are rejected, but a receiver that insists is trusted again.
 
 In: how far a fix is from where it is expected, and how sure both are. Out: use it, reject it, or the pose is
 lost; and, for fixes that are used, what their parts weigh.
@@ -35,7 +35,7 @@ class FixGate:
 
     @property
     def rejecting(self) -> bool:
-        """Whether the last fix was rejected."""
+        """True if the last fix was rejected."""
         return self._since_s is not None
 
     def reset(self) -> None:

@@ -21,11 +21,11 @@ from tpmsd.onboard.sources.events import SourceFault
 from tpmsd.onboard.timeline.tick import Tick
 
 KEEP_EVERY_S, KEPT = 10.0, 8
-"""What is known is kept for 80 s: readings are unsteady for 20 s, fixes off for 5 s, before that shows."""
+"""Snapshots are kept for 80 s: readings are unsteady for 20 s, fixes off for 5 s, before that shows."""
 
 
 class _Kept(NamedTuple):
-    """What was known at an instant."""
+    """Knowledge at an instant."""
 
     at_s: float
     """On the guard's own clock, which counts ticks."""
@@ -48,7 +48,7 @@ class GuardedEstimator:
         self._watch = AgreementWatch()
         self._kept: deque[_Kept] = deque(maxlen=KEPT)
         self._taken_up: dict[str, Any] | None = None
-        """What an earlier start has left."""
+        """State that an earlier start has left."""
         self._clock_s = self._last_kept_s = 0.0
         self._trusted = True
         self._believed = (radius_m, 0.01 * float(np.mean(radius_m)))
@@ -75,7 +75,7 @@ class GuardedEstimator:
         return tick, estimate, agreement
 
     def _try(self, tick: Tick) -> tuple[RadiusEstimate | None, str]:
-        """The estimate, and why it is none."""
+        """Return the estimate, or None and the reason."""
         try:
             estimate = self.inner.step(tick)
         except (ArithmeticError, ValueError) as error:  # sines of infinity, matrices that have no root

@@ -1,4 +1,4 @@
-"""Whether the yaw-rate signal is a yaw rate in the right unit and sign.
+"""Check whether the yaw-rate signal is a yaw rate in the right unit and sign.
 
 In: the signal and the yaw rate that the filter believes, which is the wheels' by its radii and load transfer.
 Out: trusted or not. A DBC that states deg/s for rad/s, a sensor mounted upside down or one that is frozen
@@ -46,6 +46,6 @@ class GyroCheck:
 
     @property
     def trusted(self) -> bool:
-        """Whether the signal may be used."""
+        """True if the signal may be used."""
         least, most = SETTINGS.gyro_slope_range
         return least <= self.slope <= most  # false for NaN

@@ -1,4 +1,4 @@
-"""Which ticks are informative: radii may be learned from them.
+"""Gate of ticks: radii may be learned from informative ones.
 
 In: one tick's odometry, inertial means and fixes. Out: smoothed speed, acceleration and yaw rate, and a
 verdict. Slip and load transfer grow with force, and at low speed one cog is a large part of a tick, so only
@@ -96,7 +96,7 @@ class MotionGate:
             self._gyro.update(tick.yaw_rate_radps, yaw_rate_radps, tick.dt_s)
 
     def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
-        """Whether forces are small and nothing brakes; `yaw_rate_radps` is the witness's."""
+        """Return whether forces are small and nothing brakes; `yaw_rate_radps` is the witness's."""
         if tick.brake_active > 0.0 or tick.abs_active > 0.0 or tick.esc_active > 0.0:  # false for NaN
             return False
         accel_long = self._accel_long(tick)
@@ -105,14 +105,15 @@ class MotionGate:
         return abs(accel_long) <= limits.max_accel_long_mps2 and abs(accel_lat) <= limits.max_accel_lat_mps2
 
     def _accel_long(self, tick: Tick) -> float:
-        """The larger of what the accelerometer and the wheels say: wheels that spin on ice or are locked gain
-        and lose speed while the car does not."""
+        """Return the larger of what the accelerometer and the wheels say: wheels that spin on ice or are
+        locked gain and lose speed while the car does not.
+        """
         wheels, body = self.accel_mps2, tick.accel_long_mps2
         return body if abs(body) > abs(wheels) else wheels  # false for NaN
 
     @property
     def gyro_trusted(self) -> bool:
-        """Whether the bus's yaw rate has shown to be one."""
+        """True if the bus's yaw rate has shown to be one."""
         return self._gyro.trusted
 
     def _witnessed_yaw_rate(self, tick: Tick) -> float:

@@ -1,4 +1,5 @@
-"""Whether a receiver's positions and its speeds are of one drive: path length against the integral of speed.
+"""Check whether a receiver's positions and its speeds are of one drive: path length against the integral of
+speed.
 
 In: fixes with position, speed and course. Out: whether the two have parted. A receiver whose speed is scaled
 slowly, by an attacker or by a fault, is followed by the radii as fast as by anything that they are held
@@ -57,7 +58,7 @@ class PathLength:
 
     @property
     def limit_m(self) -> float:
-        """What the difference may be; infinite while the path is too short to say."""
+        """Limit of the difference, m; infinite while the path is too short to say."""
         if self._path_m < PATH_LENGTH.least_m:
             return math.inf
         change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
@@ -93,13 +94,13 @@ class PathLength:
 
     @staticmethod
     def _follows(before: Fix, fix: Fix) -> bool:
-        """Whether no fix is missing between the two, and both are of one solution."""
+        """Return whether no fix is missing between the two, and both are of one solution."""
         return (
             before.quality == fix.quality and 0.0 < fix.time_s - before.time_s <= PATH_LENGTH.longest_step_s
         )
 
     def _begin(self, fix: Fix | None) -> None:
-        """The path begins anew; what was found stands until another one says otherwise."""
+        """Begin the path again; what was found stands until another one says otherwise."""
         self._before = fix
         self._speeds = [] if fix is None else [(fix.time_s, fix.speed_mps)]
         self._steps.clear()

@@ -1,4 +1,4 @@
-"""How much worse a receiver's positions are than it states, by its own Doppler speeds.
+"""Accuracy of a receiver's positions, over the one that it states, by its own Doppler speeds.
 
 In: fixes. Out: the same, with a standard deviation of the position that the speeds bear out.
 
@@ -34,7 +34,7 @@ class _Passed(NamedTuple):
     path_m: float
     """Along the positions."""
     integral_m: float
-    """Of the speeds."""
+    """Integral of the speeds."""
 
 
 class PositionAccuracy:
@@ -42,11 +42,11 @@ class PositionAccuracy:
 
     def __init__(self) -> None:
         self._passed: deque[_Passed] = deque()
-        """Of the window, `SETTINGS.slide_step_s` apart."""
+        """Fixes of the window, `SETTINGS.slide_step_s` apart."""
         self._last: Fix | None = None
         self._integral_m = 0.0
         self._direction_rad = math.nan
-        """Of the last step between two of `_passed`."""
+        """Direction of the last step between two of `_passed`."""
         self._excess_m2, self._found_s = 0.0, -math.inf
 
     def judged(self, fix: Fix) -> Fix:
@@ -64,7 +64,7 @@ class PositionAccuracy:
         return replace(fix, position_std_m=math.sqrt(fix.position_std_m**2 + excess_m2))
 
     def _begin(self, fix: Fix) -> None:
-        """The way to this fix is not known: the window begins with it."""
+        """Begin the window with this fix, for the distance to it is not known."""
         self._passed.clear()
         self._passed.append(_Passed(fix, 0.0, 0.0))
         self._integral_m, self._direction_rad = 0.0, math.nan
@@ -98,7 +98,7 @@ class PositionAccuracy:
 
 
 def _follows(before: Fix, fix: Fix) -> bool:
-    """Whether the speeds tell the way between the two."""
+    """Return whether the speeds give the distance between the two."""
     known = math.isfinite(fix.east_m + fix.north_m)
     fast = min(before.speed_mps, fix.speed_mps) > SETTINGS.slide_slowest_mps  # false for NaN
     return known and fast and 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s

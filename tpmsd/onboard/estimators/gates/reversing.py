@@ -22,14 +22,14 @@ class ReverseWatch:
     def __init__(self) -> None:
         self.backward = False
         self._open = True
-        """Whether it is yet to be told which way the car drives."""
+        """True until the direction of driving is known."""
         self._signed = False
         self._rest_s = 0.0
         self._against_s: float | None = None
 
     @property
     def asks(self) -> bool:
-        """Whether a fix would decide anything."""
+        """True if a fix would decide anything."""
         return self._open and not self._signed
 
     def rolled(self, speed_mps: float, dt_s: float) -> None:

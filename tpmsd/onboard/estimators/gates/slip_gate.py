@@ -1,4 +1,4 @@
-"""Which ticks are informative, judged by what slips instead of how hard the car is driven.
+"""Gate of informative ticks, judged by what slips instead of how hard the car is driven.
 
 In: as `motion_gate`. Out: the same verdict. What biases a radius is not the acceleration but the
 slip that carries it, and the same force costs two driven wheels more of it than four braked ones. The slips
@@ -47,5 +47,5 @@ class SlipGate(MotionGate):
 
 
 def make_gate(settings: FilterConfig, vehicle: VehicleConfig) -> MotionGate:
-    """The gate that [filter] gate names."""
+    """Return the gate that [filter] gate names."""
     return SlipGate(settings, vehicle) if settings.gate == "slip" else MotionGate(settings)

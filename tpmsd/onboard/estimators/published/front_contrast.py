@@ -110,31 +110,31 @@ class FrontBeside:
         return moved
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """Of the rear belief."""
+        """Do what the rear belief does."""
         return self.rear.distance(sight)
 
     def update(self, sight: Sight) -> None:
-        """Of the rear belief."""
+        """Do what the rear belief does."""
         self.rear.update(sight)
 
     def hold(self, block: Block, bias_rad2: float) -> None:
-        """Of the rear belief."""
+        """Do what the rear belief does."""
         self.rear.hold(block, bias_rad2)
 
     def settle(self, moment: Moment) -> None:
-        """Of the rear belief."""
+        """Do what the rear belief does."""
         self.rear.settle(moment)
 
     def place(self, start: PoseStart, sight: Sight) -> None:
-        """Of the rear belief."""
+        """Do what the rear belief does."""
         self.rear.place(start, sight)
 
     def lose(self) -> None:
-        """Of the rear belief."""
+        """Do what the rear belief does."""
         self.rear.lose()
 
     def moments(self) -> Moments:
-        """Of all four wheels."""
+        """Return the moments of all four wheels."""
         said = self.rear.moments()
         self._rear_m = said.mean_m
         mean, covariance = self._contrast.moments(said.mean_m, said.covariance_m2)
@@ -143,7 +143,7 @@ class FrontBeside:
         return Moments(mean, covariance, noise, said.pose, *drawn)
 
     def snapshot(self) -> dict[str, Any]:
-        """As that of the rear belief, with the moments of all four."""
+        """Return the rear belief's snapshot, with the moments of all four."""
         said = self.moments()
         radii = {"mean_m": said.mean_m.tolist(), "covariance_m2": said.covariance_m2.tolist()}
         return {**self.rear.snapshot(), **radii}

@@ -50,7 +50,7 @@ SIZE = 7
 
 @dataclass(frozen=True, slots=True)
 class Roll:
-    """What moves the state in a tick."""
+    """Motion of the state in a tick."""
 
     rear_rad: FloatArray
     """(2,)"""
@@ -58,7 +58,7 @@ class Roll:
     """(2,)"""
     track_rear_m: float
     curvature: float | None
-    """By the steering, where it replaces the wheels' turn."""
+    """Curvature by the steering, where it replaces the wheels' turn."""
 
 
 def move(state: FloatArray, noise: FloatArray, roll: Roll) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -90,7 +90,7 @@ class Transform(Protocol):
 
 
 def linearised(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
-    """By the Jacobian at the mean: the extended Kalman filter."""
+    """Transform by the Jacobian at the mean: the extended Kalman filter."""
     moved, ways, turns = move(mean[:, None], np.zeros((2, 1)), roll)
     way, turn = float(ways[0]), float(turns[0])
     middle = float(mean[PSI]) + turn / 2
@@ -111,7 +111,7 @@ def linearised(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
 
 
 def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
-    """By sigma points: 2 n of them, n = 9 with the noise, all of the same weight."""
+    """Transform by sigma points: 2 n of them, n = 9 with the noise, all of the same weight."""
     size = SIZE + 2
     spread = np.zeros((size, 2 * size))
     spread[:SIZE, :SIZE] = _root(covariance)
@@ -137,11 +137,11 @@ def _root(covariance: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class GaussianPieces:
-    """What a Gaussian belief is made of."""
+    """Pieces of a Gaussian belief."""
 
     transform: Transform
     weights: Weights = square_weights
-    """Of fixes, by how they fit."""
+    """Weights of fixes, by how they fit."""
     drift_std_m: float = SETTINGS.walk_gaussian_m
     """Random walk of mu over a second."""
     noise_std_m: float = SETTINGS.sigma_first_m
@@ -208,7 +208,7 @@ class GaussianBelief:
         return self.mean[:2] + np.array([east, north]), rows
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """By the mean; the variance of the position is this filter's own and the fix's."""
+        """Return the distance from the mean; its variance is this filter's and the fix's."""
         fix = sight.fix
         at, _ = self._antenna_at(fix)
         own = float(self.covariance[E, E] + self.covariance[N, N])
@@ -252,7 +252,7 @@ class GaussianBelief:
         """Nothing belongs to the pose but the pose itself."""
 
     def place(self, start: PoseStart, sight: Sight) -> None:
-        """The pose anew, uncorrelated with the radii."""
+        """Set the pose again, uncorrelated with the radii."""
         fix = start.fix
         forward, left = self._car.antenna_m
         ahead = (1.0 - fix.fraction) * sight.tick.dt_s * sight.speed_mps - forward
@@ -268,7 +268,7 @@ class GaussianBelief:
         self.covariance[PSI, PSI] = start.heading_std_rad**2
 
     def moments(self) -> Moments:
-        """Of this one Gaussian."""
+        """Return the moments of this one Gaussian."""
         mean = self.mean
         variance = np.maximum(np.diag(self.covariance), 0.0)
         pose = Pose(

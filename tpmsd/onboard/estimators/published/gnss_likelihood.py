@@ -1,4 +1,4 @@
-"""How probable a position is: the likelihoods of sampled beliefs.
+"""Likelihoods of positions for sampled beliefs.
 
 In: a `Fix` and how far the particles are from it. Out: a log-likelihood per particle.
 
@@ -36,7 +36,7 @@ def student_t_log(squared: FloatArray, dimension: int) -> FloatArray:
 
 
 def gaussian_log(squared: FloatArray, dimension: int) -> FloatArray:
-    """The same of a Gaussian, the paper's (10d)."""
+    """Return the log-likelihood of a Gaussian, the paper's (10d)."""
     return -0.5 * squared
 
 
@@ -53,8 +53,10 @@ class SeenCourse(NamedTuple):
 
 
 def seen_course(sight: Sight, antenna_m: tuple[float, float]) -> SeenCourse | None:
-    """The heading that a fix's course tells, by the usual age of positions and speeds; None where it has none
-    or the car is slow. The model is that of `measurements.course`, with what is a state there at its mean."""
+    """Return the heading that a fix's course tells, by the usual age of positions and speeds; None where it
+    has none or the car is slow. The model is that of `measurements.course`, with what is a state there at its
+    mean.
+    """
     fix, rate = sight.fix, sight.yaw_rate_radps
     if not (math.isfinite(fix.heading_rad) and sight.speed_mps > SETTINGS.course_speed_mps):
         return None
@@ -78,7 +80,7 @@ class SeenInBlock(NamedTuple):
     """(2,) derivative by the radii of rl and rr."""
     variance: float
     variance_sampled: float
-    """The same with the floor below which a bootstrap proposal would starve."""
+    """Variance with the floor below which a bootstrap proposal would starve."""
 
 
 def seen_in_block(

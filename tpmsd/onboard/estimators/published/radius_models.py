@@ -1,4 +1,4 @@
-"""What particles know of the rear radii: the radius models of sampled beliefs.
+"""Radius models of sampled beliefs: what particles know of the rear radii.
 
 In: drawn radius errors w (2, N), rl before rr. Out: draws, moments, predictives. A model is frozen and holds
 parameters alone; its functions take the state of all N particles, may reuse its arrays, and give it back.
@@ -22,7 +22,7 @@ class RadiusModel(Protocol):
     """A model of the radius errors of rl and rr."""
 
     def remembering(self, forgetting: float) -> RadiusModel:
-        """The model with this forgetting factor per tick; [filter] window_s sets it."""
+        """Return the model with this forgetting factor per tick; [filter] window_s sets it."""
         ...
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> Any:
@@ -78,7 +78,7 @@ class Floors:
     """Least noise that the statistics may learn, m."""
 
     noise_m: float = SETTINGS.noise_floor_m
-    """Of each wheel."""
+    """Noise of each wheel."""
     apart: bool = False
     """Also of left against right, as two wheels at their floor that err apart.
 
@@ -108,7 +108,7 @@ class NiwRadii:
         return replace(self, forgetting=forgetting)
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> NormalInverseWishart:
-        """The prior spread of a radius is in the particles' means, not in gamma."""
+        """Begin with the prior: the spread of a radius is in the particles' means, not in gamma."""
         if self.known is not None:
             known = self.known
             return NormalInverseWishart(known.gamma, known.mean.copy(), known.nu, known.scale.copy())
@@ -145,7 +145,7 @@ class NiwRadii:
     def shift(
         self, state: NormalInverseWishart, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray
     ) -> None:
-        """Of mu_hat."""
+        """Shift mu_hat."""
         state.mean[who, wheel] += by_m
 
     def select(self, state: NormalInverseWishart, index: NDArray[np.intp]) -> NormalInverseWishart:
@@ -180,7 +180,7 @@ class NiwRadii:
         return state.log_predictive(noise_m.T)
 
     def marginals(self, state: NormalInverseWishart) -> tuple[FloatArray, FloatArray, float]:
-        """Of the predictive (21)."""
+        """Return the marginals of the predictive (21)."""
         scale = np.diagonal(state.predictive_scale(), axis1=1, axis2=2)
         return state.mean.T, scale.T, state.predictive_dof
 
@@ -232,7 +232,7 @@ class WalkingRadii:
     """Square root of the first Sigma."""
 
     def remembering(self, forgetting: float) -> WalkingRadii:
-        """The same: these radii forget by their random walk."""
+        """Return this model: these radii forget by their random walk."""
         return self
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> Walkers:
@@ -259,7 +259,7 @@ class WalkingRadii:
         return state
 
     def shift(self, state: Walkers, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray) -> None:
-        """Of mu."""
+        """Treat mu."""
         state.mu[wheel, who] += by_m
 
     def select(self, state: Walkers, index: NDArray[np.intp]) -> Walkers:
@@ -267,7 +267,7 @@ class WalkingRadii:
         return Walkers(state.mu[:, index], state.sigma[:, index])
 
     def moments(self, state: Walkers, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of mu."""
+        """Treat mu."""
         mean = state.mu @ weights
         away = state.mu - mean[:, None]
         return mean, (away * weights) @ away.T

@@ -1,4 +1,4 @@
-"""How particles move: the motion models of sampled beliefs, and the particles themselves.
+"""Motion models of sampled beliefs, and their particles.
 
 In: the rotation of the rear wheels. Out: way and turn of each particle, and where the wheels are measurements
 their log-likelihood. With a_i the angle wheel i has turned [Lundquist 2013, eq. 37, so T omega] and w the
@@ -48,7 +48,7 @@ class Particles:
 
     @classmethod
     def even(cls, count: int, radii: Any) -> Particles:
-        """All at the origin with the same weight."""
+        """Return particles at the origin with the same weight."""
         weights = np.full(count, 1.0 / count)
         return cls(np.zeros((3, count)), np.zeros((3, count)), np.zeros(count), weights, radii)
 
@@ -65,7 +65,7 @@ class Particles:
         self.weights = weights / weights.sum()
 
     def level(self) -> None:
-        """All weights alike."""
+        """Set all weights alike."""
         self.log_weights[:] = 0.0
         self.weights = np.full(self.count, 1.0 / self.count)
 

@@ -60,7 +60,7 @@ from tpmsd.onboard.timeline.tick import Fix
 
 @dataclass(frozen=True, slots=True)
 class SampledPieces:
-    """What a sampled belief is made of."""
+    """Pieces of a sampled belief."""
 
     motion: SampledMotion = WHEELS_IN
     radii: RadiusModel = NIW
@@ -68,7 +68,7 @@ class SampledPieces:
     resampling: Systematic = SYSTEMATIC
     changes: ChangeModel | None = None
     positions_alone: bool = False
-    """Whether courses, Doppler speeds and the gyro are no measurements, as in the paper."""
+    """True if courses, Doppler speeds and the gyro are no measurements, as in the paper."""
     heading_after: float = MID_STEP
     """Share of a tick's turn after which its heading is taken; 0 is psi_k, as (3) and (7) are printed."""
     position_floor_m: float = SETTINGS.position_floor_m
