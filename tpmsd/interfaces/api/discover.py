@@ -49,30 +49,30 @@ class Discovery:
     files: tuple[Path, ...] = ()
     dbc: Path | None = None
     notes: tuple[str, ...] = field(default=())
-    """What was skipped in the recording, a line each."""
+    """Notes on what was skipped in the recording, a line each."""
 
     @property
     def roles(self) -> dict[str, FoundRole]:
-        """What was found for each role."""
+        """Candidates found for each role."""
         return self.result.roles
 
     @property
     def wheels_decided(self) -> bool:
-        """Whether every wheel has its signal."""
+        """True if every wheel has its signal."""
         return self.result.wheels_decided
 
     def vehicle_toml(self, dbc: str = "bus.dbc") -> str:
-        """The text of a configuration; `dbc` is the DBC's path as it is to stand in it."""
+        """Return the text of a configuration; `dbc` is the DBC's path as it is to stand in it."""
         return vehicle_text(self.result, dbc)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `tpmsd discover --json`."""
+        """Return the document of `tpmsd discover --json`."""
         head = provenance(DISCOVERY_SCHEMA, self.files, self.dbc)
         made: dict[str, Any] = plain({**head, **self.result.document()})
         return made
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row per role: signal and probability."""
+        """Return a row per role: signal and probability."""
         rows = [
             {"role": role, "signal": one.field.signal, "probability": one.probability}
             for role, one in self.roles.items()
@@ -92,13 +92,13 @@ class Discovery:
         return axes
 
     def __repr__(self) -> str:
-        """The signals of the wheels and whether they are decided."""
+        """Return the signals of the wheels and whether they are decided."""
         decided = "wheels decided" if self.wheels_decided else "wheels not decided"
         found = [f"{role}={one.field.signal}" for role, one in self.roles.items()]
         return one_line("Discovery", decided, *found)
 
     def _repr_html_(self) -> str:
-        """The roles as a card for a notebook."""
+        """Return the roles as a card for a notebook."""
         rows = [(role, one.field.signal, f"{one.probability:.3f}") for role, one in self.roles.items()]
         decided = "every wheel has its signal" if self.wheels_decided else "not every wheel has its signal"
         return card(f"Discovery: {decided}", (("role", "signal", "probability"), rows))

@@ -141,7 +141,8 @@ def calibrate(
 
 
 def simulate(**settings: Any) -> Drive:
-    """A simulated drive in memory; the arguments are those of `tpmsd.offline.simulator.drive.DriveSpec`.
+    """Return a simulated drive in memory; the arguments are those of
+    `tpmsd.offline.simulator.drive.DriveSpec`.
 
     `faults` are `tpmsd.Fault`s; `model` is an extended model or a model file. The same arguments give the
     same drive. ConfigError on what makes no sense.
@@ -180,13 +181,13 @@ def simulate(**settings: Any) -> Drive:
 
 
 def _source(drives: list[Drive]) -> Source:
-    """What a document says of its input."""
+    """Return what a document says of its input."""
     folders = tuple(drive.folder for drive in drives if drive.folder is not None)
     return Source(folders, drives[0].config.file if folders else None)
 
 
 def _drives(drives: DriveLike | Iterable[DriveLike]) -> list[Drive]:
-    """All drives, loaded, with names that tell them apart; ConfigError if there is none or one twice."""
+    """Return all drives, loaded, with distinct names; ConfigError if there is none or one twice."""
     given = [drives] if isinstance(drives, Drive | str | Path) else list(drives)
     if not given:
         raise ConfigError("no drive")

@@ -21,7 +21,7 @@ from tpmsd.offline.tables.read_table import read_table
 
 
 def load_table(table: str | Path, map_file: str | Path | None = None, note: Note = ignore_note) -> Drive:
-    """The drive that a CSV, Parquet, MF4 or MATLAB v7.3 table holds (docs/how-to/python.md).
+    """Return the drive that a CSV, Parquet, MF4 or MATLAB v7.3 table holds (docs/how-to/python.md).
 
     Without a map the columns' names tell role and unit, as those of the tick table do; Parquet files of
     `tpmsd replay --parquet` bring the car, too. Wheels and signals of which no row has a value are left out,

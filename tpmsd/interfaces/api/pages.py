@@ -15,7 +15,7 @@ from tpmsd.offline.tables.tick_table import TickTable
 def replay_html(
     result: ReplayResult, table: TickTable | None, origin: Origin, notes: tuple[str, ...] = ()
 ) -> str:
-    """The page of `tpmsd replay --html`; with the track where the ticks were kept."""
+    """Return the page of `tpmsd replay --html`; with the track where the ticks were kept."""
     track = None
     if table is not None:
         columns = (table[name] for name in ("east_m", "north_m", "speed_mps", "drive_time_s"))

@@ -1,4 +1,4 @@
-"""What the functions return: records that equal the commands' JSON, and show themselves.
+"""Results of the functions: records that equal the commands' JSON, and show themselves.
 
 In: the results of replay, diagnosis and calibration. Out: `Replay`, `Diagnosis`, `Calibration` with
 `to_dict()` (the JSON of the command), `to_pandas()`, `plot()` and a table for notebooks.
@@ -45,26 +45,26 @@ CALIBRATION_SCHEMA = "tpmsd.calibration/2"
 
 @dataclass(frozen=True)
 class Source:
-    """What a result was made of: folders and configuration; nothing of drives in memory."""
+    """Inputs of a result: folders and configuration; nothing of drives in memory."""
 
     folders: tuple[Path, ...] = ()
     configuration: Path | None = None
 
     def document(self, schema: str) -> dict[str, Any]:
-        """The keys `schema`, `program` and `input`; reads the files once more to hash them."""
+        """Return the keys `schema`, `program` and `input`; reads the files once more to hash them."""
         return provenance(schema, self.folders, self.configuration)
 
 
 @dataclass(frozen=True)
 class Replay:
-    """What the daemon would have said on a drive."""
+    """Replay of a drive, as the daemon would have judged it."""
 
     result: ReplayResult
     """The record that reports and plots are made of."""
     table: TickTable | None
     """A row per tick; None where it was not asked for."""
     notes: tuple[str, ...] = ()
-    """What was wrong with the recording, a line each."""
+    """Notes on what was wrong with the recording, a line each."""
     source: Source = Source()
 
     @property
@@ -86,17 +86,17 @@ class Replay:
         return one_line("Replay", repr(result.drive), f"{minutes:.1f} min", alarms)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `tpmsd replay --json`."""
+        """Return the document of `tpmsd replay --json`."""
         return _plain_dict({**self.source.document(REPLAY_SCHEMA), **replay_document(self.result)})
 
     def to_pandas(self) -> pd.DataFrame:
-        """The tick table; ConfigError where it was not asked for, or without pandas."""
+        """Return the tick table; ConfigError where it was not asked for, or without pandas."""
         if self.table is None:
             raise ConfigError("the ticks were not kept: replay(drive, table=True)")
         return self.table.to_pandas()
 
     def to_html(self) -> str:
-        """The page of `tpmsd replay --html`; ConfigError without the extra `report`."""
+        """Return the page of `tpmsd replay --html`; ConfigError without the extra `report`."""
         from tpmsd.interfaces.api.pages import replay_html
         from tpmsd.offline.report.page import Origin, check_report_packages
 
@@ -130,7 +130,7 @@ class Replay:
         return axes
 
     def _repr_html_(self) -> str:
-        """The wheels and alarms as a card for a notebook."""
+        """Return the wheels and alarms as a card for a notebook."""
         document = self.to_dict()
         wheels = [
             (
@@ -155,7 +155,7 @@ class Replay:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Which physics drives hold and the rolling model leaves out."""
+    """Diagnosis: physics that drives hold and the rolling model leaves out."""
 
     result: DiagnosisResult
     """The record that reports and plots are made of."""
@@ -188,7 +188,7 @@ class Diagnosis:
         return one_line("Diagnosis", repr(", ".join(self.drives)), self.verdict, *found)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `tpmsd diagnose --json`."""
+        """Return the document of `tpmsd diagnose --json`."""
         from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
         return _plain_dict(
@@ -196,7 +196,7 @@ class Diagnosis:
         )
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row per parameter of each finding (one row for a finding without parameters)."""
+        """Return a row per parameter of each finding (one row for a finding without parameters)."""
         rows = []
         for finding in self.to_dict()["findings"]:
             shared = {
@@ -216,7 +216,7 @@ class Diagnosis:
         return frame
 
     def to_html(self, standalone: bool = True) -> str:
-        """The page of `tpmsd diagnose --html`; ConfigError without the extra `report`.
+        """Return the page of `tpmsd diagnose --html`; ConfigError without the extra `report`.
 
         `standalone`: with its styles and scripts in it; else it links to `assets/` beside it.
         """
@@ -258,7 +258,7 @@ class Diagnosis:
         return axes
 
     def _repr_html_(self) -> str:
-        """The findings as a card for a notebook."""
+        """Return the findings as a card for a notebook."""
         rows = []
         for finding in self.to_dict()["findings"]:
             values = ", ".join(f"{name} = {_quantity(one)}" for name, one in finding["parameters"].items())
@@ -292,13 +292,13 @@ class Calibration:
         return one_line("Calibration", repr(drives), *radii)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `tpmsd calibrate --json`."""
+        """Return the document of `tpmsd calibrate --json`."""
         from tpmsd.offline.calibration.wording import document as calibration_document
 
         return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **calibration_document(self.result)})
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row per wheel."""
+        """Return a row per wheel."""
         rows = [{"wheel": wheel, **values} for wheel, values in self.to_dict()["wheels"].items()]
         frame: pd.DataFrame = need_pandas().DataFrame(rows)
         return frame
@@ -324,7 +324,7 @@ class Calibration:
         return axes
 
     def _repr_html_(self) -> str:
-        """The radii as a card for a notebook."""
+        """Return the radii as a card for a notebook."""
         rows = [
             (wheel, f"{1e3 * one.radius_m:.2f} ± {1e3 * one.radius_std_m:.2f}")
             for wheel, one in self.result.wheels.items()

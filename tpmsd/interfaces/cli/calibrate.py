@@ -128,7 +128,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list[Recording], Config]:
-    """The drives as arrays, and the configuration of the first; InputError where they do not go together."""
+    """Return the drives as arrays, and the configuration of the first; InputError where they do not go
+    together.
+    """
     from tpmsd.car.config.load import load_config
     from tpmsd.interfaces.cli.drive_reading import read_ticks
     from tpmsd.offline.inference.recording import record

@@ -118,7 +118,7 @@ def _check_outputs(plan: Plan) -> None:
 
 
 def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
-    """What the drive says against the configuration, with the line of each key."""
+    """Return what the drive says against the configuration, with the line of each key."""
     from tpmsd.car.config.document import read_document
     from tpmsd.interfaces.cli.drive_reading import say
     from tpmsd.offline.discovery.suspicions import suspicions
@@ -144,7 +144,7 @@ def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
 def verdict(
     plan: Plan, drive: Path | None, suspected: list[dict[str, object]] | None, colour: bool = False
 ) -> list[str]:
-    """The answer in its first line; below it the suspicions, or what was not looked at."""
+    """Return the answer in its first line; below it the suspicions, or what was not looked at."""
 
     def painted(style: str, text: str) -> str:
         return f"\x1b[{style}m{text}\x1b[0m" if colour else text
@@ -168,7 +168,7 @@ def verdict(
 
 
 def summary(plan: Plan) -> list[str]:
-    """The plan in lines for people."""
+    """Return the plan in lines for people."""
     config = plan.config
     lines = ["It would monitor:", ""]
     wheels = " ".join(wheel.wheel for wheel in plan.wheels)

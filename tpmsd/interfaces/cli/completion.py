@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def commands_of(parser: argparse.ArgumentParser) -> list[Command]:
-    """All commands of a parser, in its order."""
+    """Return all commands of a parser, in its order."""
     found = []
     (group,) = (action for action in parser._actions if isinstance(action, argparse._SubParsersAction))
     helps = {choice.dest: choice.help or "" for choice in group._choices_actions}
@@ -88,12 +88,12 @@ def commands_of(parser: argparse.ArgumentParser) -> list[Command]:
 
 
 def _plain(text: str | None) -> str:
-    """One line without what the three shells treat specially."""
+    """Return one line without what the three shells treat specially."""
     return " ".join((text or "").split()).translate(str.maketrans("", "", "'\"`$\\[]:")).replace("%%", "%")
 
 
 def bash(commands: list[Command]) -> str:
-    """A function for `complete -F`; where nothing fits, files are completed."""
+    """Return a function for `complete -F`; where nothing fits, files are completed."""
     lines = [
         "# bash completion of tpmsd",
         "_tpmsd() {",
@@ -114,7 +114,7 @@ def bash(commands: list[Command]) -> str:
 
 
 def zsh(commands: list[Command]) -> str:
-    """A function for zsh's completion system."""
+    """Return a function for zsh's completion system."""
     lines = ["#compdef tpmsd", "_tpmsd() {", "  if (( CURRENT == 2 )); then", "    local -a found=("]
     lines += [f"      '{each.name}:{each.help}'" for each in commands]
     lines += ["    )", "    _describe command found", "    return", "  fi", "  case $words[2] in"]
@@ -129,7 +129,7 @@ def zsh(commands: list[Command]) -> str:
 
 
 def fish(commands: list[Command]) -> str:
-    """One `complete` per command and option."""
+    """Return one `complete` per command and option."""
     lines = ["# fish completion of tpmsd"]
     for each in commands:
         lines.append(f"complete -c tpmsd -n __fish_use_subcommand -f -a {each.name} -d '{each.help}'")

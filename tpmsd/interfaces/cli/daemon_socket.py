@@ -23,7 +23,7 @@ def add_socket_options(parser: argparse.ArgumentParser) -> None:
 
 
 def daemon_socket(args: argparse.Namespace) -> Path:
-    """What is given, else what the configuration says, else the default."""
+    """Return what is given, else what the configuration says, else the default."""
     if args.socket is not None:
         return Path(args.socket)
     if args.config is not None:

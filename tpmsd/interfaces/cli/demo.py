@@ -41,7 +41,7 @@ from tpmsd.onboard.pipeline import Step
 PUNCTURE_AT_S, PUNCTURE_OVER_S, LOSS_PERCENT = 150.0, 30.0, 2.0
 DURATION_S = 300.0
 AFTER_ALARM_S = 40.0
-"""How much longer it goes on, so that a false alarm on another wheel would show."""
+"""Time for which it goes on, so that a false alarm on another wheel would show."""
 SPEED_UP = 16.0
 CHANNEL = "demo"
 _NEXT = "Next, the same as a recorded drive: .venv/bin/tpmsd simulate drives/nail --puncture rl"
@@ -133,7 +133,7 @@ class _Show:
                 thread.join(2.0)
 
     def start(self, clock: Clock, daemon: Daemon) -> None:
-        """The drive has begun."""
+        """Note that the drive has begun."""
         self._clock, self._daemon = clock, daemon
 
     def enough(self, step: Step) -> None:

@@ -38,7 +38,7 @@ class Heard:
     kind: str
     wheel: str | None
     frame: str
-    """As `candump` shows it."""
+    """Frame as `candump` shows it."""
 
 
 class Panel:
@@ -103,7 +103,7 @@ class Panel:
             self._print(" " * MARGIN + line)
 
     def show(self) -> None:
-        """One line of how the tyres are."""
+        """Show the tyre status in one line."""
         states = {wheel: self._words.get(f"State_{wheel.upper()}", "unavailable") for wheel in WHEELS}
         learned = not {"learning", "unavailable"} & set(states.values())
         tyres = []
@@ -131,7 +131,7 @@ class Panel:
         return f"\x1b[{style}m{text}\x1b[0m" if self._colour else text
 
     def _columns(self) -> int:
-        """One less than the terminal has: a full line would move the cursor on."""
+        """Return one less than the terminal has: a full line would move the cursor on."""
         return (terminal_width(self._out) or WIDTH + 1) - 1
 
     def _wrapped(self, text: str) -> list[str]:
@@ -141,7 +141,7 @@ class Panel:
         )
 
     def _in_place(self, text: str) -> None:
-        """A line that the next one replaces; where there is no terminal, a line like others."""
+        """Show a line that the next one replaces; where there is no terminal, a line like others."""
         if can_move(self._out):
             self._out.write("\r\x1b[K" + text)
             self._out.flush()

@@ -49,11 +49,12 @@ Nothing is written but what was asked for: --model-out for the extended model, -
 """
 
 REPLICATES = 19
-"""Of the certificate, at most: seven do where a finding is beyond doubt, which costs about as much as the
-diagnosis itself."""
+"""Replicates of the certificate at most: seven do where a finding is beyond doubt, which costs about as much
+as the diagnosis itself.
+"""
 BASELINE_NAMES = ("rolling", "single-track", "three-dof")
 CERTIFY_SEED = 0
-"""Of the replicates: the same drives get the same certificate."""
+"""Seed of the replicates: the same drives get the same certificate."""
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -119,7 +120,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def _count(text: str) -> int:
-    """A number of replicates."""
+    """Return a number of replicates."""
     if not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r} is no number of replicates (0 or more)")
     return int(text)
@@ -207,7 +208,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
 
 
 def _recordings(args: argparse.Namespace, names: Sequence[str]) -> tuple[list[Recording], Recording | None]:
-    """The drives, and the user's own simulation where there is one."""
+    """Return the drives, and the user's own simulation where there is one."""
     drives = [
         read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
     ]
@@ -249,7 +250,7 @@ def _propose(folder: Path, proposal: Proposal, source: str) -> None:
 
 
 def known_effects(args: argparse.Namespace) -> tuple[ExtendedModel | None, Path | None]:
-    """The effects of the baseline and their file: those of --model, else of the configuration.
+    """Return the effects of the baseline and their file: those of --model, else of the configuration.
 
     ConfigError where the configurations of several drives name different models.
     """
@@ -273,7 +274,8 @@ def _read(args: argparse.Namespace) -> list[Path]:
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:
-    """What reports call each drive: its folder's name, or the path as given where names are not unique.
+    """Return what reports call each drive: its folder's name, or the path as given where names are not
+    unique.
 
     ConfigError if a drive is given twice: it would count as independent evidence.
     """
@@ -288,7 +290,7 @@ def names_of(folders: Sequence[Path]) -> list[str]:
 
 
 def read_recording(folder: Path, config_file: Path | None = None, name: str = "the drive") -> Recording:
-    """A drive folder as arrays, `name` for the reports; InputError if nothing usable is in it."""
+    """Return a drive folder as arrays, `name` for the reports; InputError if nothing usable is in it."""
     from tpmsd.car.config.load import load_config
     from tpmsd.interfaces.cli.drive_reading import read_ticks
     from tpmsd.offline.inference.recording import record

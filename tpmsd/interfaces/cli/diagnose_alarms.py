@@ -41,7 +41,7 @@ class AlarmReplays:
         return self._pool.submit(replayed, drive, self._config_file, model)
 
     def compared(self, diagnosis: Diagnosis) -> list[AlarmsCompared]:
-        """All drives without and with the diagnosed model; waits for the replays."""
+        """Return all drives without and with the diagnosed model; waits for the replays."""
         from tpmsd.car.config.load import load_config
         from tpmsd.car.physics.effect import Kind
         from tpmsd.offline.report.alarms_compared import compare_alarms

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 SCHEMA = "tpmsd.diagnosis/2"
 CERTIFY_SEED = 0
-"""Of the replicates: the same drive gets the same certificate."""
+"""Seed of the replicates: the same drive gets the same certificate."""
 
 
 def run_dynamics(args: argparse.Namespace) -> int:

@@ -172,7 +172,7 @@ def replace_file(path: Path, content: str | bytes) -> None:
 
 
 def summary(found: Discovery) -> list[str]:
-    """What was found, for people."""
+    """Return what was found, for people."""
     from tpmsd.offline.discovery.settings import SETTINGS
 
     lines = [f"{found.duration_s:.0f} s of driving with fixes, {found.frames} frames"]
@@ -212,7 +212,7 @@ def summary(found: Discovery) -> list[str]:
 
 
 def _role(found: Discovery, one: FoundRole) -> str:
-    """The signal of a role with its qualities, probability and rivals."""
+    """Return the signal of a role with its qualities, probability and rivals."""
     rivals = "".join(f"; {name} {p:.2f}" for name, p in one.rivals)
     extra = f", modulus {one.modulus}" if one.modulus else ""
     extra += f", in {one.unit}" if one.unit else ""

@@ -31,7 +31,7 @@ def say(line: str) -> None:
 
 
 def open_drive(folder: Path, config: Config) -> tuple[Drive, Database]:
-    """The drive in a folder, its clocks aligned, and its DBC.
+    """Return the drive in a folder, its clocks aligned, and its DBC.
 
     InputError if there is no such drive; ConfigError (with the configuration's file) if the signals do not
     fit.
@@ -45,7 +45,7 @@ def span_s(folder: Path) -> float:
 
 
 def play(drive: Drive, core: Core[Out], label: str) -> Iterator[Out]:
-    """What the core makes of the whole drive, in order, with a progress bar on a terminal.
+    """Yield what the core makes of the whole drive, in order, with a progress bar on a terminal.
 
     InputError at the end if no frame had an identifier that the configured signals need.
     """
@@ -54,7 +54,7 @@ def play(drive: Drive, core: Core[Out], label: str) -> Iterator[Out]:
 
 
 def read_ticks(folder: Path, config: Config, rate_hz: float = DESK_RATE_HZ) -> list[Tick]:
-    """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
+    """Return all ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     drive, database = open_drive(folder, config)
     source = BlockSource(TickSource(config, database, rate_hz))
     with no_collection():

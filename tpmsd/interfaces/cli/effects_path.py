@@ -66,7 +66,7 @@ def _say_what_is_not_followed(args: argparse.Namespace) -> None:
 
 
 def _named_in(file: Path) -> Path | None:
-    """The folder that a configuration names; None without one. What is wrong with it the command says."""
+    """Return the folder that a configuration names; None without one. The command states its errors."""
     try:
         document = parse_toml(read_text(file, MAX_BYTES, "a configuration"))
     except (ConfigError, ValueError, RecursionError):

@@ -264,7 +264,7 @@ def _sql(args: argparse.Namespace) -> int:
 
 
 def _say_damaged(store: Store) -> None:
-    """A line for each file that was left out, of twenty at most."""
+    """Print a line for each file that was left out, of twenty at most."""
     lines = [line for file, line in sorted(store.damaged.items()) if file.exists()]
     for line in lines[:20]:
         print(f"tpmsd: {line}", file=sys.stderr)
@@ -273,7 +273,9 @@ def _say_damaged(store: Store) -> None:
 
 
 def _head(schema: str, store: Path) -> dict[str, Any]:
-    """The keys `schema`, `program` and `input`; a store's hash would take as long as reading all of it."""
+    """Return the keys `schema`, `program` and `input`; a store's hash would take as long as reading all of
+    it.
+    """
     from tpmsd.foundation.provenance import provenance
 
     head = provenance(schema)

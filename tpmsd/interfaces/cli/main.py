@@ -133,7 +133,7 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
 
 
 def _shortened(name: str, longest: int = 100) -> str:
-    """A file's name on one line; of a long one the beginning."""
+    """Return a file's name on one line; of a long one the beginning."""
     name = " ".join(name.split())
     return name if len(name) <= longest else f"{name[:longest]}..."
 
@@ -195,7 +195,7 @@ def _top_parser() -> tuple[Parser, Subparsers]:
 
 
 def full_parser(commands: Commands = COMMANDS) -> Parser:
-    """The parser with the options of all commands: for manual pages, completions and the reference."""
+    """Return the parser with the options of all commands: for manual pages, completions and the reference."""
     parser, subparsers = _top_parser()
     for name, module_name, _ in commands:
         if importlib.util.find_spec(module_name) is not None:

@@ -1,4 +1,4 @@
-"""What commands share for their output: JSON to a file or standard output, and a progress bar.
+"""Output of commands: JSON to a file or standard output, and a progress bar.
 
 In: plain objects, records and numpy values; how much is done. Out: text. Numbers that JSON does not have
 (NaN, infinities) become null. The bar is drawn on a terminal only, so that logs and pipes stay clean.
@@ -91,7 +91,7 @@ class Progress:
         self._draw(self.text(done_s, now - self._start))
 
     def text(self, done_s: float, elapsed_s: float) -> str:
-        """The line for `done_s` of drive after `elapsed_s` of work."""
+        """Return the line for `done_s` of drive after `elapsed_s` of work."""
         known = math.isfinite(self._total_s) and self._total_s > 0 and math.isfinite(done_s)
         share = min(max(done_s / self._total_s, 0.0), 1.0) if known else 0.0
         filled = round(share * _BAR_WIDTH)

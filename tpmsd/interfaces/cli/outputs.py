@@ -58,7 +58,7 @@ class Outputs:
 
     @property
     def fill_stdout(self) -> bool:
-        """Whether an output goes to standard output, so that the report for people must not."""
+        """True if an output goes to standard output, so that the report for people must not."""
         return STDOUT in self._targets.values()
 
     def say(self, text: str, end: str = "\n") -> None:
@@ -74,7 +74,7 @@ class Outputs:
             forget_stdout()
 
     def asked(self, option: str) -> bool:
-        """Whether the command line has this option."""
+        """Return whether the command line has this option."""
         return option in self._targets
 
     def write(self, contents: Mapping[str, Content]) -> None:
@@ -139,7 +139,7 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
 
 
 def _problem(option: str, target: str, configuration: bool) -> str | None:
-    """Why nothing can be written there, in one line; None where nothing speaks against it."""
+    """Return why nothing can be written there, in one line; None where nothing speaks against it."""
     if target == STDOUT:
         return None
     if not target.strip():
@@ -167,7 +167,7 @@ def _problem(option: str, target: str, configuration: bool) -> str | None:
 
 
 def _kept(path: Path, configuration: bool) -> str:
-    """What stands there that a command reads and does not make; empty if it may be replaced."""
+    """Return what stands there that a command reads and does not make; empty if it may be replaced."""
     from tpmsd.onboard.sources.can.log import is_can_log
     from tpmsd.onboard.sources.drive import NMEA_LOGS
 

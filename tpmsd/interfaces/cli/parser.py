@@ -86,7 +86,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def fitted(text: str, width: int) -> list[str]:
-    """The lines of a help text: prose that does not fit is filled anew, other lines are wrapped each."""
+    """Return the lines of a help text: long prose is filled again, other lines are wrapped each."""
     out: list[str] = []
     for prose, group in groupby(text.splitlines(), lambda line: bool(line) and not line[0].isspace()):
         lines = list(group)
@@ -98,7 +98,7 @@ def fitted(text: str, width: int) -> list[str]:
 
 
 def wrapped(line: str, width: int) -> list[str]:
-    """A line of a help text in lines of at most `width` characters, the later ones indented further.
+    """Return a line of a help text in lines of at most `width` characters, the later ones indented further.
 
     A comment that stands behind four or more spaces goes onto a line of its own.
     """

@@ -96,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def document(plan: Plan, route_file: str | None) -> dict[str, Any]:
-    """The plan for JSON."""
+    """Return the plan for JSON."""
     from tpmsd.offline.planning.search import TARGET
 
     return {
@@ -124,7 +124,7 @@ def _manoeuvre(one: Manoeuvre) -> dict[str, Any]:
 
 
 def summary(plan: Plan) -> str:
-    """The plan for people."""
+    """Return the plan for people."""
     from tpmsd.car.physics.catalogue import EFFECTS
     from tpmsd.offline.planning.search import TARGET
 
@@ -142,7 +142,7 @@ def summary(plan: Plan) -> str:
 
 
 def _effects(names: list[str]) -> list[str]:
-    """The names, each once; ConfigError on one that no manoeuvre shows."""
+    """Return the names, each once; ConfigError on one that no manoeuvre shows."""
     from tpmsd.car.physics.catalogue import EFFECTS, parameters_of, probes
 
     looked_for = {probe.effect for probe in probes()}

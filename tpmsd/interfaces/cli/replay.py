@@ -119,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _outputs(args: argparse.Namespace) -> Outputs:
-    """What is to be written; ConfigError where a package for it is missing."""
+    """Return what is to be written; ConfigError where a package for it is missing."""
     asked = [(f"--{kind}", getattr(args, kind)) for kind in _KINDS]
     outputs = Outputs(("--plot", args.plot), ("--html", args.html), *asked, ("--json", args.json))
     if args.plot is not None:
@@ -172,7 +172,7 @@ def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> 
 def replayed(
     folder: Path, config: Config, model: ExtendedModel | None = None, table: bool = False
 ) -> tuple[ReplayResult, TickTable | None]:
-    """The same with a row per tick if wanted; progress and notes on standard error."""
+    """Return the same with a row per tick if wanted; progress and notes on standard error."""
     recording = FolderRecording(folder)
     drive = Drive(folder.resolve().name, config, recording)
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "replay") as progress:

@@ -108,7 +108,7 @@ def state_table(signals: SignalTable, time_s: Any, states: Any) -> TickTable:
 
 
 def _document(name: str, time_s: Any, summary: StateSummary) -> dict[str, Any]:
-    """The keys of a replay, those of radii and receiver empty."""
+    """Return the keys of a replay, those of radii and receiver empty."""
     return {
         "drive": name,
         "start_time": float(time_s[0]),

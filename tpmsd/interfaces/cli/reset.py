@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _resets(document: dict[str, Any]) -> int:
-    """How many requests the daemon has taken."""
+    """Return how many requests the daemon has taken."""
     baseline = document.get("baseline")
     count = baseline.get("resets") if isinstance(baseline, dict) else None
     return count if isinstance(count, int) else 0

@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
-    """The configuration with the command line worked in, and warnings; raises ConfigError."""
+    """Return the configuration with the command line worked in, and warnings; raises ConfigError."""
     from tpmsd.car.config.check import check
     from tpmsd.car.config.problems import ConfigProblems
 
@@ -156,7 +156,7 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
 
 
 def _receiver(gnss: GnssConfig, device: str) -> GnssConfig:
-    """The receiver that --device names: a serial line, or an address as in [gnss] source."""
+    """Return the receiver that --device names: a serial line, or an address as in [gnss] source."""
     if "://" not in device:
         return dataclasses.replace(gnss, device=device or None, source=None)
     try:
@@ -171,7 +171,7 @@ def _inside(file: Path, folder: Path) -> bool:
 
 
 def known_interface(name: str) -> str:
-    """The interface of `--interface`; ConfigError if python-can has none of that name."""
+    """Return the interface of `--interface`; ConfigError if python-can has none of that name."""
     import can
 
     from tpmsd.car.config.suggest import nearest

@@ -194,7 +194,7 @@ def _motion(args: argparse.Namespace, spec: DriveSpec) -> Motion | None:
 
 
 def spec_of(args: argparse.Namespace) -> DriveSpec:
-    """The drive that the command line asks for; ConfigError with one line on what makes no sense."""
+    """Return the drive that the command line asks for; ConfigError with one line on what makes no sense."""
     from tpmsd.offline.simulator.bus import BusSpec
     from tpmsd.offline.simulator.clock import DEFAULT_START_UTC_S, Clocks
     from tpmsd.offline.simulator.drive import DriveSpec
@@ -238,7 +238,7 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
 
 
 def report(drive: SimulatedDrive) -> dict[str, Any]:
-    """What was simulated, for JSON and for people."""
+    """Return what was simulated, for JSON and for people."""
     truth = drive.truth()
     kept = ("seed", "route", "duration_s", "distance_m", "start_host_s", "nominal_radius_m", "effects")
     return {
@@ -251,7 +251,7 @@ def report(drive: SimulatedDrive) -> dict[str, Any]:
 
 
 def summary(document: dict[str, Any]) -> str:
-    """The report in lines for people."""
+    """Return the report in lines for people."""
     km = document["distance_m"] / 1000.0
     lines = [
         f"{document['route']} drive of {document['duration_s']:.0f} s and {km:.1f} km: "

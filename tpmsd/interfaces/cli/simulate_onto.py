@@ -80,7 +80,7 @@ def run_onto(args: argparse.Namespace) -> int:
 
 
 def summary(document: dict[str, Any]) -> str:
-    """The report in lines for people."""
+    """Return the report in lines for people."""
     lines = []
     for effect in document["effects"]:
         values = ", ".join(f"{key} = {_value(value)}" for key, value in effect["parameters"].items())
@@ -142,7 +142,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def model_of(args: argparse.Namespace) -> ExtendedModel:
-    """The effects of --model and --effect; ConfigError with one line on what makes no sense."""
+    """Return the effects of --model and --effect; ConfigError with one line on what makes no sense."""
     from tpmsd.car.physics.catalogue import parse_effect
     from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.car.physics.model_file import load_model

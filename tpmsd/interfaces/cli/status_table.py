@@ -37,7 +37,9 @@ _SOURCE_WORDS = {
 
 
 def render_status(document: Mapping[str, Any], *, colour: bool = False, width: int | None = None) -> str:
-    """The whole table, ending with a line break; no line is longer than `width` characters (40 at least)."""
+    """Return the whole table, ending with a line break; no line is longer than `width` characters (40 at
+    least).
+    """
     paint = _paint if colour else _plain
     alarms = [alarm for alarm in _list(document, "alarms") if isinstance(alarm, dict)]
     lines = [
@@ -60,7 +62,8 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False, width: i
 
 
 def _wrapped(line: str, width: int) -> list[str]:
-    """The line in lines of at most `width` visible characters, the later ones indented; colours run on.
+    """Return the line in lines of at most `width` visible characters, the later ones indented; colours run
+    on.
 
     A column of blanks is kept where the line fits, a word longer than a line is broken.
     """
@@ -86,7 +89,9 @@ def _visible(text: str) -> int:
 
 
 def _not_watched_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
-    """The wheels that nobody watches, those that are learned show so in the table; what would not be seen."""
+    """Return the wheels that nobody watches, those that are learned show so in the table; what would not be
+    seen.
+    """
     missing = {
         str(name): str(why)
         for name, why in _dict(_dict(document, "watch"), "not_watched").items()
@@ -138,7 +143,7 @@ def _wheel_lines(
 
 
 def _change(wheel: Mapping[str, Any]) -> tuple[str, str]:
-    """The change of a radius; where none is known now, the last one and its age in words."""
+    """Return the change of a radius; where none is known now, the last one and its age in words."""
     now = _number(wheel, "change_mm")
     last, age_s = _number(wheel, "last_change_mm"), _number(wheel, "last_change_age_s")
     if now is not None or last is None or age_s is None:
@@ -147,7 +152,7 @@ def _change(wheel: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
-    """What the wheels' resonances say, where they are listened to."""
+    """Return what the wheels' resonances say, where they are listened to."""
     wheels = _dict(document, "resonance")
     if not wheels:
         return []
@@ -169,7 +174,7 @@ def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
 def _tyre(
     name: str, wheel: Mapping[str, Any], alarms: list[dict[str, Any]], learned: float | None
 ) -> tuple[str, str]:
-    """What to call the state of a tyre, and in which colour."""
+    """Return what to call the state of a tyre, and in which colour."""
     kinds = {_text(alarm, "kind") for alarm in alarms if alarm.get("wheel") == name}
     state = _text(wheel, "state")
     if "deflation" in kinds:
@@ -230,7 +235,7 @@ def _gnss_line(document: Mapping[str, Any], paint: _Paint) -> str:
 
 
 def _obd_lines(document: Mapping[str, Any]) -> list[str]:
-    """What the car itself says of its speed, where it is asked."""
+    """Return what the car itself says of its speed, where it is asked."""
     obd = _dict(document, "obd")
     if not obd:
         return []

@@ -25,7 +25,7 @@ from tpmsd.interfaces.cli.status_table import NARROWEST, render_status
 from tpmsd.offline.report.wording import wheel_name
 
 RANGES_S = (120.0, 600.0, 3600.0)
-"""Of the trends; a key goes to the next."""
+"""Length of the trends; a key goes to the next."""
 MOST_KEPT = 7200
 """Documents whose numbers are kept: two hours of one each second."""
 _BLOCKS, _ASCII = "▁▂▃▄▅▆▇█", "_.-=+*%#"
@@ -38,7 +38,7 @@ _LEAST_SPAN_MM = 0.2
 
 @dataclass
 class View:
-    """What is kept from document to document, and what the keys have set."""
+    """State from document to document, and what the keys have set."""
 
     range_s: float = RANGES_S[0]
     paused: bool = False
@@ -69,7 +69,7 @@ class View:
             self.paused = not self.paused
 
     def text(self, *, colour: bool, width: int, height: int, blocks: str = _BLOCKS) -> str:
-        """The screen: at most `height` lines of at most `width` characters (40 at least)."""
+        """Return the screen: at most `height` lines of at most `width` characters (40 at least)."""
         width = max(width, NARROWEST)
         table = render_status(self._now, colour=colour, width=width).rstrip("\n").split("\n")
         below = ["", *self._trends(width, blocks), *self._rates(width), self._keys()[:width]]
@@ -77,7 +77,7 @@ class View:
         return "\n".join((table[:room] + below)[:height])
 
     def _trends(self, width: int, blocks: str) -> list[str]:
-        """A line per wheel whose change is known: its trend, the least and the greatest value."""
+        """Return a line per wheel whose change is known: its trend, the least and the greatest value."""
         lines = []
         columns = width - 28 if width >= 60 else width - 14
         for wheel, kept in self._changes.items():
@@ -124,7 +124,7 @@ def binned(kept: deque[tuple[float, float]], range_s: float, columns: int) -> li
 
 
 def sparkline(values: list[float], blocks: str = _BLOCKS) -> str:
-    """A character per value between the least and the greatest; a blank where there is none."""
+    """Return a character per value between the least and the greatest; a blank where there is none."""
     known = [value for value in values if math.isfinite(value)]
     if not known:
         return " " * len(values)

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def read_report(path: Path) -> dict[str, Any]:
-    """The document that `tpmsd diagnose --json` wrote; InputError with one line if it is none."""
+    """Return the document that `tpmsd diagnose --json` wrote; InputError with one line if it is none."""
     try:
         with path.open("rb") as file:
             data = file.read(MAX_REPORT_BYTES + 1)

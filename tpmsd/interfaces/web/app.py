@@ -48,7 +48,7 @@ Handler = Callable[[Request], Any]
 
 
 def live_app(socket: Path, settings: WebSettings) -> Starlette:
-    """The page of a running daemon."""
+    """Return the page of a running daemon."""
     hub = LiveHub(socket, settings)
     csrf = secrets.token_urlsafe(32)
 
@@ -120,7 +120,7 @@ class _Live(StreamingResponse):
 
 
 def drive_app(replay: Replay, settings: WebSettings, model: Path | None = None) -> Starlette:
-    """The pages of a recorded drive: the drive, and the diagnosis where it lies in a folder.
+    """Return the pages of a recorded drive: the drive, and the diagnosis where it lies in a folder.
 
     `model`: effects that belong to the baseline of the diagnosis, those of `[filter] model` unless given.
     """
@@ -184,7 +184,7 @@ def drive_app(replay: Replay, settings: WebSettings, model: Path | None = None) 
 
 
 def page(name: str) -> Handler:
-    """A handler that sends one of the pages."""
+    """Return a handler that sends one of the pages."""
 
     async def send(_: Request) -> Response:
         return FileResponse(STATIC / name, media_type="text/html")
@@ -226,7 +226,7 @@ async def _http_error(_: Request, error: Exception) -> Response:
 
 
 def _number(text: str | None, usual: float) -> float:
-    """A finite number of a query, `usual` where it is not given; ConfigError where it is none."""
+    """Return a finite number of a query, `usual` where it is not given; ConfigError where it is none."""
     if text is None:
         return usual
     try:

@@ -1,4 +1,4 @@
-"""How many connections each visitor may hold, and for how long without asking for anything.
+"""Limits of the connections of each visitor, by number and by idle time.
 
 In: sockets as they are accepted, and what the protocol says of them. Out: connections that are closed. A
 connection waits (for TLS, headers, a body, the next request) or is being answered. Who waits costs its owner

@@ -32,9 +32,9 @@ class DiagnosisJob:
     page: str | None = None
     """HTML once it is done."""
     reason: str = ""
-    """Why it failed; else empty."""
+    """Reason of a failure; else empty."""
     share: float = 0.0
-    """How much of the work is done, 0 to 1."""
+    """Fraction of the work that is done, 0 to 1."""
     _task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
@@ -43,7 +43,7 @@ class DiagnosisJob:
             self._task = asyncio.create_task(self._run())
 
     def document(self) -> dict[str, Any]:
-        """How far it is, as plain JSON values."""
+        """Return how far it is, as plain JSON values."""
         begun = "waiting" if self._task is None else "running"
         state = "failed" if self.reason else begun if self.page is None else "done"
         return {"state": state, "share": self.share, "reason": self.reason or None}
@@ -91,7 +91,7 @@ class DiagnosisJob:
 
 
 def main(folder: Path, model: Path | None = None) -> int:
-    """The process: 0 with the page on standard output, else a line on standard error."""
+    """Return the process: 0 with the page on standard output, else a line on standard error."""
     os.nice(NICE)
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy is imported

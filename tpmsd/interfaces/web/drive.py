@@ -29,13 +29,13 @@ PANELS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("Age of the last fix", ("gnss_age_s",)),
     ("Faults per tick", ("faults",)),
 )
-"""What the page plots, one below the other, with a shared time axis."""
+"""Charts of the page, one below the other, with a shared time axis."""
 BANDS = {f"{stem}_{wheel}_m": f"{stem}_std_{wheel}_m" for stem in ("change", "deviation") for wheel in WHEELS}
 """A series and its standard deviation; the band is two of them."""
 
 
 def overview(replay: Replay) -> dict[str, Any]:
-    """What the page needs before it asks for series."""
+    """Return what the page needs before it asks for series."""
     table = replay.table
     if table is None:
         raise ConfigError("the replay has no tick table")
@@ -94,7 +94,7 @@ def series(
 
 
 def track(replay: Replay, colour: str, points: int) -> dict[str, list[float | None]]:
-    """The track in the plane of the first fix with the values of one column to colour it by.
+    """Return the track in the plane of the first fix with the values of one column to colour it by.
 
     ConfigError: no such column.
     """

@@ -104,7 +104,8 @@ class Guard:
 
 
 async def _body(receive: Receive, most: int) -> bytes | None:
-    """The body, bytes counted as they come; more than `most` where it is larger, None where the visitor left.
+    """Return the body, bytes counted as they come; more than `most` where it is larger, None where the
+    visitor left.
 
     What the headers say of its length is not relied on: in chunks a body has none.
     """
@@ -130,12 +131,12 @@ def _replayed(body: bytes, receive: Receive) -> Receive:
 
 
 def same(given: str, wanted: str) -> bool:
-    """Whether two secrets are equal, in a time that tells nothing about where they differ."""
+    """Return whether two secrets are equal, in a time that tells nothing about where they differ."""
     return hmac.compare_digest(given.encode("utf-8"), wanted.encode("utf-8"))
 
 
 def host_name(host: str) -> str:
-    """The name in a Host header, without the port."""
+    """Return the name in a Host header, without the port."""
     if host.startswith("["):
         return host.partition("]")[0].lower() + "]"
     return host.partition(":")[0].lower()

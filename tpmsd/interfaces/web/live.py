@@ -35,7 +35,7 @@ class LiveHub:
     document: Mapping[str, Any] | None = None
     """None until the daemon has answered, and while it does not."""
     reason: str = "not asked yet"
-    """Why there is no document."""
+    """Reason why there is no document."""
     history: deque[dict[str, Any]] = field(default_factory=deque)
     streams: int = 0
     """Visitors that look on, as whoever answers them counts them."""
@@ -128,7 +128,7 @@ class LiveHub:
 
 
 def history_row(document: Mapping[str, Any]) -> dict[str, Any]:
-    """The timeline's row of one document: per wheel its change since learned with the deviation, mm.
+    """Return the timeline's row of one document: per wheel its change since learned with the deviation, mm.
 
     None where the change is not known, as after a start and until a stop is decided: the line has a gap
     there. The deviation from nominal is another quantity and is millimetres off. `changeRow` of the page's
@@ -146,5 +146,5 @@ def history_row(document: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def event(name: str, data: object) -> bytes:
-    """One server-sent event (WHATWG HTML, 9.2)."""
+    """Return one server-sent event (WHATWG HTML, 9.2)."""
     return f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n".encode()

@@ -24,7 +24,9 @@ from tpmsd.interfaces.web.settings import WebSettings
 def make_server(
     app: ASGIApp, settings: WebSettings, certificate: str | None = None, key: str | None = None
 ) -> tuple[uvicorn.Server, Listener]:
-    """The server and the socket on which it is to be run; OSError or SystemExit where it cannot be bound."""
+    """Return the server and the socket on which it is to be run; OSError or SystemExit where it cannot be
+    bound.
+    """
     connections = Connections(settings)
 
     async def expire() -> None:
@@ -55,7 +57,7 @@ def make_server(
 
 
 def _protocol(connections: Connections) -> type[H11Protocol]:
-    """A protocol that tells `connections` what it does."""
+    """Return a protocol that tells `connections` what it does."""
 
     class Protocol(H11Protocol):
         """HTTP/1.1 by h11; a request counts as there with the last byte of its body."""
@@ -89,5 +91,5 @@ def _protocol(connections: Connections) -> type[H11Protocol]:
 
 
 def port_of(listener: socket.socket) -> int:
-    """The port on which it listens."""
+    """Return the port on which it listens."""
     return int(listener.getsockname()[1])

@@ -1,4 +1,4 @@
-"""What can be set of the web page, each with its unit and its reason."""
+"""Settings of the web page, each with its unit and its reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class WebSettings:
     port: int = 8377
     """No service of IANA's registry has it."""
     token: str | None = None
-    """What a visitor must know; None: nothing, allowed on loopback alone."""
+    """Token that a visitor must present; None: nothing, allowed on loopback alone."""
     resets: bool = True
     """The page may ask the daemon for a reset. The command line sets it to False without a token, unless the
     status socket is open to all: such a page is open to every local user, whatever `[status] mode` says."""
@@ -35,19 +35,21 @@ class WebSettings:
     max_points: int = 4000
     """Points of one series of a drive that are sent at most: two per column of a wide screen."""
     max_body_bytes: int = 4096
-    """Of a request; those with a body are a reset and a login."""
+    """Size of a request's body at most; those with a body are a reset and a login."""
     max_header_bytes: int = 16384
-    """Of a request's line and headers: a browser sends 1 kB."""
+    """Size of a request's line and headers: a browser sends 1 kB."""
     request_s: float = 10.0
     """From a connection, or from the last answer, to the end of a request: a browser takes milliseconds, a
     phone at the edge of its cell some seconds."""
     stalled_s: float = 60.0
     """A visitor that takes nothing of an answer for so long is gone: TCP tries again within seconds."""
     max_connections: int = 900
-    """Of all visitors, live pages and requests: a process may have 1,024 files open by default."""
+    """Connections of all visitors, live pages and requests: a process may have 1,024 files open by default.
+    """
     max_connections_per_address: int = 600
-    """Of one address. A proxy or a household stands for many visitors: 256 live pages may be its own while
-    300 more arrive, which are connected before they ask. Others keep 300 places."""
+    """Connections of one address. A proxy or a household stands for many visitors: 256 live pages may be its
+    own while 300 more arrive, which are connected before they ask. Others keep 300 places.
+    """
     accepted_at_once: int = 32
     """In one turn of the event loop: the first of a burst are answered before the last ones take places."""
     niceness: int = 5

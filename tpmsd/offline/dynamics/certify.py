@@ -34,7 +34,7 @@ from tpmsd.offline.dynamics.terms import Term
 
 @dataclass(frozen=True)
 class Replicates:
-    """How many replicates are drawn for one question at most, and by which generator."""
+    """Budget of replicates for one question, and their generator."""
 
     most: int
     rng: np.random.Generator

@@ -33,9 +33,9 @@ class DynamicsDrive:
     start_s: float = 0.0
     """Time of the drive's start on the recording's own clock."""
     key: str = ""
-    """What parts this drive from others, for terms that belong to its own time."""
+    """Name of this drive in the names of terms that belong to its own time."""
     notes: tuple[str, ...] = ()
-    """What a reader should know of how the recording was read."""
+    """Notes on how the recording was read."""
 
     @property
     def time_s(self) -> FloatArray:

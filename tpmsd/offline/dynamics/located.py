@@ -1,5 +1,5 @@
-"""What a drive holds at a place that no number of the catalogue describes: slopes and wind over time, and
-terms without a name.
+"""Functions of place or time that no number of the catalogue describes: slopes and wind over time, and terms
+without a name.
 
 In: a selection that finds nothing more in the catalogue. Out: terms that may be added, with their evidence.
 Terms without a name are first looked for on a part of the blocks, the best ones then on all.
@@ -27,7 +27,7 @@ from tpmsd.offline.dynamics.terms import Term, hats, spaced, spline_term
 SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6}
 """Prior standard deviations of a term without a name on an equation: m/s2, m/s2, rad/s2."""
 OUTPUT_SIZES = 5.0
-"""The same on an output, in standard deviations of a reading."""
+"""Value on an output, in standard deviations of a reading."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Which closed form takes the place of a term without a name, and the file of the catalogue that says so.
+"""Closed forms for terms without a name, and the file of the catalogue that says so.
 
 In: a selection with a term without a name. Out: `Proposal`s: the expressions over covariates that bring most
 on held-out blocks with that term taken out; `dynamics_effect_file`, a module that defines the effect.
@@ -26,7 +26,7 @@ PREFIX = "proposed_"
 MOST = 3
 """Proposals, each over other covariates than those before it."""
 NATS_PER_COVARIATE = 3.0
-"""What a covariate more has to bring: odds of twenty."""
+"""Gain that one more covariate has to bring: odds of twenty."""
 EQUATIONS = {"force_x": "m/s2", "force_y": "m/s2", "moment": "rad/s2"}
 """Equations, per mass or inertia, with the unit of what is added."""
 _RAISED = 1e-3

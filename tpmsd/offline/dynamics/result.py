@@ -26,7 +26,7 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where baseline and recording part."""
+    """Location at which baseline and recording differ."""
 
     channel: str
     covariate: str | None
@@ -57,7 +57,7 @@ class DynamicsFinding:
     parameters: Mapping[str, Quantity]
     where: Place
     rms_before: float
-    """Of the output where it shows, predicted without it."""
+    """Residual of the output where it shows, predicted without it."""
     rms_after: float
     loglik_gain: float
     """Nats on held-out blocks."""
@@ -66,10 +66,10 @@ class DynamicsFinding:
     indistinguishable_from: tuple[str, ...]
     telling_drive: str
     shape: tuple[tuple[float, float, float], ...] = ()
-    """Of a spline: covariate, value, standard deviation."""
+    """Curve of a spline: covariate, value, standard deviation."""
     acts_on: str = ""
     stand_in: bool = False
-    """Whether it may stand in for a term without a name."""
+    """True if it may stand in for a term without a name."""
     unusual: bool = False
     """True if its size is one that hardly any car has."""
     term: int = 0
@@ -99,7 +99,7 @@ class Proposal:
     """In Python, of variables that are called as the covariates are."""
     covariates: tuple[str, ...]
     unit: str
-    """Of the formula's value."""
+    """Standard deviation of the formula's value."""
     on: str
     """Equation or output to which it is added."""
     on_unit: str
@@ -113,7 +113,7 @@ class Proposal:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """How often replicates of the drive, drawn from the fitted model, show as much."""
+    """Fraction of replicates of the drive, drawn from the fitted model, that show as much."""
 
     replicates: int
     """Drawn at most for one question."""
@@ -126,7 +126,7 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class OutputFit:
-    """How well an output is predicted from the inputs, parameters fitted on the other folds."""
+    """Prediction error of an output from the inputs, parameters fitted on the other folds."""
 
     unit: str
     rms_before: float
@@ -151,7 +151,7 @@ class NotDetectable:
 
     effect: str
     smallest: Mapping[str, tuple[float | None, str]]
-    """By parameter, the size that would have shown and its unit; None where none would."""
+    """Size by parameter that would have shown and its unit; None where none would."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,6 +179,6 @@ class DynamicsDiagnosis:
     time_s: FloatArray | None = None
     """(n,) of the curves, since the drive's start."""
     curves: Mapping[str, Curves] = field(default_factory=dict)
-    """By output; recorded rows alone."""
+    """Residuals by output; recorded rows alone."""
     proposals: tuple[Proposal, ...] = ()
     certificate: Certificate | None = None

@@ -54,7 +54,7 @@ class Search:
     """(m,) white noise of a reading, by which errors of predictions are measured."""
     error: float = field(init=False)
     stand_in: bool = False
-    """Whether the effects of the catalogue may stand in for one that is not in it."""
+    """True if the effects of the catalogue may stand in for one that is not in it."""
     rejected: dict[str, float] = field(default_factory=dict)
     """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
 

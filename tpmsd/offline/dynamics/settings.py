@@ -35,18 +35,19 @@ class DynamicsSettings:
     least_white: tuple[float, float, float] = (2e-3, 2e-4, 2e-3)
     """Least random walk of v, r, u per square root of a second: rounding of the recording and of the step."""
     least_other: float = 3e-5
-    """The same for states that effects add (slip angles in rad, rolled lateral acceleration in m/s2): a
-    step's share stays far below what tyres make of a reading's noise."""
+    """Value for states that effects add (slip angles in rad, rolled lateral acceleration in m/s2): a step's
+    share stays far below what tyres make of a reading's noise.
+    """
     least_disturbance: tuple[float, float, float] = (3e-3, 3e-3, 3e-3)
     """Least standard deviation of accelerations that belong to no term: m/s2, m/s2, rad/s2 (x, y, moment)."""
     white_share: float = 0.9
     """Least noise of a reading over its white noise: a term must not explain what differs from row to row."""
     noise_rounds: int = 10
-    """Of the fixed-point iteration for the noise: two figures are reached in five to ten."""
+    """Steps of the fixed-point iteration for the noise: two figures are reached in five to ten."""
     noise_rows: int = 4000
     """Rows from which noise is estimated: standard deviations to 2 %."""
     path_rounds: int = 8
-    """Of Gauss-Newton for the path, at most."""
+    """Steps of Gauss-Newton for the path, at most."""
     path_tolerance: float = 1e-2
     """Decrease of the sum of squares that is left aside, per unit of it or per ten thousand residuals: 0.005
     nats of log-likelihood, far below what any decision asks."""

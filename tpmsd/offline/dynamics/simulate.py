@@ -1,4 +1,4 @@
-"""What an extended baseline predicts for a recording's inputs, and what a user's own simulation leaves out.
+"""Predictions of an extended baseline for a recording's inputs, and comparison with a user's own simulation.
 
 In: baseline, drive, effects. Out: outputs over the whole drive, run freely from its first row; a drive whose
 outputs part from the baseline's as the recording parts from the simulation.

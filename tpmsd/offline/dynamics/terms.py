@@ -33,7 +33,7 @@ class Term:
     prior_std: tuple[float, ...]
     neutral: Mapping[str, float]
     jump: bool = False
-    """Whether it is looked for as a whole, at a value of its grid, by one column of size one."""
+    """True if it is looked for as a whole, at a value of its grid, by one column of size one."""
     alternatives: int = 1
     """Terms of this effect among which is chosen."""
     spread: Mapping[str, float] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What missing physics means for the tyres: alarms and radii of a drive without and with the found model.
+"""Alarms and radii of a drive without and with the model found.
 
 In: two `ReplayResult`s of one drive, the second with the model compensated, and the faults found. Out:
 `AlarmsCompared`, its JSON and its sentences. A radius that changes is the fault itself: in both replays,
@@ -38,7 +38,7 @@ class WheelBias:
     before_m: float
     after_m: float
     std_m: float
-    """What the estimator itself claims to know, in the median: no bias below it can be seen."""
+    """Standard deviation that the estimator states, in the median: no bias below it can be seen."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class AlarmsCompared:
     drive: str
     before: ReplayResult
     after: ReplayResult
-    """The same record where the model holds nothing to compensate."""
+    """Record where the model holds nothing to compensate."""
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
-    """What of the model was not compensated."""
+    """Part of the model that was not compensated."""
 
     @property
     def wheels(self) -> tuple[WheelBias, ...]:
@@ -140,7 +140,7 @@ def compare_alarms(
 
 
 def alarms_document(compared: AlarmsCompared) -> dict[str, Any]:
-    """The comparison as plain JSON values."""
+    """Return the comparison as plain JSON values."""
     before, after = compared.before, compared.after
     return {
         "drive": compared.drive,
@@ -160,7 +160,7 @@ def alarms_document(compared: AlarmsCompared) -> dict[str, Any]:
 
 
 def alarms_summary(compared: AlarmsCompared) -> str:
-    """The comparison in plain sentences."""
+    """Return the comparison in plain sentences."""
     name = compared.drive
     counts = [sum(alarm.state == "raised" for alarm in r.alarms) for r in (compared.before, compared.after)]
     if compared.after is compared.before:
@@ -178,7 +178,7 @@ def _count(number: int) -> str:
 
 
 def _raised(result: ReplayResult) -> dict[Key, AlarmEvent]:
-    """The first alarm of each kind and wheel."""
+    """Return the first alarm of each kind and wheel."""
     out: dict[Key, AlarmEvent] = {}
     for alarm in result.alarms:
         if alarm.state == "raised":

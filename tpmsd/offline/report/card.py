@@ -29,7 +29,7 @@ def one_line(kind: str, *parts: str) -> str:
 
 
 def card(head: str, *tables: tuple[Row, Sequence[Row]]) -> str:
-    """A headline and tables (titles and rows; those without rows are left out) as HTML."""
+    """Return a headline and tables (titles and rows; those without rows are left out) as HTML."""
     parts = [f'<div class="tpmsd-card" style="{_CARD}">', f"<p><b>{_cut(head)}</b></p>"]
     for titles, rows in tables:
         if not rows:

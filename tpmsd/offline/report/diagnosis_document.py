@@ -18,7 +18,9 @@ from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 def diagnosis_document(
     diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
 ) -> dict[str, Any]:
-    """The document; `model_file` is where the extended model was written, `alarms` one entry per drive."""
+    """Return the document; `model_file` is where the extended model was written, `alarms` one entry per
+    drive.
+    """
     drift = diagnosis.drift
     unexplained = diagnosis.unexplained or (None if drift is None else drift.where)
     document: dict[str, Any] = {

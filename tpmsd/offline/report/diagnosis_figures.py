@@ -63,7 +63,7 @@ def covariate_label(covariate: str) -> str:
 
 
 def spline_chart(finding: Finding) -> Chart | None:
-    """The fitted curve of an `unknown` with one standard deviation; None where the finding has none."""
+    """Return the fitted curve of an `unknown` with one standard deviation; None without one."""
     if not finding.shape:
         return None
     at, value, std = np.array(finding.shape, dtype=np.float64).T
@@ -127,7 +127,7 @@ def evidence_bars(diagnosis: Diagnosis) -> Bars | None:
 
 
 def mismatch_track(diagnosis: Diagnosis, baseline: str) -> Track | None:
-    """Where the car was when the baseline model lost most against the extended one."""
+    """Return where the car was when the baseline model lost most against the extended one."""
     ground = diagnosis.inner.ground if diagnosis.inner is not None else None
     if ground is None or not diagnosis.findings:
         return None
@@ -172,7 +172,7 @@ def radius_chart(compared: AlarmsCompared, wheel: int) -> Chart | None:
 
 
 def finding_name(finding: Finding) -> str:
-    """A heading: the effect, and the wheel where it has one."""
+    """Return a heading: the effect, and the wheel where it has one."""
     name = "Unexplained effect" if finding.effect == "unknown" else plain_name(finding.effect)
     if "wheel" in finding.parameters:
         return f"{name}, {wheel_name(str(finding.parameters['wheel'].value))}"

@@ -57,7 +57,7 @@ class FindingView:
 
 @dataclass(frozen=True)
 class AlarmsView:
-    """What the findings mean for the alarms of one drive."""
+    """Effect of the findings on the alarms of one drive."""
 
     drive: str
     sentences: tuple[str, ...]
@@ -73,7 +73,7 @@ def diagnosis_page(
     alarms: Sequence[AlarmsCompared] = (),
     standalone: bool = True,
 ) -> str:
-    """The page; ConfigError where Jinja2 or matplotlib is missing."""
+    """Return the page; ConfigError where Jinja2 or matplotlib is missing."""
     known = diagnosis.verdict != INSUFFICIENT
     baseline = baseline_name(diagnosis)
     track = mismatch_track(diagnosis, baseline)
@@ -250,7 +250,7 @@ def _confounded(diagnosis: Diagnosis) -> Table:
 
 
 def _unseen(diagnosis: Diagnosis) -> Table:
-    """The sizes below which effects may have stayed unseen."""
+    """Return the sizes below which effects may have stayed unseen."""
     rows = tuple(
         (
             Cell(plain_name(one.effect)),

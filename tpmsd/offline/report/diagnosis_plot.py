@@ -30,12 +30,12 @@ MOST_TITLE = 64
 
 
 def plot_diagnosis(diagnosis: Diagnosis, names: list[str], suffix: str) -> bytes:
-    """The diagnosis as a picture of the form `suffix` (one of `SUFFIXES`)."""
+    """Return the diagnosis as a picture of the form `suffix` (one of `SUFFIXES`)."""
     return picture(draw_diagnosis(diagnosis, names), suffix)
 
 
 def draw_diagnosis(diagnosis: Diagnosis, names: list[str]) -> Figure:
-    """The figure; `names` of the drives stand above it. One panel says so where nothing was found."""
+    """Return the figure; `names` of the drives stand above it. One panel says so where nothing was found."""
     from matplotlib.figure import Figure
 
     pairs = _traced(diagnosis)[:MOST_TRACES]

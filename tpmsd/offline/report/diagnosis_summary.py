@@ -47,7 +47,7 @@ WORTH_TELLING = 10.0
 def diagnosis_summary(
     diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
 ) -> str:
-    """What was found, one paragraph per finding, and what it means for the tyres where that was asked."""
+    """Return what was found, one paragraph per finding, and its meaning for the tyres if asked."""
     parts = [_found(diagnosis, model_file), *(alarms_summary(compared) for compared in alarms)]
     return "\n\n".join(parts)
 
@@ -109,7 +109,7 @@ def _unseen(diagnosis: Diagnosis) -> str:
 
 
 def left_over(diagnosis: Diagnosis) -> list[str]:
-    """What the findings leave, in sentences that hold side by side."""
+    """Return what the findings leave, in sentences that hold side by side."""
     out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
     if diagnosis.unexplained is not None:
         but = "One more term alone would" if out and not _structured(diagnosis) else "One more term would"
@@ -129,7 +129,7 @@ def _structured(diagnosis: Diagnosis) -> bool:
 
 
 def reached(reach: Reach) -> str:
-    """How much of what any model could gain was gained, and whether what is left has structure."""
+    """Return how much of what any model could gain was gained, and whether what is left has structure."""
     left = f"{round(reach.left, 1):.4g} +- {max(reach.left_std, 0.1):.2g} nats"
     if reach.share is None:
         return f"A nonparametric model has no significant held-out gain either ({left})."
@@ -169,7 +169,7 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
 
 
 def explained(one: Explanatory) -> str:
-    """What a slip would gain, as a sentence; empty where that is nothing beyond what was found."""
+    """Return what a slip would gain, as a sentence; empty where that is nothing beyond what was found."""
     if one.beyond < WORTH_TELLING:
         return ""
     text = (
@@ -182,12 +182,12 @@ def explained(one: Explanatory) -> str:
 
 
 def p_text(p_value: float, is_bound: bool) -> str:
-    """A probability in one digit; as a bound where no replicate showed as much."""
+    """Return a probability in one digit; as a bound where no replicate showed as much."""
     return f"<= {p_value:.1g}" if is_bound else f"{p_value:.1g}"
 
 
 def quantity_text(quantity: Quantity) -> str:
-    """A value with its standard deviation and unit."""
+    """Return a value with its standard deviation and unit."""
     if isinstance(quantity.value, str):
         return quantity.value
     std = "" if quantity.std is None else f" +- {quantity.std:.1g}"
@@ -195,7 +195,7 @@ def quantity_text(quantity: Quantity) -> str:
 
 
 def shape_text(finding: Finding) -> str:
-    """The shape of an `unknown` in a sentence: how far it goes, and where."""
+    """Return the shape of an `unknown` in a sentence: how far it goes, and where."""
     reading = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}
     unit, scale = reading.get(finding.where.channel, "mm"), 1.0 if finding.where.channel in reading else 1e3
     heights = [(value, at, std) for at, value, std in finding.shape]
@@ -216,7 +216,7 @@ def _short(value: float) -> str:
 
 
 def place(where: Where) -> str:
-    """Where a mismatch is, in words."""
+    """Return where a mismatch is, in words."""
     text = CHANNELS[where.channel] + (f" ({' '.join(where.wheels)})" if where.wheels else "")
     if where.covariate is not None:
         text += f", over {covariate_name(where.covariate)}"

@@ -28,7 +28,7 @@ from tpmsd.offline.report.replay_charts import TIME_LABEL
 from tpmsd.offline.report.wording import covariate_name, parameter_name
 
 POINTS = 900
-"""Of a curve over the whole drive: what a screen shows."""
+"""Points of a curve over the whole drive: as many as a screen shows."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.assessment.identifiability import Telling
 
 
 def effects_document(names: Sequence[str], drive: str = "", told: Sequence[Telling] = ()) -> dict[str, Any]:
-    """The effects of these names; with a drive also what it tells of each."""
+    """Return the effects of these names; with a drive also what it tells of each."""
     by_name = {one.effect: one for one in told}
     out: dict[str, Any] = {"effects": [_entry(name, EFFECTS[name]) for name in names]}
     if drive:
@@ -69,7 +69,7 @@ def _telling(one: Telling) -> dict[str, Any]:
 
 
 def source_of(effect: type[Effect]) -> str:
-    """Where an effect's formula comes from, of its docstring."""
+    """Return where an effect's formula comes from, of its docstring."""
     text = " ".join(inspect.cleandoc(effect.__doc__ or "").split())
     found = re.search(r"Source: (.*)", text)
     return found[1] if found else ""
@@ -100,7 +100,7 @@ def effects_summary(names: Sequence[str], drive: str = "", told: Sequence[Tellin
 
 
 def ready_command(effect: type[Effect]) -> str:
-    """A command that simulates a drive in which the effect acts at its usual size."""
+    """Return a command that simulates a drive in which the effect acts at its usual size."""
     known = {one.name: one for one in effect.parameters}
     wanted = [one.name for one in fields(effect) if one.default is MISSING and one.default_factory is MISSING]
     acting = [p.name for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]
@@ -117,7 +117,7 @@ def _first_with_size(effect: type[Effect]) -> list[str]:
 
 
 def _usual_text(parameter: AnyParameter) -> str:
-    """A parameter's usual value as the command line takes it."""
+    """Return a parameter's usual value as the command line takes it."""
     if isinstance(parameter, WheelParameter):
         return "rl"
     if isinstance(parameter, VectorParameter):
@@ -203,7 +203,7 @@ def _coverage() -> list[str]:
 
 
 def _looked_for_in(effect: type[Effect], windows: bool) -> str:
-    """Of the data, in words."""
+    """Return the requirements on the data, in words."""
     if effect.reads:
         return "readings of " + ", ".join(f"`{one}`" for one in effect.reads)
     if effect.by_teeth:
@@ -225,7 +225,7 @@ OPEN = (
     "- roll and bump steer, locks that close for a while, torque vectoring, brakes of a stability program",
     "- trailers that sway, and wheels out of balance: faster than a window of a second",
 )
-"""What a car has that no effect holds, and why."""
+"""Physics of a car that no effect holds, and why."""
 
 
 def _parameter(p: Any) -> str:

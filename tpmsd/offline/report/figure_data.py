@@ -22,7 +22,7 @@ DIGITS = 5
 
 
 def figure_json(figure: Figure, picture: Picture | None) -> str:
-    """The figure's data; of a track, where on its picture the car was at which time."""
+    """Return the figure's data; of a track, where on its picture the car was at which time."""
     if isinstance(figure, Bars):
         return ""
     if isinstance(figure, Chart):

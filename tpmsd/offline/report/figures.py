@@ -1,4 +1,4 @@
-"""What a figure shows, whoever draws it.
+"""Contents of figures, whoever draws them.
 
 In: arrays. Out: `Chart`, `Bars` and `Track`: plain records that `static_figures` (matplotlib) and the
 report's script (uPlot) draw alike.
@@ -77,16 +77,16 @@ class Chart:
     group: str = ""
     """Charts of one group are zoomed together."""
     time: bool = False
-    """Whether x is seconds since the start of a drive."""
+    """True if x is seconds since the start of a drive."""
     date: bool = False
-    """Whether x is a host time, shown as a date (UTC)."""
+    """True if x is a host time, shown as a date (UTC)."""
 
     def legend_spans(self) -> tuple[tuple[str, str], ...]:
         """(style, meaning) of shaded spans and of the band of noise."""
         return (*self.span_names, *([("line", self.noise_name)] if self.noise_name else []))
 
     def extent(self) -> tuple[float, float]:
-        """The y range: as given, or what curves, bands, levels and noise take, with a margin of 6 %."""
+        """Return the y range: as given, or what curves, bands and levels take plus 6 %."""
         if self.y_range is not None:
             return self.y_range
         parts = [
@@ -127,7 +127,7 @@ class Track:
     time_s: FloatArray | None = None
     """Since the start of the drive; None where no chart is to be followed."""
     moments: tuple[Moment, ...] = ()
-    """By drive time."""
+    """Marks by drive time."""
     group: str = ""
 
 

@@ -73,7 +73,7 @@ def place_labels(axes: Axes, moments: Sequence[tuple[float, str, str]], fontsize
 
 
 def moment_style(role: str) -> dict[str, Any]:
-    """How the line of a moment is drawn: solid where something begins."""
+    """Return how the line of a moment is drawn: solid where something begins."""
     return {"color": STYLES[role].colour, "linewidth": 1.2, "linestyle": "-" if role == "bad" else "--"}
 
 

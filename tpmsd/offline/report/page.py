@@ -39,7 +39,7 @@ class Cell:
 
     text: str
     sort: float | None = None
-    """By which the column is sorted; the text where it is None."""
+    """Key by which the column is sorted; the text where it is None."""
     number: bool = False
     """Aligned to the right."""
     link: str = ""
@@ -59,7 +59,7 @@ class Table:
 
     @property
     def numbers(self) -> tuple[bool, ...]:
-        """Whether each column holds numbers."""
+        """True if each column holds numbers."""
         return tuple(any(row[k].number for row in self.rows) for k in range(len(self.heads)))
 
 
@@ -78,7 +78,7 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Origin:
-    """What a page was made of, when, and by what."""
+    """Origin of a page: inputs, time, program."""
 
     made_at: datetime.datetime
     """Aware."""
@@ -87,7 +87,7 @@ class Origin:
 
     @classmethod
     def now(cls, provenance: Mapping[str, Any]) -> Origin:
-        """Of a page that is made now."""
+        """Return the origin of a page that is made now."""
         return cls(datetime.datetime.now(datetime.UTC), provenance)
 
     @property
@@ -121,7 +121,9 @@ def check_report_packages() -> None:
 
 
 def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> Drawn:  # noqa: A002
-    """A figure for a page; `key` is unique on it. `static`: with a picture for readers without JavaScript."""
+    """Return a figure for a page; `key` is unique on it. `static`: with a picture for readers without
+    JavaScript.
+    """
     from tpmsd.offline.report.figure_data import figure_json
     from tpmsd.offline.report.static_figures import draw_static  # needs matplotlib
 
@@ -131,7 +133,7 @@ def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> Draw
 
 
 def render(template: str, origin: Origin, standalone: bool, **content: object) -> str:
-    """A page. `standalone`: with styles and scripts in it; else they are linked as `assets/...`."""
+    """Return a page. `standalone`: with styles and scripts in it; else they are linked as `assets/...`."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(

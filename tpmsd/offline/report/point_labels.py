@@ -30,7 +30,7 @@ Box = tuple[float, float, float, float]
 
 
 def box_of(name: Name, corner: tuple[int, int]) -> Box:
-    """What a name covers at a corner."""
+    """Return what a name covers at a corner."""
     right, up = corner
     left = name.x_pt + (GAP_PT if right > 0 else -GAP_PT - name.width_pt)
     bottom = name.y_pt + (GAP_PT if up > 0 else -GAP_PT - name.height_pt)
@@ -58,7 +58,7 @@ def corners(names: Sequence[Name], width_pt: float, height_pt: float) -> list[tu
 
 
 def _common(one: Box, other: Box) -> float:
-    """The area that two boxes share."""
+    """Return the area that two boxes share."""
     wide = min(one[2], other[2]) - max(one[0], other[0])
     tall = min(one[3], other[3]) - max(one[1], other[1])
     return wide * tall if wide > 0.0 and tall > 0.0 else 0.0

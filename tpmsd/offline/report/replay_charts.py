@@ -37,7 +37,7 @@ def replay_charts(result: ReplayResult) -> tuple[Chart, ...]:
 def replay_track(
     result: ReplayResult, east_m: FloatArray, north_m: FloatArray, speed_mps: FloatArray, time_s: FloatArray
 ) -> Track | None:
-    """The track coloured by speed; `time_s` is drive time. None where no position is known."""
+    """Return the track coloured by speed; `time_s` is drive time. None where no position is known."""
     known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m))
     if len(known) < 2:
         return None

@@ -15,7 +15,7 @@ from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
 
 
 def replay_document(result: ReplayResult) -> dict[str, Any]:
-    """The document; ready for `json.dumps(..., allow_nan=False)`.
+    """Return the document; ready for `json.dumps(..., allow_nan=False)`.
 
     `wheels` holds the wheels that were on the bus; those that never were are named in `unavailable`.
     """

@@ -40,7 +40,7 @@ def replay_page(
     notes: Sequence[str] = (),
     standalone: bool = True,
 ) -> str:
-    """The page; ConfigError where Jinja2 or matplotlib is missing."""
+    """Return the page; ConfigError where Jinja2 or matplotlib is missing."""
     figures = [_drawn(chart.title, k, chart) for k, chart in enumerate(replay_charts(result))]
     return render(
         "replay.html",

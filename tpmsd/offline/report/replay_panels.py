@@ -106,7 +106,7 @@ def _draw_wheels(
 
 
 def _draw_change(axis: Axes, result: ReplayResult, series: ReplaySeries) -> None:
-    """What the alarms are raised from, with their thresholds."""
+    """Draw what the alarms are raised from, with their thresholds."""
     drawn = _draw_wheels(axis, series, series.change_mm, series.change_std_mm, "change")
     axis.axhline(0.0, color=GREY, linewidth=0.8)
     loss = -1e3 * float(np.min(result.thresholds.deflation_m))
@@ -155,7 +155,7 @@ def _draw_legend(axis: Axes, series: ReplaySeries) -> None:
 
 
 def _draw_probability(axis: Axes, series: ReplaySeries) -> None:
-    """One strip per wheel, the darker the more probable a deflation."""
+    """Draw one strip per wheel, the darker the more probable a deflation."""
     edges = series.edges_s
     image = axis.pcolormesh(
         edges, np.arange(5) - 0.5, series.probability.T, cmap="Greys", vmin=0.0, vmax=1.0, rasterized=True
@@ -213,7 +213,7 @@ def _draw_faults(axis: Axes, series: ReplaySeries) -> None:
 
 
 def _draw_alarms(top: Axes, below: Axes, result: ReplayResult) -> None:
-    """A line through both panels where an alarm was raised (solid) or cleared (dashed), named on top."""
+    """Draw a line through both panels where an alarm was raised (solid) or cleared (dashed), named on top."""
     moments = []
     for alarm in result.alarms:
         at_s = alarm.time_s - result.start_s

@@ -30,7 +30,8 @@ def check_plot_target(target: Path) -> None:
 
 
 def draw_replay(result: ReplayResult) -> Figure:
-    """The figure: deviation, change against the baseline, probability of deflation, speed, faults if any.
+    """Return the figure: deviation, change against the baseline, probability of deflation, speed, faults if
+    any.
 
     ConfigError if matplotlib is not installed.
     """
@@ -41,12 +42,12 @@ def draw_replay(result: ReplayResult) -> Figure:
 
 
 def plot_replay(result: ReplayResult, suffix: str) -> bytes:
-    """The drive as a picture of the form `suffix` (one of `SUFFIXES`)."""
+    """Return the drive as a picture of the form `suffix` (one of `SUFFIXES`)."""
     return picture(draw_replay(result), suffix)
 
 
 def picture(figure: Figure, suffix: str) -> bytes:
-    """A figure as the bytes of a file with this suffix (one of `SUFFIXES`)."""
+    """Return a figure as the bytes of a file with this suffix (one of `SUFFIXES`)."""
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=DPI, format=suffix.lower().lstrip("."))
     return buffer.getvalue()

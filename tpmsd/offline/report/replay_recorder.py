@@ -81,7 +81,7 @@ class ReplayRecorder:
         self._ticks += 1
 
     def result(self, elapsed_s: float) -> ReplayResult:
-        """The record so far; `elapsed_s` is how long the replay took, NaN if nobody looked."""
+        """Return the record so far; `elapsed_s` is how long the replay took, NaN if nobody looked."""
         table = self._rows[: self._filled].copy()
         estimate = report = None
         duration = 0.0

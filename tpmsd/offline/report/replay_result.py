@@ -24,7 +24,7 @@ GNSS_GAP_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class AlarmThresholds:
-    """How far from its baseline each wheel's radius may go, in metres, positive."""
+    """Thresholds of each wheel's deviation from its baseline, in metres, positive."""
 
     deflation_m: FloatArray
     """(4,) loss of radius from which a wheel counts as deflated."""
@@ -33,14 +33,14 @@ class AlarmThresholds:
 
     @classmethod
     def from_config(cls, vehicle: VehicleConfig, monitor: MonitorConfig) -> AlarmThresholds:
-        """The configured percentages of each wheel's nominal radius."""
+        """Return the configured percentages of each wheel's nominal radius."""
         nominal = np.asarray(vehicle.wheel_radius_m, dtype=np.float64)
         return cls(nominal * (monitor.deflation_percent / 100), nominal * (monitor.deviation_percent / 100))
 
 
 @dataclass(frozen=True, slots=True)
 class WheelOutcome:
-    """What is known of one wheel at the end of the drive."""
+    """State of one wheel at the end of the drive."""
 
     wheel: str
     state: WheelState
@@ -61,7 +61,7 @@ class WheelOutcome:
 
 @dataclass(frozen=True, slots=True)
 class GnssHealth:
-    """How well the receiver served."""
+    """Quality of the receiver over the drive."""
 
     fixes: int
     outages: int
@@ -73,7 +73,7 @@ class GnssHealth:
 
 @dataclass(frozen=True, slots=True)
 class FinalPose:
-    """Where the filter believes the car to be at the end, in the local plane."""
+    """Pose of the car at the end by the filter, in the local plane."""
 
     east_m: float
     north_m: float
@@ -119,7 +119,7 @@ class ReplayResult:
     alarms: tuple[AlarmEvent, ...]
     """Everything raised and cleared, in order."""
     active: tuple[AlarmEvent, ...]
-    """What stands at the end."""
+    """Alarms that stand at the end."""
     fault_counts: dict[str, int]
     """'can lost' -> how often."""
     gnss: GnssHealth

@@ -91,7 +91,7 @@ class ReplaySeries:
 
 
 def settled_range(values: FloatArray, std: FloatArray, marks: list[float]) -> tuple[float, float]:
-    """A range that holds the settled part of the curves with their bands, and the marks.
+    """Return a range that holds the settled part of the curves with their bands, and the marks.
 
     The first seconds of a filter, when it knows nothing yet, have bands of centimetres that would flatten all
     that follows; rows with a standard deviation above four times the median are therefore left out.
@@ -107,7 +107,7 @@ def settled_range(values: FloatArray, std: FloatArray, marks: list[float]) -> tu
 
 
 def _spans(mask: NDArray[np.bool_], edges: FloatArray) -> list[tuple[float, float]]:
-    """The intervals of the edges in which the mask holds."""
+    """Return the intervals of the edges in which the mask holds."""
     padded = np.concatenate([[False], mask, [False]])
     flips = np.flatnonzero(padded[1:] != padded[:-1])
     return [(float(edges[a]), float(edges[b])) for a, b in zip(flips[::2], flips[1::2], strict=True)]

@@ -22,7 +22,7 @@ _SEVERITY = {
 
 
 def replay_summary(result: ReplayResult) -> str:
-    """The summary that `tpmsd replay` prints."""
+    """Return the summary that `tpmsd replay` prints."""
     paragraphs = [
         verdict(result),
         _alarm_list(result),
@@ -35,7 +35,7 @@ def replay_summary(result: ReplayResult) -> str:
 
 
 def verdict(result: ReplayResult) -> str:
-    """One sentence per raised alarm, the gravest first; else what the silence is worth."""
+    """Return one sentence per raised alarm, the gravest first; else what the silence is worth."""
     raised = [alarm for alarm in result.alarms if alarm.state == "raised"]
     if raised:
         heads: dict[tuple[AlarmKind, str | None], AlarmEvent] = {}
@@ -120,7 +120,7 @@ def _with_std(value_m: float, std_m: float) -> str:
 
 
 def _unmonitored(result: ReplayResult) -> str:
-    """What could not be watched, and why."""
+    """Return what could not be watched, and why."""
     sentences = []
     absent = [outcome.wheel for outcome in result.wheels if outcome.seen_s <= 0]
     if len(absent) == len(WHEELS):
@@ -143,7 +143,7 @@ def _unmonitored(result: ReplayResult) -> str:
 
 
 def _why_not(outcome: WheelOutcome, result: ReplayResult) -> str:
-    """Why a wheel that was on the bus never got as far as being monitored."""
+    """Return why a wheel that was on the bus never got as far as being monitored."""
     if result.gnss.fixes == 0:
         return "no GNSS fix in the whole drive"
     if result.moving_s <= 0:
@@ -170,7 +170,7 @@ def _drive(result: ReplayResult) -> str:
 
 
 def _inputs(result: ReplayResult) -> str:
-    """What each input had to say and what was wrong with it, one line each."""
+    """Return what each input had to say and what was wrong with it, one line each."""
     lines = [f"GNSS: {'; '.join(filter(None, (_fixes(result), _faults(result, 'gnss'))))}."]
     lines.append(f"CAN: {_faults(result, 'can') or 'no faults'}.")
     others = sorted({key.split(" ")[0] for key in result.fault_counts} - {"can", "gnss"})

@@ -1,4 +1,4 @@
-"""What is said where the user's own simulation takes the rolling model's place, or known effects extend it.
+"""Sentences where the user's own simulation takes the rolling model's place, or known effects extend it.
 
 In: `Diagnosis`, `Finding`. Out: words.
 """
@@ -10,7 +10,7 @@ from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Quanti
 
 
 def baseline_name(diagnosis: Diagnosis) -> str:
-    """What the recording was compared with."""
+    """Return what the recording was compared with."""
     if diagnosis.baseline == ("simulation",):
         return "your simulation"
     known = diagnosis.baseline[1:]
@@ -20,7 +20,7 @@ def baseline_name(diagnosis: Diagnosis) -> str:
 
 
 def agreement(diagnosis: Diagnosis) -> str:
-    """The sentence for a recording in which nothing was found."""
+    """Return the sentence for a recording in which nothing was found."""
     if diagnosis.baseline == ("simulation",):
         return "They agree within the noise: the recording holds nothing that your simulation does not."
     if len(diagnosis.baseline) > 1:

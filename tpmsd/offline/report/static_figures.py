@@ -70,7 +70,7 @@ class Picture:
 
 
 def draw_static(figure: Figure, key: str) -> Picture:
-    """The picture; `key` is unique on its page."""
+    """Return the picture; `key` is unique on its page."""
     places = np.empty((0, 2))
     with mpl.rc_context(_RC):
         if isinstance(figure, Chart):
@@ -146,7 +146,7 @@ def _time_axis(axes: Axes, chart: Chart) -> None:
 
 
 def utc_day(time_s: float) -> str:
-    """The date of a host time (UTC)."""
+    """Return the date of a host time (UTC)."""
     return datetime.datetime.fromtimestamp(time_s, tz=datetime.UTC).strftime("%Y-%m-%d")
 
 
@@ -204,7 +204,7 @@ def _thousands(value: float) -> str:
 
 
 def is_logarithmic(bars: Bars) -> bool:
-    """Whether the values span more than two decades."""
+    """Return whether the values span more than two decades."""
     values = [value for _, value, _ in bars.rows if value > 0.0]
     return bool(values) and max(values) > 100.0 * min(values)
 
@@ -265,7 +265,7 @@ def _places(track: Track) -> list[tuple[int, list[str]]]:
 
 
 def heat_range(values: FloatArray) -> tuple[float, float]:
-    """The values between which the colours of a track run: the middle 96 %."""
+    """Return the values between which the colours of a track run: the middle 96 %."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return 0.0, 1.0
@@ -274,7 +274,7 @@ def heat_range(values: FloatArray) -> tuple[float, float]:
 
 
 def _colour_scale(axes: Axes, low: float, high: float, label: str) -> None:
-    """A bar beside the axes, of vector patches: an image would be a file of its own."""
+    """Draw a bar beside the axes, of vector patches: an image would be a file of its own."""
     inset = axes.inset_axes((1.02, 0.0, 0.025, 1.0))
     edges = np.linspace(low, high, HEAT_STEPS + 1)
     colours = mpl.colormaps["cividis"](np.linspace(0.0, 1.0, HEAT_STEPS))

@@ -22,7 +22,7 @@ _WHEEL = ("wheel", "wheels", "on")
 def score(
     truth: Mapping[str, Any], report: Mapping[str, Any], untouched: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """What was named, what was missed, and what was named though nobody concealed it."""
+    """Return what was named, what was missed, and what was named though nobody concealed it."""
     findings = _findings(report)
     before = _findings(untouched or {})
     matched = _matched(truth["effects"], findings)
@@ -66,7 +66,7 @@ def _matched(effects: list[Mapping[str, Any]], findings: list[Mapping[str, Any]]
 
 
 def _counted(concealed: list[dict[str, Any]]) -> dict[str, int]:
-    """How many effects were named and missed, and how many values lie within their intervals."""
+    """Return how many effects were named and missed, and how many values lie within their intervals."""
     values = [
         value for one in concealed for value in one["parameters"].values() if value["within"] is not None
     ]
@@ -83,7 +83,7 @@ def _findings(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 
 def _same(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
-    """Whether a finding is this effect: its name, and the wheels where it has such."""
+    """Return whether a finding is this effect: its name, and the wheels where it has such."""
     if finding.get("effect") != effect["name"]:
         return False
     wheels = [str(value) for name, value in effect["parameters"].items() if name in _WHEEL]
@@ -91,7 +91,7 @@ def _same(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
 
 
 def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether two findings are of the same effect on the same wheels."""
+    """Return whether two findings are of the same effect on the same wheels."""
     return (one.get("effect"), _wheels(one)) == (other.get("effect"), _wheels(other))
 
 
@@ -124,7 +124,8 @@ def _entry(
 def _value(
     name: str, true: Any, finding: Mapping[str, Any] | None, before: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """A concealed value beside the one that was found; `within`: in its 95 % interval, null where not asked.
+    """Return a concealed value beside the one that was found; `within`: in its 95 % interval, null where not
+    asked.
 
     A value that the untouched recording has of its own is added to the concealed one, with its uncertainty.
     """
@@ -139,7 +140,7 @@ def _value(
 
 
 def _from_neutral(name: str, value: float | None) -> float:
-    """By how much a value differs from that with which its effect does nothing."""
+    """Return the difference of a value from that with which its effect does nothing."""
     if value is None:
         return 0.0
     return value - 1.0 if name == "scale" else value
@@ -174,7 +175,7 @@ def _other(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
 
 
 def unsealed_summary(document: Mapping[str, Any]) -> str:
-    """The score in lines for people."""
+    """Return the score in lines for people."""
     lines = [f"sealed truth {document['sha256']}"]
     for one in document["concealed"]:
         lines.append(f"  {one['effect']}: " + (_named(one) if one["named"] else "missed"))

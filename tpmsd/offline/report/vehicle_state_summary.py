@@ -1,4 +1,4 @@
-"""What a replay says of the vehicle state as a whole.
+"""Summary of the vehicle state over a replay.
 
 In: the state of each tick. Out: plain JSON values and a sentence.
 """
@@ -41,7 +41,7 @@ class StateSummary:
         }
 
     def sentence(self) -> str:
-        """The same in words."""
+        """Return the same in words."""
         if self.known_s <= 0.0:
             return f"Vehicle state ({self.method}): not known in any tick."
         return (
@@ -52,5 +52,5 @@ class StateSummary:
 
 
 def _larger(before: float, value: float) -> float:
-    """The larger amount; `before` may be NaN."""
+    """Return the larger amount; `before` may be NaN."""
     return abs(value) if math.isnan(before) else max(before, abs(value))

@@ -1,4 +1,4 @@
-"""How times, wheels and alarms are named for a reader.
+"""Words for times, wheels and alarms.
 
 In: seconds, wheel keys, alarm events. Out: short English strings.
 """
@@ -27,7 +27,7 @@ def drive_time(seconds: float) -> str:
 
 
 def utc_text(time_s: float) -> str:
-    """A host time as UTC date and time; as seconds where it is no date of a clock that was set."""
+    """Return a host time as UTC date and time; as seconds where it is no date of a clock that was set."""
     if not EPOCH_FROM_S <= time_s <= EPOCH_TO_S:
         return f"host time {time_s:.3f} s" if math.isfinite(time_s) else "an unknown time"
     return datetime.datetime.fromtimestamp(time_s, tz=datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
@@ -39,17 +39,17 @@ def wheel_name(wheel: str | None) -> str:
 
 
 def signed_mm(value_m: float, digits: int = 2) -> str:
-    """A length in millimetres with its sign; a dash where it is unknown."""
+    """Return a length in millimetres with its sign; a dash where it is unknown."""
     return f"{value_m * 1e3:+.{digits}f}" if math.isfinite(value_m) else "-"
 
 
 def unsigned_mm(value_m: float, digits: int = 2) -> str:
-    """A length in millimetres without a sign; a dash where it is unknown."""
+    """Return a length in millimetres without a sign; a dash where it is unknown."""
     return f"{value_m * 1e3:.{digits}f}" if math.isfinite(value_m) else "-"
 
 
 def verdict_on(alarm: AlarmEvent) -> str:
-    """The head of a sentence about one alarm: who has what."""
+    """Return the head of a sentence about one alarm: who has what."""
     if alarm.kind == AlarmKind.DEFLATION:
         return f"{wheel_name(alarm.wheel).capitalize()} tyre is losing air"
     if alarm.kind == AlarmKind.RADIUS_DEVIATION:
@@ -61,7 +61,7 @@ def verdict_on(alarm: AlarmEvent) -> str:
 
 
 def alarm_label(alarm: AlarmEvent) -> str:
-    """A label short enough for a plot: `deflation RL`."""
+    """Return a label short enough for a plot: `deflation RL`."""
     short = {AlarmKind.RADIUS_DEVIATION: "deviation", AlarmKind.SLOW_LEAK: "slow leak"}
     kind = short.get(alarm.kind, str(alarm.kind))
     return kind if alarm.wheel is None else f"{kind} {alarm.wheel.upper()}"
