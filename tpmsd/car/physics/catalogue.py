@@ -48,7 +48,7 @@ def register_outside() -> None:
 
 
 def sentence_of(name: str) -> str:
-    """What an effect is, as a clause; its own name if there is no such effect."""
+    """Return what an effect is, as a clause; its own name if there is no such effect."""
     effect = EFFECTS.get(name)
     if effect is None:
         return name
@@ -79,7 +79,7 @@ class Probe:
         return (self.effect, self.parameter, *((self.place,) if self.place else ()), *grid)
 
     def made(self) -> Effect:
-        """The effect with this parameter at its probing value, others neutral or typical."""
+        """Return the effect with this parameter at its probing value, others neutral or typical."""
         cls = EFFECTS[self.effect]
         values: dict[str, object] = {self.parameter: self.value} if self.parameter else {}
         for p in cls.parameters:
@@ -100,7 +100,7 @@ def _linear(effect: type[Effect]) -> list[Parameter]:
 
 
 def probes() -> tuple[Probe, ...]:
-    """What a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
+    """Return what a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
     out = []
     for name, effect in EFFECTS.items():
         if effect.ramp or effect.span or effect.by_teeth or effect.at_walking_pace or effect.reads:
@@ -117,7 +117,9 @@ def probes() -> tuple[Probe, ...]:
 
 
 def sensor_probes() -> tuple[tuple[Probe, tuple[str, ...]], ...]:
-    """What a fit may find in other sensors than wheels, gyro and fixes, and the readings where it shows."""
+    """Return what a fit may find in other sensors than wheels, gyro and fixes, and the readings where it
+    shows.
+    """
     return tuple(
         (Probe(name, p.name, p.neutral + p.probe, p.neutral), effect.reads)
         for name, effect in EFFECTS.items()
@@ -178,7 +180,7 @@ def usual_size(effect: type[Effect], parameter: str) -> float:
 
 
 def parameters_of(name: str) -> dict[str, AnyParameter]:
-    """The parameters of an effect by name; ConfigError if there is no such effect."""
+    """Return the parameters of an effect by name; ConfigError if there is no such effect."""
     if name not in EFFECTS:
         raise ConfigError(f"unknown effect {name!r}{_did_you_mean(name, EFFECTS)}")
     return {parameter.name: parameter for parameter in EFFECTS[name].parameters}

@@ -35,5 +35,5 @@ class DriveSlip(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones."""
+        """Return the driven ones."""
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)

@@ -36,18 +36,18 @@ _HOOKS = {
 
 
 def acts_on(effect: Effect) -> frozenset[str]:
-    """The groups of channels on which an effect may act: those of the hooks that it overrides."""
+    """Return the groups of channels on which an effect may act: those of the hooks that it overrides."""
     return frozenset(group for group, hooks in _HOOKS.items() if _overrides(effect, hooks))
 
 
 def acts_by_tyres(effect: Effect) -> bool:
-    """Whether an effect acts on the wheels by changes of radius and slip alone."""
+    """Return whether an effect acts on the wheels by changes of radius and slip alone."""
     others = tuple(hook for hook in _HOOKS[WHEELS_READ] if hook not in _OF_TYRES)
     return _overrides(effect, _OF_TYRES) and not _overrides(effect, others)
 
 
 def acts_by_teeth(effect: Effect) -> bool:
-    """Whether an effect changes what counters show of the wheels' angles."""
+    """Return whether an effect changes what counters show of the wheels' angles."""
     return _overrides(effect, _OF_TEETH)
 
 

@@ -39,7 +39,7 @@ def load_model(path: str | Path) -> ExtendedModel:
 
 
 def parse_model(text: str) -> ExtendedModel:
-    """The model that a file's text describes; ConfigError with the reason if it describes none."""
+    """Return the model that a file's text describes; ConfigError with the reason if it describes none."""
     try:
         document = parse_toml(text)
         check_integers(document)
@@ -63,7 +63,7 @@ def parse_model(text: str) -> ExtendedModel:
 
 
 def shown(word: str) -> str:
-    """A word in quotes, cut where it is too long for a line."""
+    """Return a word in quotes, cut where it is too long for a line."""
     return repr(word if len(word) <= LONGEST_WORD else word[: LONGEST_WORD - 3] + "...")
 
 
@@ -93,7 +93,7 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, St
 
 
 def _std_of(what: str, std: object, value: Value) -> Std:
-    """The standard deviation of a value: a number, or as many as the value has."""
+    """Return the standard deviation of a value: a number, or as many as the value has."""
     if not isinstance(value, tuple):
         if not _is_std(std):
             raise ConfigError(f"{what} = {std!r} is not a number of at least 0")
@@ -111,7 +111,7 @@ def _is_std(value: object) -> bool:
 
 
 def format_model(model: ExtendedModel, comment: str = "") -> str:
-    """The model as TOML that `parse_model` reads back exactly."""
+    """Return the model as TOML that `parse_model` reads back exactly."""
     # TOML allows no control characters, not even in comments.
     printable = ("".join(c if c.isprintable() else " " for c in line) for line in comment.splitlines())
     lines = [f"# {line}".rstrip() for line in printable]

@@ -125,7 +125,7 @@ class Car:
     """Angle of the steering wheel per angle of the road wheels; a common one where it is not configured."""
 
     def with_tracks(self, front_m: float, rear_m: float) -> Geometry:
-        """The geometry with the tracks changed by these amounts."""
+        """Return the geometry with the tracks changed by these amounts."""
         return replace(
             self.geometry,
             track_front_m=self.geometry.track_front_m + front_m,

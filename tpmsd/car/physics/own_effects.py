@@ -71,7 +71,7 @@ def use_folder(folder: Path) -> None:
 
 
 def folders() -> tuple[Path, ...]:
-    """The folders that were named so far."""
+    """Return the folders that were named so far."""
     words = os.environ.get(VARIABLE, "").split(os.pathsep)
     return tuple(dict.fromkeys(Path(word).resolve() for word in words if word))
 
@@ -93,7 +93,9 @@ def found_outside(known: Mapping[str, type[Effect]]) -> Iterator[type[Effect]]:
 
 
 def files_of(folder: Path) -> list[Path]:
-    """The Python files of a folder, but those whose name begins with `_`; ConfigError if they are no use."""
+    """Return the Python files of a folder, but those whose name begins with `_`; ConfigError if they are no
+    use.
+    """
     try:
         if folder.stat().st_mode & WRITABLE_BY_ALL:
             raise ConfigError(f"{folder}: anybody may write to it: chmod o-w")
@@ -107,8 +109,9 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def effects_of_file(path: Path) -> list[type[Effect]]:
-    """The effects on rolling wheels that a file defines; ConfigError where it defines no effect of any
-    kind."""
+    """Return the effects on rolling wheels that a file defines; ConfigError where it defines no effect of any
+    kind.
+    """
     module = module_of_file(path)
     made = _effects_of(module)
     if not made and not dynamics_classes_of(module):
@@ -153,7 +156,9 @@ def module_of_file(path: Path) -> ModuleType:
 
 
 def effects_of_entry_point(point: EntryPoint) -> list[type[Effect]]:
-    """The effects that an installed package brings under one name; ConfigError with one line otherwise."""
+    """Return the effects that an installed package brings under one name; ConfigError with one line
+    otherwise.
+    """
     where = f"entry point {point.name} ({point.value})"
     loaded = loaded_entry_point(point)
     made = _effects_of(loaded) if isinstance(loaded, ModuleType) else [loaded]
@@ -174,7 +179,7 @@ def loaded_entry_point(point: EntryPoint) -> Any:
 
 
 def checked(effect: type[Effect], where: str) -> type[Effect]:
-    """The class, if the program can use it; ConfigError with one line that says why not."""
+    """Return the class, if the program can use it; ConfigError with one line that says why not."""
     name = getattr(effect, "name", None)
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise ConfigError(f"{where}: {effect.__name__} has no name of small letters, digits and _")
@@ -218,7 +223,7 @@ def _try_out(effect: type[Effect], where: str) -> None:
 
 
 def _typical(one: object) -> object:
-    """A value for a trial; None leaves the field to its default."""
+    """Return a value for a trial; None leaves the field to its default."""
     if isinstance(one, Parameter):
         return one.typical
     if isinstance(one, WheelParameter):
@@ -235,7 +240,7 @@ def _check_shape(value: object, shape: tuple[int, ...]) -> None:
 
 
 def _is_new(effect: type[Effect], taken: Mapping[str, type[Effect]], where: str) -> bool:
-    """Whether it is to be taken in; ConfigError where another effect has its name."""
+    """Return whether it is to be taken in; ConfigError where another effect has its name."""
     other = taken.get(effect.name)
     if other is None:
         return True

@@ -60,7 +60,7 @@ class Parameter:
         return (self.lower, self.upper) if self.fitted is None else self.fitted
 
     def check(self, value: object) -> Value:
-        """The value as it is stored; ValueError with the reason if it cannot be one."""
+        """Return the value as it is stored; ValueError with the reason if it cannot be one."""
         number = _number(self.name, value, finite=False)
         if not math.isfinite(number) or not self.lower <= number <= self.upper:
             raise ValueError(
@@ -77,10 +77,12 @@ class WheelParameter:
     unit: str = ""
     description: str = "which wheel"
     several: bool = False
-    """Whether it may name several, with blanks between."""
+    """True if it may name several, with blanks between."""
 
     def check(self, value: object) -> Value:
-        """The wheel's name or names, in order; ValueError with the reason if there is no such wheel."""
+        """Return the wheel's name or names, in order; ValueError with the reason if there is no
+        such wheel.
+        """
         words = str(value).split() if self.several else [value]
         if not words or not set(words) <= set(WHEELS):
             raise ValueError(f"{self.name} = {value!r} is not one of {' '.join(WHEELS)}")
@@ -97,7 +99,7 @@ class TextParameter:
     unit: str = ""
 
     def check(self, value: object) -> Value:
-        """The text, blanks put in order; ValueError if it is none."""
+        """Return the text, blanks put in order; ValueError if it is none."""
         if not isinstance(value, str) or not value.strip():
             raise ValueError(f"{self.name} = {value!r} is not a name")
         return " ".join(value.split())
@@ -108,7 +110,9 @@ class GroupParameter(TextParameter):
     """Wheels by name or group: `rl rr`, `rear`, `all`."""
 
     def check(self, value: object) -> Value:
-        """The names, blanks put in order; ValueError with the reason if there is no such wheel or group."""
+        """Return the names, blanks put in order; ValueError with the reason if there is no such wheel or
+        group.
+        """
         names = str(TextParameter.check(self, value))
         wheel_mask(names)
         return names
@@ -125,7 +129,9 @@ class VectorParameter:
     """Empty where it depends on the effect's other parameters."""
 
     def check(self, value: object) -> Value:
-        """The numbers; from text, they stand between blanks. ValueError with the reason if they are none."""
+        """Return the numbers; from text, they stand between blanks. ValueError with the reason if they are
+        none.
+        """
         entries: Sequence[object]
         if isinstance(value, str):
             entries = value.split()

@@ -24,7 +24,7 @@ of an encoder of 40,000 counts."""
 
 
 def rate_per_s(description: str) -> tuple[WheelParameter | Parameter, ...]:
-    """The parameters: the wheel, and pulses per second."""
+    """Return the parameters: the wheel, and pulses per second."""
     return (
         WheelParameter(),
         Parameter(
@@ -63,7 +63,7 @@ class PulseRate(Effect):
 
     @classmethod
     def against(cls, value: float) -> float:
-        """A counter in order misses no pulse and makes none up."""
+        """Return a counter in order misses no pulse and makes none up."""
         return RARE + super().against(value)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

@@ -27,7 +27,7 @@ ANGLE_STEP_RAD = 1e-4
 
 
 def by_slopes(effect: Effect) -> bool:
-    """Whether an effect is the slopes of the road, which every recording holds already."""
+    """Return whether an effect is the slopes of the road, which every recording holds already."""
     cls = type(effect)
     return any(
         getattr(cls, hook) is not getattr(Effect, hook) for hook in ("horizontal_factor", "grade_factor")
@@ -81,7 +81,7 @@ class AntennaChange:
         self._lag_s = model.velocity_age_s()
 
     def at(self, time_s: FloatArray) -> FixChange:
-        """The change at times of validity (m,), seconds since the motion's start."""
+        """Return the change at times of validity (m,), seconds since the motion's start."""
 
         def place(truth: AntennaTruth) -> tuple[FloatArray, FloatArray]:
             east = np.interp(time_s, self._time_s, truth.east_m)

@@ -117,7 +117,9 @@ class TyreModel:
 
 
 def tyre_model(tyre: TyreConfig, radius_m: float) -> TyreModel:
-    """The model that a configuration describes, for a wheel of this nominal radius; ConfigError if none."""
+    """Return the model that a configuration describes, for a wheel of this nominal radius; ConfigError if
+    none.
+    """
     if tyre.curve_pressure_percent:
         pairs = zip(tyre.curve_pressure_percent, tyre.curve_radius_mm, strict=True)
         curve = tuple((share / 100.0, radius / 1e3) for share, radius in pairs)

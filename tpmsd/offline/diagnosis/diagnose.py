@@ -78,7 +78,7 @@ def diagnose(
 def diagnose_against(
     recording: Recording, simulation: Recording, progress: Callable[[float], None] = lambda share: None
 ) -> Diagnosis:
-    """What a recording holds that the user's own simulation of the same drive does not.
+    """Return what a recording holds that the user's own simulation of the same drive does not.
 
     ConfigError where the two are of different cars or roads, or the simulation is of no use.
     """
@@ -92,7 +92,9 @@ def diagnose_against(
 
 
 def told_by(recording: Recording) -> tuple[Telling, ...]:
-    """What a drive could tell of each effect at its usual size; ConfigError where it cannot be examined."""
+    """Return what a drive could tell of each effect at its usual size; ConfigError where it cannot be
+    examined.
+    """
     readers, notes = admitted([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
@@ -101,7 +103,7 @@ def told_by(recording: Recording) -> tuple[Telling, ...]:
 
 
 def noise_of(recording: Recording) -> Noise:
-    """The noise of a drive's instruments and road; ConfigError where it cannot be examined."""
+    """Return the noise of a drive's instruments and road; ConfigError where it cannot be examined."""
     readers, notes = admitted([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
@@ -110,7 +112,7 @@ def noise_of(recording: Recording) -> Noise:
 
 
 def insufficient(notes: Sequence[str]) -> Diagnosis:
-    """The answer where there is nothing to go by."""
+    """Return the answer where there is nothing to go by."""
     return Diagnosis(
         verdict=INSUFFICIENT,
         reason="; ".join(notes) if notes else "no drive",

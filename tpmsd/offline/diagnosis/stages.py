@@ -62,12 +62,12 @@ def first_noise(state: State) -> State:
 
 
 def second_noise(state: State) -> State:
-    """The same beside what was chosen."""
+    """Return the same beside what was chosen."""
     return _estimated(state, Stage.SECOND)
 
 
 def last_noise(state: State) -> State:
-    """What drifts alone, once more."""
+    """Return what drifts alone, once more."""
     return _estimated(state, Stage.LAST)
 
 

@@ -33,12 +33,12 @@ class Telling:
 
     @property
     def told(self) -> bool:
-        """Whether the drive tells an effect of the usual size."""
+        """True if the drive tells an effect of the usual size."""
         return self.expected_gain >= SETTINGS.assessment.tells_nats
 
 
 def tellings(study: Study) -> tuple[Telling, ...]:
-    """All effects that the drive has readings for, those that it tells best first."""
+    """Return all effects that the drive has readings for, those that it tells best first."""
     evidence = study.evidence()
     gram, _ = evidence.projected(study.hypotheses.nuisance)
     terms = _one_each(study.hypotheses.catalogue)
@@ -95,7 +95,7 @@ def _cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
 
 
 def advice(effect: str, rivals: tuple[str, ...]) -> str:
-    """The drive that would separate an effect from the first of its rivals; empty without rivals."""
+    """Return the drive that would separate an effect from the first of its rivals; empty without rivals."""
     if not rivals:
         return ""
     known = (EFFECTS[name].telling_drive for name in (effect, rivals[0]) if name in EFFECTS)

@@ -28,13 +28,13 @@ LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
 
 
 def lost(study: Study, seconds: float) -> list[Finding]:
-    """The counts that some drive's wheels lose at low speed, by the drive that tells it best."""
+    """Return the counts that some drive's wheels lose at low speed, by the drive that tells it best."""
     found = lost_in(study.examined)
     return [] if not found else [_lost_finding(max(found, key=lambda one: one.gain), seconds)]
 
 
 def lost_in(drives: Sequence[DriveStudy]) -> list[Lost]:
-    """The counts lost at low speed, of each drive that shows it."""
+    """Return the counts lost at low speed, of each drive that shows it."""
     found = (lost_counts(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives)
     return [one for one in found if one is not None]
 
@@ -60,7 +60,9 @@ def _lost_finding(one: Lost, seconds: float) -> Finding:
 
 
 def missed(study: Study, seconds: float) -> list[Finding]:
-    """The wheels that lose counts while they turn, in each drive that shows it: how many is the day's own."""
+    """Return the wheels that lose counts while they turn, in each drive that shows it: how many is the day's
+    own.
+    """
     out = []
     for drive in study.examined:
         recording = drive.reader.recording
@@ -97,7 +99,9 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
 
 
 def lost_singly(study: Study, fit: Fit, seconds: float) -> list[Finding]:
-    """The wheels that lose or add counts one by one beside the fitted model, in each drive that shows it."""
+    """Return the wheels that lose or add counts one by one beside the fitted model, in each drive that shows
+    it.
+    """
     out = []
     for drive in study.examined:
         one = single_of(drive, fit)
@@ -108,7 +112,7 @@ def lost_singly(study: Study, fit: Fit, seconds: float) -> list[Finding]:
 
 
 def single_of(drive: DriveStudy, fit: Fit) -> SingleLosses | None:
-    """The wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
+    """Return the wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
     recording, car = drive.reader.recording, drive.reader.reference.car
     per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
     count_m = np.where(recording.quantum_rad > 0.0, 2.0 * np.pi * car.radius_m / np.array(per_rev), 0.0)

@@ -62,7 +62,7 @@ class Reach:
 
     @property
     def structured(self) -> bool:
-        """Whether what is left is more than the scatter of the blocks explains."""
+        """True if what is left is more than the scatter of the blocks explains."""
         return self.left > max(2.0 * self.left_std, 4.0)
 
 

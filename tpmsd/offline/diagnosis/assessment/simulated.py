@@ -83,18 +83,18 @@ class Differences(Hypotheses):
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
 
     def first(self, which: Common) -> int:
-        """Where the values of a common effect begin in a fit."""
+        """Return where the values of a common effect begin in a fit."""
         before = self.common[: [one.key for one in self.common].index(which.key)]
         return int(self.joint.nuisance.shape[1] + sum(one.term.design.shape[1] for one in before))
 
 
 def key_of(term: Term) -> tuple[str, ...]:
-    """What a term is, wherever it acts."""
+    """Return what a term is, wherever it acts."""
     return (term.effect, term.wheel, term.place, term.covariate)
 
 
 def floored(noise: Noise, recorded: Noise) -> Noise:
-    """A simulation's noise, no smaller than a share of the recording's."""
+    """Return a simulation's noise, no smaller than a share of the recording's."""
     changes: dict[str, Any] = {}
     for field in fields(Noise):
         mine, theirs = getattr(noise, field.name), getattr(recorded, field.name)
@@ -165,8 +165,8 @@ def compared(study: Study, selection: Selection) -> list[Held]:
 
 
 def whole_model(study: Study, selection: Selection) -> list[Chosen]:
-    """What the recording holds in all, what it has in common with the simulation included; empty where there
-    is no simulation.
+    """Return what the recording holds in all, what it has in common with the simulation included; empty where
+    there is no simulation.
     """
     hypotheses = study.hypotheses
     if not isinstance(hypotheses, Differences):
@@ -209,14 +209,18 @@ def _alike(one: Term, other: Term) -> bool:
 
 
 def _valued(one: Chosen, fit: Fit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
-    """A term with other combinations of the fit's values, and their distance from zero in deviations."""
+    """Return a term with other combinations of the fit's values, and their distance from zero in
+    deviations.
+    """
     covariance = into @ fit.covariance @ into.T * ratio
     values = into @ fit.values
     return replace(one, values=values, stds=np.sqrt(np.diag(covariance))), _size(values, covariance)
 
 
 def _size(values: FloatArray, covariance: FloatArray) -> float:
-    """How many standard deviations values are from zero, as of one value of the same probability, roughly."""
+    """Return how many standard deviations values are from zero, as of one value of the same probability,
+    roughly.
+    """
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     unit = covariance / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     square = float((values / scale) @ np.linalg.solve(unit, values / scale))
@@ -272,7 +276,9 @@ def _take(
 
 
 def _refined(term: Term) -> tuple[Refined, ...]:
-    """What has an onset or a time constant of its own, as columns of both drives; none of other terms."""
+    """Return what has an onset or a time constant of its own, as columns of both drives; none of
+    other terms.
+    """
     begin, end = term.span_s
     if term.ramp or term.pulse:
         return refined(term, begin, end - begin if term.ramp else end, term.course)
@@ -280,7 +286,9 @@ def _refined(term: Term) -> tuple[Refined, ...]:
 
 
 def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
-    """What the simulation tells about a design's values, over what the recording tells: the least of them."""
+    """Return what the simulation tells about a design's values, over what the recording tells: the least of
+    them.
+    """
     told = []
     for part in evidence.parts:
         gram = part.small(np.concatenate([nuisance, design], axis=1)).sum(axis=0)[1:, 1:]

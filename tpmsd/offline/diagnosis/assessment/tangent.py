@@ -141,8 +141,9 @@ def _profiled(
 
 
 def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray) -> tuple[float, FloatArray]:
-    """How far from the first of the trials the interval of a nonlinear parameter ends, and by how much the
-    sizes (k, t) change on the way."""
+    """Return how far from the first of the trials the interval of a nonlinear parameter ends, and by how much
+    the sizes (k, t) change on the way.
+    """
     lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats, float(gains[0]))
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)

@@ -30,7 +30,7 @@ CHANNEL, COVARIATE = TEETH.shows_in
 
 
 def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
-    """The wheels whose teeth are uneven in some drive, or of the wrong number in all.
+    """Return the wheels whose teeth are uneven in some drive, or of the wrong number in all.
 
     Compared with a simulation: those of the recording that the simulation does not hold alike.
     """
@@ -55,7 +55,7 @@ def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
 
 
 def usual_ring(finding: Finding, speeds: bool) -> str:
-    """What is said of a ring that is no more uneven than rings are; empty: it is a finding.
+    """Return what is said of a ring that is no more uneven than rings are; empty: it is a finding.
 
     `speeds` says that the bus has wheel speeds and no counts.
     """
@@ -68,7 +68,7 @@ def usual_ring(finding: Finding, speeds: bool) -> str:
 
 
 def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
-    """A finding less what the simulation holds of it; None if that is all."""
+    """Return a finding less what the simulation holds of it; None if that is all."""
     ring = simulated.get(str(finding.parameters["wheel"].value))
     if ring is None:
         return replace(finding, held_by=RECORDING)
@@ -89,7 +89,7 @@ def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
 
 
 def _uneven(found: list[Ripple], seconds: float) -> Finding:
-    """One ring in the drives that show it; the phase is that of the first, for angles start anew."""
+    """Return one ring in the drives that show it; the phase is that of the first, for angles start anew."""
     weight = np.array([one.std_rad**-2 for one in found])
     gain = sum(one.gain for one in found)
     amplitude = float(np.average([one.amplitude_rad for one in found], weights=weight))
@@ -135,7 +135,7 @@ def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
 
 
 def _miscounted(name: str, teeth: float, configured: float) -> Finding:
-    """A wheel, or all of them, whose ring has another number of teeth."""
+    """Return a wheel, or all of them, whose ring has another number of teeth."""
     of_wheel = {} if name == ALL else {"wheel": Quantity(name, None, "")}
     (radius,) = (p for p in RADIUS.parameters if isinstance(p, Parameter))
     assert radius.prior is not None

@@ -33,7 +33,9 @@ class Lost:
 
 
 def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
-    """What is lost; None where nothing is, or where the drive does not tell. `radii_m` (4,) are the car's."""
+    """Return what is lost; None where nothing is, or where the drive does not tell. `radii_m` (4,) are the
+    car's.
+    """
     use = np.isfinite(recording.speed_mps)
     time_s, speed = recording.fix_time_s[use], recording.speed_mps[use]
     if len(time_s) < 30:

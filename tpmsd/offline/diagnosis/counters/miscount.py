@@ -31,7 +31,7 @@ def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, fl
 
 
 def _count(teeth: float, off: float, least: float) -> float | None:
-    """The whole number of teeth that makes a radius look so far off; None where none does."""
+    """Return the whole number of teeth that makes a radius look so far off; None where none does."""
     if abs(off - 1.0) < least:
         return None
     count = round(teeth / off)
@@ -47,7 +47,8 @@ def _count(teeth: float, off: float, least: float) -> float | None:
 
 
 def one_recounted(recording: Recording) -> Recording:
-    """The recording with the angles of a wheel put right whose ring plainly has another number of teeth.
+    """Return the recording with the angles of a wheel put right whose ring plainly has another number of
+    teeth.
 
     A wheel that shows far fewer turns than the others over the whole drive: bends to either side cancel.
     """
@@ -64,8 +65,8 @@ def one_recounted(recording: Recording) -> Recording:
 
 
 def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
-    """The same where all wheels have another ring than is configured; `radii_m` (4,) are those that the
-    configured number gives.
+    """Return the same where all wheels have another ring than is configured; `radii_m` (4,) are those that
+    the configured number gives.
     """
     if not _has_rings(recording) or any(count is not None for count in recording.counts_per_rev):
         return recording
@@ -76,7 +77,7 @@ def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
 
 
 def _has_rings(recording: Recording) -> bool:
-    """Whether all wheels are counted, by rings and not by finer encoders."""
+    """Return whether all wheels are counted, by rings and not by finer encoders."""
     counted = len(recording.wheels) == 4 and bool((recording.quantum_rad > 0.0).all())
     return counted and recording.car.teeth_per_rev <= SETTINGS.counters.most_teeth
 

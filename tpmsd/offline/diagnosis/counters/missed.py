@@ -62,7 +62,7 @@ class _Pair:
 
 
 def missed_counts(recording: Recording, reference: Reference) -> list[Missed]:
-    """The wheels that lose counts; empty too where no usual ripple would show."""
+    """Return the wheels that lose counts; empty too where no usual ripple would show."""
     out = []
     for axle in AXLES:
         if set(axle) <= set(recording.wheels) and bool((recording.quantum_rad[list(axle)] > 0.0).all()):

@@ -44,7 +44,7 @@ class Ripple:
 
 
 def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
-    """The wheels whose teeth are uneven, the clearest first."""
+    """Return the wheels whose teeth are uneven, the clearest first."""
     if len(recording.wheels) < 4:
         return []
     rows, regressors, turns_hz, blocks = _prepared(recording, reference)
@@ -74,7 +74,8 @@ def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: Float
 def _one_by_one(
     rows: FloatArray, blocks: np.ndarray, form: Callable[[int, FloatArray], FloatArray]
 ) -> list[Ripple]:
-    """The wheels' ripples, the clearest first and taken out: a quarter of it stands in the other wheels, too.
+    """Return the wheels' ripples, the clearest first and taken out: a quarter of it stands in the other
+    wheels, too.
 
     `form` gives a wheel's response (n, m) to sines and cosines.
     """

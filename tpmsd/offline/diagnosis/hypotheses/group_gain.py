@@ -19,7 +19,7 @@ def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[flo
 
 
 def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
-    """The same of a design that has these rows (m,) alone, `part` (m, k)."""
+    """Return the same of a design that has these rows (m,) alone, `part` (m, k)."""
     A = part.T @ gram[rows[:, None], rows] @ part
     score = part.T @ b[rows]
     scale = np.sqrt(np.maximum(np.diag(A), 1e-300))

@@ -35,13 +35,17 @@ class OwnNames:
 
 
 def is_own(name: Name, same_road: bool) -> bool:
-    """Whether a column is one drive's alone; on the same road at the same times, time is common too."""
+    """Return whether a column is one drive's alone; on the same road at the same times, time is
+    common too.
+    """
     over_time = name[0] == "smooth" and name[2] in ("time", "distance")
     return name[0] in (*ALWAYS, "ramp") or (over_time and not same_road)
 
 
 def is_copied(name: Name, same_road: bool) -> bool:
-    """Whether a column stands both for all drives and for each alone: the catalogue's, on one road all."""
+    """Return whether a column stands both for all drives and for each alone: the catalogue's, on one road
+    all.
+    """
     return not is_own(name, same_road) and name[0] != "data" and (same_road or name[0] != "smooth")
 
 
@@ -149,7 +153,7 @@ class JointHypotheses(Hypotheses):
         return shapes if like.drive is None else [*shapes, *self.splines_of(like.drive, like.covariate)]
 
     def splines_of(self, drive: int, covariate: str = "") -> list[Term]:
-        """The smooth terms of one drive alone, over one covariate or over any."""
+        """Return the smooth terms of one drive alone, over one covariate or over any."""
         which = (drive, covariate, self.width)
         if which not in self._own_splines:
             mine = [one for one in self._drives[drive].splines if covariate in ("", one.covariate)]

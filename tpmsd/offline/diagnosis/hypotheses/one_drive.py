@@ -135,7 +135,7 @@ class DriveHypotheses(Hypotheses):
         return out
 
     def ramp(self, wheels: str, pair: int) -> Term:
-        """The radius change of a wheel, or of several alike, between a pair of knots."""
+        """Return the radius change of a wheel, or of several alike, between a pair of knots."""
         a, b = self._pairs[pair]
         design = np.zeros((self.width, 1))
         for wheel in wheels.split():

@@ -38,7 +38,7 @@ def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
 
 
 def limits_of(car: Car) -> CarLimits:
-    """All that the hypotheses know of a car."""
+    """Return all that the hypotheses know of a car."""
     return CarLimits(bounds_of(car), completions_of(car), car.radius_m, car.driven)
 
 
@@ -53,7 +53,7 @@ def with_completions(terms: Sequence[Term], completions: Mapping[tuple[str, str]
 
 
 def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
-    """Whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
+    """Return whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
     if term.on_radii and float(np.abs(values).max()) < SETTINGS.hypotheses.smallest_radius_m:
         return False
     for name, value in zip(term.parameters, values, strict=False):
@@ -69,7 +69,7 @@ def ratio_limits(term: Term) -> tuple[float, float] | None:
 
 
 def against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:
-    """What the data say against all ratios of a term's two values that its effect allows: nats."""
+    """Return what the data say against all ratios of a term's two values that its effect allows: nats."""
     limits = ratio_limits(term)
     if limits is None or limits[0] * values[0] ** 2 <= values[0] * values[1] <= limits[1] * values[0] ** 2:
         return 0.0

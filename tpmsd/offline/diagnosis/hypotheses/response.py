@@ -88,7 +88,7 @@ def linear_columns(
 
 
 def available(reader: Reader) -> frozenset[str]:
-    """Which readings a drive has, by the names that effects use for what they need."""
+    """Return which readings a drive has, by the names that effects use for what they need."""
     known = np.isfinite(reader.windows.measured).sum(axis=0)
     by = reader.reference.grade_by
     here = {
@@ -108,7 +108,7 @@ def available(reader: Reader) -> frozenset[str]:
 
 
 def radius_columns(reader: Reader) -> Columns:
-    """What is always fitted: a constant per wheel that is read, and what instruments always do."""
+    """Return what is always fitted: a constant per wheel that is read, and what instruments always do."""
     out = Columns()
     for wheel in reader.recording.wheels:
         out.add((RADIUS.name, WHEELS[wheel]), _of_radius(reader, wheel))
@@ -123,7 +123,9 @@ def radius_columns(reader: Reader) -> Columns:
 def catalogue_columns(
     reader: Reader, base: ExtendedModel | None = None, only: frozenset[str] | None = None
 ) -> Columns:
-    """One column per probe of the catalogue (of `only` these effects) that the drive can show, at `base`."""
+    """Return one column per probe of the catalogue (of `only` these effects) that the drive can show, at
+    `base`.
+    """
     base = ROLLING if base is None else base
     here = available(reader)
     out = Columns()
@@ -233,7 +235,7 @@ def smooth_knots(
 
 
 def _apart(knots: FloatArray, least: float) -> FloatArray:
-    """The knots without those that are nearer than that to the one kept before, or to the last."""
+    """Return the knots without those that are nearer than that to the one kept before, or to the last."""
     kept = [float(knots[0])]
     for knot in knots[1:-1]:
         if knot - kept[-1] >= least and knots[-1] - knot >= least:
@@ -266,7 +268,7 @@ def smooth_columns(
 
 
 def channel_of(place: str) -> int:
-    """The channel of a wheel or a reading."""
+    """Return the channel of a wheel or a reading."""
     return WHEELS.index(place) if place in WHEELS else READINGS[place]
 
 

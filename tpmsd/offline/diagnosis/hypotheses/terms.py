@@ -94,7 +94,7 @@ class Term:
         return gain_of_rows(*self.acting, gram, b)
 
     def price(self, first: float) -> float:
-        """The penalty, given the first value: rare values are penalised."""
+        """Return the penalty, given the first value: rare values are penalised."""
         return self.penalty + self.kind_of.against(first)
 
     @property
@@ -104,27 +104,27 @@ class Term:
 
     @property
     def free(self) -> bool:
-        """Whether this is a description without a formula."""
+        """True if this is a description without a formula."""
         return self.kind_of.kind is Kind.FREE
 
     @property
     def ramp(self) -> bool:
-        """Whether this is a radius that steps or ramps once."""
+        """True if this is a radius that steps or ramps once."""
         return self.kind_of.ramp
 
     @property
     def on_radii(self) -> bool:
-        """Whether the values are changes of single wheels' radii in metres."""
+        """True if the values are changes of single wheels' radii in metres."""
         return (self.free and self.place not in ("gnss_speed", "gnss_course", "yaw_rate")) or self.ramp
 
     @property
     def calibrates(self) -> bool:
-        """Whether this is never a finding, but what instruments always do."""
+        """True if this is never a finding, but what instruments always do."""
         return self.kind_of.kind is Kind.NUISANCE
 
     @property
     def pulse(self) -> bool:
-        """Whether this acts from one time to another, in `span_s`."""
+        """True if this acts from one time to another, in `span_s`."""
         return self.span_s[1] > self.span_s[0] and not self.ramp
 
     @property
@@ -137,7 +137,7 @@ class Term:
 
     @property
     def typical(self) -> bool:
-        """Whether the parameter that enters nonlinearly, if there is one, has its middle value."""
+        """True if the parameter that enters nonlinearly, if there is one, has its middle value."""
         grid = self.kind_of.grid
         return grid is None or self.at == grid.middle
 
@@ -241,7 +241,9 @@ class Hypotheses(ABC):
         return design
 
     def _pulse(self, effect: str, place: str, span_s: tuple[float, float], design: FloatArray) -> Term:
-        """A pulse of the radii on some wheels, or the event that looks so: its value is then a slip."""
+        """Return a pulse of the radii on some wheels, or the event that looks so: its value is then
+        a slip.
+        """
         price = SETTINGS.hypotheses.per_value_nats + math.log(
             len(PULSED) / 2 * SETTINGS.hypotheses.ramp_knots**2
         )
@@ -263,7 +265,7 @@ class Hypotheses(ABC):
         """For each wheel, and each pair that may change alike, the best ramp and its gain."""
 
     def shapes_over(self, like: Term) -> list[Term]:
-        """All smooth terms over a term's covariate, of any pattern and knots."""
+        """Return all smooth terms over a term's covariate, of any pattern and knots."""
         pool = [term for term in self.catalogue if term.free and not term.pulse]
         both = (like.covariate, like.drive)
         return [term for term in (*pool, *self.splines) if (term.covariate, term.drive) == both]
@@ -274,14 +276,14 @@ class Hypotheses(ABC):
 
 
 def spline_term(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
-    """A smooth term whose values (k,) are its heights at the knots."""
+    """Return a smooth term whose values (k,) are its heights at the knots."""
     values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
     penalty = shape_price(design.shape[1])
     return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
 
 
 def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
-    """Where a smooth term may act: its name, and the places with their signs."""
+    """Return where a smooth term may act: its name, and the places with their signs."""
     alike = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
     return [*alike, *ANTISYMMETRIC.items()]
 
@@ -295,5 +297,5 @@ def wheels_acted_on(place: str) -> tuple[str, ...]:
 
 
 def for_drive(term: Term, drive: int, drives: int) -> Term:
-    """A term as that of one of so many drives: the choice must be paid for."""
+    """Return a term as that of one of so many drives: the choice must be paid for."""
     return replace(term, drive=drive, penalty=term.penalty + math.log(drives))

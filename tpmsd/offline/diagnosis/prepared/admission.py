@@ -76,7 +76,7 @@ def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
 
 
 def other_road(recorded: Reader, simulated: Reader) -> str:
-    """Why a simulation is not of the recording's road; empty if nothing speaks against it.
+    """Return why a simulation is not of the recording's road; empty if nothing speaks against it.
 
     Both drives' positions are counted from their own first fix.
     """
@@ -122,8 +122,8 @@ def bounded(
 
 
 def fair_shares(wanted: Sequence[int], total: int) -> list[int]:
-    """What each gets of a total: all that it wants if that is no more than an equal share, else the most
-    that is left for it.
+    """Return what each gets of a total: all that it wants if that is no more than an equal share, else the
+    most that is left for it.
     """
     shares = [0] * len(wanted)
     left = total
@@ -145,7 +145,7 @@ def same_car(recordings: Sequence[Recording]) -> None:
 
 
 def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
-    """What in the configurations tells two cars apart; empty if nothing does."""
+    """Return what in the configurations tells two cars apart; empty if nothing does."""
     a, b = one.car, other.car
     for name in ("wheelbase_m", "track_front_m", "track_rear_m"):
         left, right = getattr(a.geometry, name), getattr(b.geometry, name)
@@ -160,7 +160,7 @@ def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
 
 
 def unfit(recording: Recording) -> str:
-    """Why a recording cannot be examined at all; empty if it can."""
+    """Return why a recording cannot be examined at all; empty if it can."""
     if not {RL, RR} <= set(recording.wheels):
         return "the rear wheels are not both read"
     if recording.ticks * recording.dt_s < SETTINGS.preparation.least_driving_s:
@@ -169,7 +169,7 @@ def unfit(recording: Recording) -> str:
 
 
 def unfit_windows(reader: Reader) -> str:
-    """Why too little is left to compare; empty if there is enough."""
+    """Return why too little is left to compare; empty if there is enough."""
     windows = reader.windows
     if len(windows) < SETTINGS.preparation.least_driving_s:
         least_s = SETTINGS.preparation.least_driving_s

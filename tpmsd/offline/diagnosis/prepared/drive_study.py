@@ -101,8 +101,9 @@ class Refined:
 
 
 def refined(term: Term, first: float, second: float = 0.0, course: str = "") -> tuple[Refined, ...]:
-    """A term's columns, one per value: a ramp's by onset, duration and course, a pulse's by begin and end
-    (s), those of others by the parameters that enter nonlinearly."""
+    """Return a term's columns, one per value: a ramp's by onset, duration and course, a pulse's by begin and
+    end (s), those of others by the parameters that enter nonlinearly.
+    """
     if term.ramp:
         return (Refined(numbers_of(term.wheel), first, second, course=course),)
     if term.pulse:
@@ -164,7 +165,8 @@ class DriveStudy:
     def relinearised(
         self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray, fitted: FloatArray
     ) -> DriveStudy:
-        """The same drive with a model, radii (4,) and the motion that goes with them as the new origin.
+        """Return the same drive with a model, radii (4,) and the motion that goes with them as the new
+        origin.
 
         `values` (n - 1,) are the base's in the columns, `fitted` (n - 1,) those of the whole fit.
 
@@ -199,7 +201,8 @@ class DriveStudy:
         self._kept = []
 
     def repeated(self, recording: Recording, model: ExtendedModel) -> DriveStudy:
-        """The same columns under the same noise, of a replicate of this drive's recording that a model made.
+        """Return the same columns under the same noise, of a replicate of this drive's recording that a model
+        made.
 
         Its reference motion is made anew from the replicate, and moved by its own smoothed errors: what it
         shares with the residual it shares here as well. All is one block: gains are not divided by an
@@ -239,8 +242,9 @@ class DriveStudy:
         return 0.5 * float(np.sum((white[:, 0] - white[:, 1:] @ fitted) ** 2))
 
     def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveStudy:
-        """The same columns under another noise, or with other factors on the variances; this drive stays what
-        it is, also where columns are added to the other."""
+        """Return the same columns under another noise, or with other factors on the variances; this drive
+        stays what it is, also where columns are added to the other.
+        """
         out = copy.copy(self)
         out._kept, out.refined = list(self._kept), list(self.refined)
         out.noise = self.noise if noise is None else noise
@@ -248,7 +252,9 @@ class DriveStudy:
         return out
 
     def reweighted(self, inflate: FloatArray) -> DriveStudy:
-        """The same with other factors (w, 9) on the variances, and without what was whitened so far."""
+        """Return the same with other factors (w, 9) on the variances, and without what was whitened
+        so far.
+        """
         out = self.under(inflate=inflate)
         out._kept = []
         return out
@@ -332,5 +338,5 @@ class DriveStudy:
 
 
 def first_noise(reader: Reader) -> Noise:
-    """Where the estimate of the noise starts."""
+    """Return where the estimate of the noise starts."""
     return Noise.first(reader.recording.quantum_rad, reader.reference.car.radius_m)

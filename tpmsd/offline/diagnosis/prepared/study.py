@@ -63,7 +63,7 @@ class Study:
 
     @property
     def speeds(self) -> bool:
-        """Whether the bus has wheel speeds and no counts."""
+        """True if the bus has wheel speeds and no counts."""
         return all(bool((drive.reader.recording.quantum_rad == 0.0).all()) for drive in self.examined)
 
     @property
@@ -72,18 +72,19 @@ class Study:
         return float(sum(len(drive.reader.windows) for drive in self.examined))
 
     def trial(self, drives: Sequence[DriveStudy]) -> Study:
-        """The same question to drives `under` other noises, or about another origin; this study stays what it
-        is."""
+        """Return the same question to drives `under` other noises, or about another origin; this study stays
+        what it is.
+        """
         out = copy.copy(self)
         out.drives = tuple(drives)
         return out
 
     def under(self, noises: Mapping[int, Noise]) -> Study:
-        """The same, by the numbers of the drives that have another noise."""
+        """Return the same, by the numbers of the drives that have another noise."""
         return self.trial([drive.under(noises.get(number)) for number, drive in enumerate(self.drives)])
 
     def copied(self) -> Study:
-        """The same, to which columns and hypotheses may be added while this study stays what it is."""
+        """Return the same, to which columns and hypotheses may be added while this study stays what it is."""
         out = self.under({})
         out.hypotheses = copy.copy(self.hypotheses)
         out.hypotheses.catalogue = list(self.hypotheses.catalogue)

@@ -69,7 +69,7 @@ class Expression:
 
 
 def expressions(names: Sequence[str]) -> list[Expression]:
-    """All of them over these covariates, the plainest first."""
+    """Return all of them over these covariates, the plainest first."""
     usable = [name for name in COVARIATES if name in names and name not in OVER_TIME]
     out = [Expression(form, (name,)) for form in SINGLE for name in usable]
     for x, y in combinations(usable, 2):

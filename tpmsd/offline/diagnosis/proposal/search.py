@@ -36,7 +36,7 @@ class Sums:
 
 
 def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
-    """The best, each over other covariates than those before it; none where all has a name."""
+    """Return the best, each over other covariates than those before it; none where all has a name."""
     unnamed = [one.term for one in selection.chosen if one.term.free and not one.term.pulse]
     if not unnamed or study.simulation:
         return ()
@@ -67,12 +67,12 @@ def _found(study: Study, design: FloatArray, places: Sequence[str]) -> list[Prop
 
 
 def _order(one: Proposal) -> float:
-    """The more is held out, the earlier; each covariate has its penalty."""
+    """Return the more is held out, the earlier; each covariate has its penalty."""
     return SETTINGS.hypotheses.per_value_nats * len(one.covariates) - one.heldout_gain
 
 
 def _places(unnamed: list[Term], study: Study) -> list[str]:
-    """The readings that are named, and all patterns of wheels if wheels are."""
+    """Return the readings that are named, and all patterns of wheels if wheels are."""
     readings = [term.place for term in unnamed if term.place in READINGS]
     if len(readings) == len(unnamed):
         return sorted(set(readings))

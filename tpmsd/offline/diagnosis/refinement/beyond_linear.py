@@ -31,7 +31,8 @@ from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 
 
 def needed_exactly(study: Study, selection: Selection, evidence: Evidence, last: bool = False) -> Selection:
-    """What was chosen, without terms that do not pay their penalty beside the exact response of the others.
+    """Return what was chosen, without terms that do not pay their penalty beside the exact response of the
+    others.
 
     The weakest is tested first, the strongest never. `last` as of `Selector`: rivals are then compared by
     their exact responses, too.

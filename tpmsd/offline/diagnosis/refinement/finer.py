@@ -47,12 +47,12 @@ class Shape:
 
 
 def finest_shape(study: Study, term: Term) -> Shape:
-    """The finest shape in a term's place."""
+    """Return the finest shape in a term's place."""
     return _shape(study, term, _finest(study, term))
 
 
 def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
-    """The best shape in a term's place beside the others; None to leave it."""
+    """Return the best shape in a term's place beside the others; None to leave it."""
     selector = Selector(evidence, study.hypotheses)
     if len(_finest(study, term)) < 4:
         return None
@@ -74,7 +74,7 @@ class Knots:
 
 
 def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
-    """The best of some spacings of knots for a term, beside a design."""
+    """Return the best of some spacings of knots for a term, beside a design."""
     acting = study.acting(term)
     fine = _finest(study, term)
     first = _first(term)

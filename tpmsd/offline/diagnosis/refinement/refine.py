@@ -87,7 +87,7 @@ def _add(study: Study, term: Term, point: Point, places: Sequence[int]) -> None:
 
 
 def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term | None:
-    """The term that brings most beyond a design: a spline on its finest knots (over time on the first
+    """Return the term that brings most beyond a design: a spline on its finest knots (over time on the first
     ones), a ramp or a pulse with its exact span; None if none is plain.
 
     It is a hypothesis like all others from then on.
@@ -121,7 +121,7 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
 def exact(
     study: Study, evidence: Evidence, design: FloatArray, term: Term, rivals: Sequence[Term] = ()
 ) -> Term:
-    """A ramp or pulse off its grid, and so are the rivals that act on the same wheels and span.
+    """Return a ramp or pulse off its grid, and so are the rivals that act on the same wheels and span.
 
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
@@ -206,7 +206,7 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
 
 
 def _second(term: Term) -> Beside:
-    """A term's second nonlinear parameter, which it has."""
+    """Return a term's second nonlinear parameter, which it has."""
     grid = term.kind_of.grid
     assert grid is not None
     assert grid.second is not None
@@ -214,8 +214,9 @@ def _second(term: Term) -> Beside:
 
 
 def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> tuple[Point, list[ByDrive]]:
-    """The likeliest point, as `_searched`: a ramp also on its other courses, if one is likelier by more than
-    its choice costs."""
+    """Return the likeliest point, as `_searched`: a ramp also on its other courses, if one is likelier by
+    more than its choice costs.
+    """
     centre, width = _begin(study, term)
     point, columns, gain = _searched(study, evidence, design, term, centre, width)
     if term.ramp and point.second > SETTINGS.selection.step_s:
@@ -231,7 +232,7 @@ def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> t
 
 
 def _begin(study: Study, term: Term) -> tuple[Point, Point]:
-    """Where a search starts, and how far it looks at first."""
+    """Return where a search starts, and how far it looks at first."""
     knots = ramp_knots(study.drives[study.acting(term)[0]].reader)
     if term.ramp:
         step = float(np.median(np.diff(knots)))
@@ -256,8 +257,9 @@ def _begin(study: Study, term: Term) -> tuple[Point, Point]:
 def _searched(
     study: Study, evidence: Evidence, design: FloatArray, term: Term, centre: Point, width: Point
 ) -> tuple[Point, list[ByDrive], float]:
-    """The point of greatest likelihood with all linear values of a design fitted along, its columns, one per
-    value of the term, and its gain."""
+    """Return the point of greatest likelihood with all linear values of a design fitted along, its columns,
+    one per value of the term, and its gain.
+    """
     believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
     acting = [(number, study.drives[number]) for number in study.acting(term)]
     values, gain = term.design.shape[1], 0.0
@@ -292,7 +294,7 @@ def _searched(
 
 
 def _price(term: Term, point: Point) -> float:
-    """What the values of a second nonlinear parameter cost more or less than others."""
+    """Return what the values of a second nonlinear parameter cost more or less than others."""
     return _second(term).price(point.second) if term.at is not None and point.second else 0.0
 
 

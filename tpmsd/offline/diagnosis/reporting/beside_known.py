@@ -17,7 +17,7 @@ RIPPLE = "amplitude_rad"
 
 
 def beside(known: ExtendedModel, rest: Diagnosis) -> Diagnosis:
-    """The diagnosis of what known effects left, with these in its baseline and its model.
+    """Return the diagnosis of what known effects left, with these in its baseline and its model.
 
     The ripple of a ring stays in the readings, since its phase is each drive's own: one of the known size is
     no finding.
@@ -47,7 +47,9 @@ def beside(known: ExtendedModel, rest: Diagnosis) -> Diagnosis:
 
 
 def _is_known_ripple(finding: Finding, known: ExtendedModel) -> bool:
-    """Whether a finding is the ripple of a ring that the known effects hold, within three deviations."""
+    """Return whether a finding is the ripple of a ring that the known effects hold, within three
+    deviations.
+    """
     amplitude = finding.parameters.get(RIPPLE)
     if finding.effect != TEETH.name or amplitude is None or not isinstance(amplitude.value, float):
         return False

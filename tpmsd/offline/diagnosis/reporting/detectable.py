@@ -86,7 +86,9 @@ def _smallest(
 def _size(
     study: Study, selector: Selector, chosen: list[Term], gram: FloatArray, term: Term, which: int
 ) -> float:
-    """The size of one of a term's values that would be chosen in 19 of 20 drives; infinite if none would."""
+    """Return the size of one of a term's values that would be chosen in 19 of 20 drives; infinite if none
+    would.
+    """
     column = term.design[1:, which]
     total = float(column @ np.asarray(selector.evidence.total)[1:, 1:] @ column)
     information = float(column @ gram @ column)

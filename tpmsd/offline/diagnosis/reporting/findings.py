@@ -206,12 +206,12 @@ def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:
 
 
 def _of_car(term: Term) -> bool:
-    """Whether a term is an effect of the catalogue whose value may be common to all drives."""
+    """Return whether a term is an effect of the catalogue whose value may be common to all drives."""
     return not (term.free or term.kind_of.own_per_drive)
 
 
 def _in_full(study: Study, selection: Selection, which: int) -> Chosen:
-    """A term whose value in one drive differs from that of the others, with its full value there."""
+    """Return a term whose value in one drive differs from that of the others, with its full value there."""
     one = selection.chosen[which]
     if one.term.drive is None or study.simulation or not _of_car(one.term):
         return one
@@ -265,7 +265,7 @@ def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]
 
 
 def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[str, float]]:
-    """The effect for the model file, within its bounds."""
+    """Return the effect for the model file, within its bounds."""
     values: dict[str, float | str] = {}
     stds: dict[str, float] = {}
     for name, quantity in quantities.items():

@@ -20,7 +20,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def speed_ranges(drives: Sequence[DriveStudy]) -> tuple[SpeedRange, ...]:
-    """The ranges in which the drives were compared, the slowest first."""
+    """Return the ranges in which the drives were compared, the slowest first."""
     out = []
     for low, high in pairwise(SETTINGS.report.speeds_mps):
         seconds, information = 0, 0.0

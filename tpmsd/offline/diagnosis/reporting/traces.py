@@ -22,7 +22,7 @@ from tpmsd.offline.inference.windows import EAST, NORTH
 
 
 def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace]:
-    """One trace per finding that has a covariate, over all drives in which it acts."""
+    """Return one trace per finding that has a covariate, over all drives in which it acts."""
     out = []
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
@@ -72,7 +72,7 @@ def _edges(values: FloatArray) -> FloatArray:
 
 
 def ground(study: Study, selection: Selection, evidence: Evidence) -> Ground | None:
-    """The map, several drives side by side; None without positions."""
+    """Return the map, several drives side by side; None without positions."""
     rolling = evidence.fit(study.hypotheses.nuisance)
     parts: list[FloatArray] = []
     right = 0.0

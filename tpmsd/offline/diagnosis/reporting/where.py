@@ -24,7 +24,7 @@ RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 
 
 def where_of(study: Study, one: Chosen) -> Where:
-    """The place of a term, as its report has it."""
+    """Return the place of a term, as its report has it."""
     term = one.term
     wheels, channel, covariate = place_of(study, term)
     if term.ramp or (term.pulse and not term.free):
@@ -42,7 +42,7 @@ def where_of(study: Study, one: Chosen) -> Where:
 
 
 def whole_range(study: Study, term: Term) -> Where:
-    """The place of a term that was not chosen: all values of its covariate."""
+    """Return the place of a term that was not chosen: all values of its covariate."""
     wheels, channel, covariate = place_of(study, term)
     values = values_of(study, term, covariate)
     if values is None:

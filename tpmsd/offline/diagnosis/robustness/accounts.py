@@ -63,7 +63,9 @@ def changed(found: Found) -> Found:
 
 
 def _account(drive: DriveStudy, design: FloatArray) -> Account:
-    """The likeliest drift beside a design: there may be two, a far and slow one and a near and quick one."""
+    """Return the likeliest drift beside a design: there may be two, a far and slow one and a near and quick
+    one.
+    """
     windows, columns = drive.reader.windows, drive.believed(design)
     usual = replace(drive.noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
     found = [refit_wander(windows, columns, start, drive.inflate) for start in (drive.noise, usual)]
@@ -72,7 +74,9 @@ def _account(drive: DriveStudy, design: FloatArray) -> Account:
 
 
 def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term | None:
-    """The change or event on the grid that goes with the likeliest account, over some sizes of the drift."""
+    """Return the change or event on the grid that goes with the likeliest account, over some sizes of the
+    drift.
+    """
     drive = study.drives[0]
     best: tuple[float, Term] | None = None
     for share in SETTINGS.robustness.drift_levels:

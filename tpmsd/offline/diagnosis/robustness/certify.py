@@ -94,7 +94,7 @@ def certified(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
-    """The diagnosis with p-values from at most so many replicates."""
+    """Return the diagnosis with p-values from at most so many replicates."""
     if replicates < 1 or study.simulation:
         return diagnosis
     dispersion = max(diagnosis.model_rms**2, 1.0)
@@ -195,7 +195,7 @@ def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generat
 
 
 def _model(study: Study, selection: Selection, drive: int, splines: bool = True) -> ExtendedModel:
-    """All that was chosen, as it acts in one drive; `splines`: with the spline terms."""
+    """Return all that was chosen, as it acts in one drive; `splines`: with the spline terms."""
     effects: list[Effect] = []
     for one in selection.chosen:
         if drive not in study.acting(one.term) or one.term.calibrates or (one.term.free and not splines):
@@ -208,7 +208,7 @@ def _model(study: Study, selection: Selection, drive: int, splines: bool = True)
 
 
 def _acting(one: Chosen) -> tuple[Effect, FloatArray]:
-    """An effect as it acts in replicates, and the values (k,) by which its columns say the same.
+    """Return an effect as it acts in replicates, and the values (k,) by which its columns say the same.
 
     One without parameters acts in full, whatever share of it fits best.
     """

@@ -33,7 +33,7 @@ class Chance:
 
 
 def chance(value: float, maxima: Sequence[float], own: float = 0.0) -> Chance:
-    """The chance of a value, from maxima of replicates.
+    """Return the chance of a value, from maxima of replicates.
 
     `own` is the probability by a test's own distribution, 0 without one; no decision takes a smaller one.
     """

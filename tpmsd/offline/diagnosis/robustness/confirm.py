@@ -54,13 +54,13 @@ def confirmed(found: Found) -> Found:
 
 
 def of_all_read(study: Study, term: Term) -> bool:
-    """Whether a term acts on all wheels that are read, so that only the receiver shows it."""
+    """Return whether a term acts on all wheels that are read, so that only the receiver shows it."""
     read = {WHEELS[k] for number in study.acting(term) for k in study.drives[number].reader.recording.wheels}
     return read <= set(PATTERNS.get(term.place, ()))
 
 
 def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:
-    """What may as well be an instrument's usual making is that, and no finding."""
+    """Return what may as well be an instrument's usual making is that, and no finding."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
         usual = one.term.kind_of.beside
@@ -73,7 +73,9 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
 
 
 def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise:
-    """The noise that fits a drive best with this design: the receiver's slow error, or radius drift."""
+    """Return the noise that fits a drive best with this design: the receiver's slow error, or
+    radius drift.
+    """
     windows, columns = drive.reader.windows, drive.believed(design)
     if not common:
         start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))

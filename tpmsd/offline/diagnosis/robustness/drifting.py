@@ -63,7 +63,7 @@ def drifting(found: Found) -> Found:
 
 
 def _best_shape(selector: Selector, others: list[Term]) -> Term | None:
-    """The shape of the yaw rate over time or distance that brings most beside the other terms."""
+    """Return the shape of the yaw rate over time or distance that brings most beside the other terms."""
     gram, b = selector.evidence.projected(selector.design(others))
     found = [
         (gain - term.penalty, term)

@@ -53,7 +53,9 @@ def together(found: Found, before: Selection) -> Found:
 
 
 def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: list[Term]) -> Term | None:
-    """The change of the wheel's radius, chosen before, that brings nearly what its spline term does."""
+    """Return the change of the wheel's radius, chosen before, that brings nearly what its spline
+    term does.
+    """
     gram, b = selector.evidence.projected(selector.design(terms))
     free, _ = group_gain(shape.design[1:], gram, b)
     for term in before:
@@ -65,7 +67,9 @@ def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: 
 
 
 def _common_shape(selector: Selector, terms: list[Term]) -> Term | None:
-    """The best shape over time or distance beside the terms, if one group of wheels has it to itself."""
+    """Return the best shape over time or distance beside the terms, if one group of wheels has it
+    to itself.
+    """
     gram, b = selector.evidence.projected(selector.design(terms))
     best: tuple[float, Term] | None = None
     for over in ("time", "distance"):

@@ -38,12 +38,12 @@ def status_of(one: Chosen, selection: Selection) -> str:
 
 
 def verdict_of(findings: Sequence[Finding]) -> str:
-    """A mismatch where any of them is a finding and no suspicion."""
+    """Return a mismatch where any of them is a finding and no suspicion."""
     return MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT
 
 
 def decided(diagnosis: Diagnosis, chances: Sequence[Chance], above_control: Sequence[bool]) -> Diagnosis:
-    """The diagnosis with the p-value of each finding, and its status by its chance.
+    """Return the diagnosis with the p-value of each finding, and its status by its chance.
 
     A finding stands at the false discovery rate, above the negative control; a suspicion stays one.
     """
@@ -66,7 +66,7 @@ def decided(diagnosis: Diagnosis, chances: Sequence[Chance], above_control: Sequ
 
 
 def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
-    """The model less the effects of which suspicions tell."""
+    """Return the model less the effects of which suspicions tell."""
     doubtful = [finding for finding in findings if finding.status != FINDING]
     stay = [k for k, effect in enumerate(model.effects) if not any(_is_of(one, effect) for one in doubtful)]
     return ExtendedModel(tuple(model.effects[k] for k in stay), tuple(model.stds[k] for k in stay))

@@ -34,7 +34,8 @@ class Candidates:
         return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
 
     def valued(self, terms: Sequence[Term], of: Term) -> Fit:
-        """The fit by which a term's values are told: beside effects of which every car has some, as usual.
+        """Return the fit by which a term's values are told: beside effects of which every car has some, as
+        usual.
 
         The values of the terms stand where they stand in their own fit.
         """
@@ -69,7 +70,7 @@ class Candidates:
         return self.gain(terms) - sum(term.penalty for term in terms)
 
     def _first(self, terms: Sequence[Term], which: int) -> float:
-        """The first value of one of the terms in the joint fit."""
+        """Return the first value of one of the terms in the joint fit."""
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
         return float(self.evidence.fit(self.design(terms)).values[start])
 
@@ -85,8 +86,9 @@ class Candidates:
         return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
 
     def studentised(self, chosen: Sequence[Term], term: Term, net: float) -> float:
-        """A penalised gain beside the chosen terms, its gain divided by the term's block-wise variance
-        ratio."""
+        """Return a penalised gain beside the chosen terms, its gain divided by the term's block-wise variance
+        ratio.
+        """
         return (net + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
 
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
@@ -168,7 +170,9 @@ class Candidates:
         return sorted(out, key=lambda entry: -entry[0])
 
     def foremost(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
-        """The best candidates, and the best of each effect: a dozen shapes that are all unsure hide none."""
+        """Return the best candidates, and the best of each effect: a dozen shapes that are all unsure hide
+        none.
+        """
         every = self.candidates(chosen)
         out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
         for net, terms in every[6:]:
@@ -179,14 +183,15 @@ class Candidates:
 
     @staticmethod
     def net(term: Term, gain: float, first: float) -> float:
-        """What a term's gain is worth against rivals for its place."""
+        """Return what a term's gain is worth against rivals for its place."""
         if not term.free:
             return gain - likeliest_price(term, gain, first)
         return (1.0 - handicap(term)) * gain - term.price(first)
 
 
 def likeliest_price(term: Term, gain: float, first: float) -> float:
-    """What an effect pays at the likeliest value: a usual value may fit nearly as well as the best one.
+    """Return what an effect pays at the likeliest value: a usual value may fit nearly as well as the best
+    one.
 
     A value nearer to zero by a share u gains u^2 of the gain less, for the log-likelihood is a parabola.
     """

@@ -17,13 +17,13 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def neutral_of(effect: str, parameter: str) -> float:
-    """The value with which a parameter does nothing; fitted is the difference from it."""
+    """Return the value with which a parameter does nothing; fitted is the difference from it."""
     known = parameters_of(effect)[parameter]
     return known.neutral if isinstance(known, Parameter) else 0.0
 
 
 def usual(one: Chosen, speeds: bool) -> str:
-    """What is said of a term that is an instrument's usual making; empty of one that is a finding.
+    """Return what is said of a term that is an instrument's usual making; empty of one that is a finding.
 
     `speeds` says that the bus has wheel speeds and no counts.
     """
@@ -60,8 +60,8 @@ def nonlinear_of(term: Term) -> dict[str, float]:
 
 
 def effect_of(term: Term, values: FloatArray) -> tuple[Effect, FloatArray] | None:
-    """The effect with values (k,) within its bounds, and the values that it has there; None of what has no
-    formula or is fitted anew on every drive.
+    """Return the effect with values (k,) within its bounds, and the values that it has there; None of what
+    has no formula or is fitted anew on every drive.
     """
     if term.free or term.calibrates or not term.parameters[0]:
         return None

@@ -36,7 +36,7 @@ def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float]
 
 
 def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, Std]]:
-    """The effect for the model file, its heights within what is thinkable."""
+    """Return the effect for the model file, its heights within what is thinkable."""
     on = place_of(one.term.place)
     largest = FREE.largest(on)
     x, heights, stds = zip(*shape_of(one, knots), strict=True)
@@ -51,7 +51,9 @@ def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, 
 
 
 def place_of(place: str) -> str:
-    """The place of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`, `gnss_speed`."""
+    """Return the place of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`,
+    `gnss_speed`.
+    """
     if place in READINGS:
         return place
     if place in ANTISYMMETRIC:

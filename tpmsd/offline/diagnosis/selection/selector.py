@@ -81,7 +81,7 @@ class Selector(Candidates):
         return self.judged(chosen)
 
     def judged(self, chosen: list[Term]) -> Selection:
-        """The verdict on given terms, less those that do not predict what was held out."""
+        """Return the verdict on given terms, less those that do not predict what was held out."""
         while chosen:
             heldout = [self._heldout_gain(chosen, k) for k in range(len(chosen))]
             worst = int(np.argmin(heldout))
@@ -99,7 +99,7 @@ class Selector(Candidates):
         )
 
     def _coarser(self, chosen: list[Term], which: int) -> list[Term]:
-        """The finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
+        """Return the finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
         term = chosen[which]
         if not term.free or term.pulse:
             return []
@@ -149,7 +149,7 @@ class Selector(Candidates):
         return (net + price) / ratio - price - more
 
     def _sane(self, terms: list[Term]) -> bool:
-        """Whether the terms can be told apart at all, and their values are physically thinkable."""
+        """Return whether the terms can be told apart at all, and their values are physically thinkable."""
         if {term.kind_of.limit for term in terms} & {term.effect for term in terms}:
             return False
         design = self.design(terms)
@@ -177,7 +177,7 @@ class Selector(Candidates):
             at = here.stop
 
     def _possible(self, terms: list[Term]) -> bool:
-        """Whether the ratio of an effect's two values is physically possible."""
+        """Return whether the ratio of an effect's two values is physically possible."""
         if all(ratio_limits(term) is None for term in terms):
             return True
         return all(
@@ -186,19 +186,20 @@ class Selector(Candidates):
         )
 
     def _within_limits(self, terms: list[Term], which: Term) -> bool:
-        """Whether one of the terms has values that are thinkable on this car."""
+        """Return whether one of the terms has values that are thinkable on this car."""
         return all(
             thinkable(term, values, self._bounds) for term, values, _ in self._fitted(terms) if term is which
         )
 
     def _needed(self, terms: list[Term], which: int) -> float:
-        """What a term brings beyond its penalty in the presence of the others."""
+        """Return what a term brings beyond its penalty in the presence of the others."""
         rest = terms[:which] + terms[which + 1 :]
         gain = self.gain(terms) - self.gain(rest)
         return gain / self.ratio(terms, which) - terms[which].penalty
 
     def _spare(self, terms: list[Term], which: int) -> float:
-        """What an effect brings more than it must beside spline terms over the covariate that it depends on.
+        """Return what an effect brings more than it must beside spline terms over the covariate that it
+        depends on.
 
         A shape is one of many that would do. What its form leaves looks like an effect as far as shapes on
         those wheels can take its place; and on which wheels it acts is one of several answers, so the effect
@@ -221,15 +222,15 @@ class Selector(Candidates):
         return self._needed(free, which) - least
 
     def _over(self, terms: list[Term], which: int) -> list[Term]:
-        """The spline terms among the terms over the covariate that an effect depends on."""
+        """Return the spline terms among the terms over the covariate that an effect depends on."""
         effect = terms[which].kind_of
         if not self.last or effect is FREE or effect.shows_in[1] in ("time", "distance"):
             return []
         return [t for t in terms if t.free and t.covariate == effect.shows_in[1]]
 
     def _apart(self, terms: list[Term], which: int) -> list[Term]:
-        """The spline terms of wheels among the terms over another covariate than that of an effect which,
-        like them, shows in differences between wheels, and is not of one wheel alone.
+        """Return the spline terms of wheels among the terms over another covariate than that of an effect
+        which, like them, shows in differences between wheels, and is not of one wheel alone.
         """
         term = terms[which]
         effect = term.kind_of
@@ -242,14 +243,14 @@ class Selector(Candidates):
 
     @staticmethod
     def _completes(chosen: list[Term], term: Term) -> bool:
-        """Whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
+        """Return whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
         return not term.free or any(
             other.free and other.covariate == term.covariate != "time" for other in chosen
         )
 
     def _beside(self, terms: list[Term], which: int) -> list[Term]:
-        """What else an effect must be told from where spline terms act over its covariate: a shape of its own
-        for each axle, unless that is the effect in other words, and the effects that it names itself.
+        """Return what else an effect must be told from where spline terms act over its covariate: a shape of
+        its own for each axle, unless that is the effect in other words, and the effects that it names itself.
         """
         over = self._over(terms, which)
         if not over:
@@ -358,8 +359,9 @@ class Selector(Candidates):
         return named if found.terms and better and self._sane(named) else []
 
     def _usual(self, beside: list[Term]) -> list[list[Term]]:
-        """The catalogue's terms of effects that every car has, which may stand beside others; once for each
-        effect of which one is the limit."""
+        """Return the catalogue's terms of effects that every car has, which may stand beside others; once for
+        each effect of which one is the limit.
+        """
         limits = {term.kind_of.limit for term in beside}
         every = [
             term
@@ -376,7 +378,9 @@ class Selector(Candidates):
         ]
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
-        """Whether a term brings most of its gain beside its rival too: then they explain different things."""
+        """Return whether a term brings most of its gain beside its rival too: then they explain different
+        things.
+        """
         return self.gain([*terms, term]) - self.gain(terms) > SETTINGS.selection.independent_share * gain
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
@@ -395,7 +399,7 @@ class Selector(Candidates):
         return self.heldout(terms) - self.heldout(terms[:which] + terms[which + 1 :])
 
     def _judge(self, chosen: list[Term], which: int) -> Chosen:
-        """The verdict on one of the chosen terms."""
+        """Return the verdict on one of the chosen terms."""
         term = chosen[which]
         rest = chosen[:which] + chosen[which + 1 :]
         fit = self.evidence.fit(self.design(chosen))
@@ -421,8 +425,9 @@ class Selector(Candidates):
         )
 
     def _rivals(self, rest: list[Term], term: Term, gain: float, first: float, ratio: float) -> list[Rival]:
-        """The rivals of a term that gains so much beside the rest, with its first value and its variance
-        ratio, the best first."""
+        """Return the rivals of a term that gains so much beside the rest, with its first value and its
+        variance ratio, the best first.
+        """
         alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         # Both of two values are needed: where one does alone, no rival takes the other one's place.
         alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
@@ -451,8 +456,10 @@ class Selector(Candidates):
         return out
 
     def _beyond_of(self, rest: list[Term], rival: Term, term: Term) -> float:
-        """What the exact response of a rival in a term's place brings more than that of the term, beyond what
-        their linear responses bring, nats; nothing of a description, which is as linear as it is told."""
+        """Return what the exact response of a rival in a term's place brings more than that of the term,
+        beyond what their linear responses bring, nats; nothing of a description, which is as linear as it is
+        told.
+        """
         if rival.free or term.free:
             return 0.0
         return self.beyond([*rest, rival]) - self.beyond([*rest, term])
@@ -475,8 +482,9 @@ class Selector(Candidates):
         doubt: float,
         one: Rival,
     ) -> Rival:
-        """The rival of one of a term's two values: the other one may stay beside it, and the name hold for
-        that alone. `penalties` (nats) are the difference of both penalties and handicaps."""
+        """Return the rival of one of a term's two values: the other one may stay beside it, and the name hold
+        for that alone. `penalties` (nats) are the difference of both penalties and handicaps.
+        """
         alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         parts = self.gains_of_parts([*rest, rival], term)
         both = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)

@@ -66,8 +66,10 @@ def log_bayes(terms: Sequence[Term], gram: FloatArray, b: FloatArray) -> float:
 
 
 def best_set(terms: Sequence[Term], gram: FloatArray, b: FloatArray) -> EffectSet:
-    """The set with the highest evidence, one term of each effect at most: of all effects at their fullest
-    those are left out, one after the other, that it is better without, then single values of the rest."""
+    """Return the set with the highest evidence, one term of each effect at most: of all effects at their
+    fullest those are left out, one after the other, that it is better without, then single values of the
+    rest.
+    """
     by_effect: dict[str, list[Term]] = {}
     for term in terms:
         by_effect.setdefault(term.effect, []).append(term)

@@ -18,7 +18,7 @@ from tpmsd.offline.inference.windows import Reader
 
 
 def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Finding]:
-    """One finding per effect, by the drive that tells it best; `speeds`: the bus has no counts."""
+    """Return one finding per effect, by the drive that tells it best; `speeds`: the bus has no counts."""
     best: dict[str, tuple[float, Finding]] = {}
     for reader in readers:
         by_effect: dict[str, list[SensorError]] = {}
@@ -34,7 +34,7 @@ def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Fin
 
 
 def deviations_beyond(one: SensorError, speeds: bool) -> float:
-    """How many standard deviations a value lies beyond its usual size; 0 if within."""
+    """Return how many standard deviations a value lies beyond its usual size; 0 if within."""
     effect = EFFECTS[one.probe.effect]
     if effect.usual(one.value, 0.0, speeds):
         return 0.0
