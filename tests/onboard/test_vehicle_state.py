@@ -20,6 +20,7 @@ from tpmsd.car.config.model import Config, VehicleStateConfig
 from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.schemas import schema_of
+from tpmsd.interfaces.cli.status_table import render_status
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.daemon.bus_link import BusLink
@@ -86,6 +87,10 @@ def test_the_status_has_the_last_state(played: tuple[Config, Items]) -> None:
     assert known is not None and known["velocity_long_mps"] > 2.0 and known["side_slip_std_rad"] > 0.0
     assert without == [None, None]
     jsonschema.validate(known, schema_of("tpmsd.status/2")["properties"]["vehicle_state"])
+    assert "state     not known now (arupf)\n" in render_status({"vehicle_state": before})
+    slip = f"side slip {known['side_slip_rad']:+.3f} ± {known['side_slip_std_rad']:.3f} rad"
+    assert f"state     {slip}, lateral speed " in render_status({"vehicle_state": known})
+    assert "side slip" not in render_status({})
 
 
 def test_a_car_that_is_not_known_enough_is_refused(played: tuple[Config, Items]) -> None:

@@ -14,6 +14,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.report.vehicle_state_summary import MOST_ROWS, StateSummary
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.write import signals_text
 from tpmsd.offline.simulator.bus import BusSpec
@@ -92,6 +93,32 @@ def test_parquet_and_mcap_hold_what_the_csv_holds(on_bus: Path, tmp_path: Path) 
         messages = reader.make_reader(file).iter_messages(topics=["/vehicle_state"])
         found = [json.loads(message.data)["side_slip_rad"] for _, _, message in messages]
     assert found == column[np.isfinite(column.astype(float))].tolist()
+
+
+def test_the_page_draws_the_state(on_bus: Path, tmp_path: Path) -> None:
+    """`--html` has a chart of side slip and one of lateral speed, with the option alone."""
+    pytest.importorskip("jinja2")
+    pages = []
+    for options in (["--vehicle-state", "ukf"], []):
+        file = tmp_path / f"{len(pages)}.html"
+        assert 0 == main(["replay", str(on_bus), *options, "--html", str(file)])
+        pages.append(file.read_text(encoding="utf-8"))
+
+    assert ["Side slip (ukf)" in page for page in pages] == [True, False]
+    assert ["Lateral speed (ukf)" in page for page in pages] == [True, False]
+
+
+def test_what_is_drawn_is_bounded_and_at_its_time() -> None:
+    """A drive of many ticks keeps rows at their own times, no more than MOST_ROWS + 1."""
+    summary = StateSummary("ekf")
+    state = VehicleState(*np.arange(8.0).tolist())
+    for k in range(3 * MOST_ROWS):
+        summary.add(0.1, state if k % 2 == 0 else None, 0.1 * k)
+    rows = summary.series()
+
+    assert MOST_ROWS / 2 <= len(rows) <= MOST_ROWS + 1
+    assert rows[:, 0] == pytest.approx(0.1 * 4 * np.arange(len(rows)))
+    assert rows[0, 1:].tolist() == [2.0, 3.0, 4.0, 5.0]
 
 
 def test_without_the_option_nothing_is_new(on_bus: Path, tmp_path: Path) -> None:

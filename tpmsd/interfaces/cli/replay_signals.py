@@ -66,8 +66,8 @@ def run_signals(args: argparse.Namespace) -> int:
     time_s, states = states_along(signals, tables, args.vehicle_state, rng, particles)
     summary = StateSummary(args.vehicle_state)
     steps = np.diff(time_s, prepend=time_s[0])
-    for dt_s, state in zip(steps.tolist(), states, strict=True):
-        summary.add(dt_s, state)
+    for dt_s, state, at_s in zip(steps.tolist(), states, time_s.tolist(), strict=True):
+        summary.add(dt_s, state, at_s)
     table = cache(lambda: state_table(signals, time_s, states))
     origin = cache(lambda: provenance(SCHEMA, [args.drive], tables.file))
     if not outputs.fill_stdout:

@@ -54,6 +54,7 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False, width: i
         _can_line(document, paint),
         _gnss_line(document, paint),
         *_obd_lines(document),
+        *_vehicle_state_lines(document),
         _loop_line(document),
     ]
     if width is not None:
@@ -245,6 +246,24 @@ def _obd_lines(document: Mapping[str, Any]) -> list[str]:
     against = [word for key, word in words.items() if obd.get(key) is False]
     said = f"not asked any more ({stopped})" if stopped else said
     return [f"{'OBD speed':<9} {said}" + (f", contradicts {' and '.join(against)}" if against else "")]
+
+
+def _vehicle_state_lines(document: Mapping[str, Any]) -> list[str]:
+    """Return side slip and speeds of the vehicle state, where `[vehicle_state] method` is set."""
+    state = _dict(document, "vehicle_state")
+    if not state:
+        return []
+    parts = []
+    for words, key, unit in (
+        ("side slip", "side_slip{}_rad", "rad"),
+        ("lateral speed", "velocity_lat{}_mps", "m/s"),
+        ("speed", "velocity_long{}_mps", "m/s"),
+    ):
+        value, std = _number(state, key.format("")), _number(state, key.format("_std"))
+        if value is not None and std is not None:
+            parts.append(f"{words} {value:+.3f} ± {std:.3f} {unit}")
+    said = ", ".join(parts) or "not known now"
+    return [f"{'state':<9} {said} ({printable(_text(state, 'method'))})"]
 
 
 def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: str, paint: _Paint) -> str:

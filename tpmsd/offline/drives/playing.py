@@ -63,7 +63,7 @@ def replayed(
     for step in play(stream, pipeline, progress, note):
         recorder.add(step.tick, step.estimate, step.report)
         if states is not None:
-            states.add(step.tick.dt_s, step.vehicle_state)
+            states.add(step.tick.dt_s, step.vehicle_state, step.tick.time_s)
         if ticks is not None:
             ticks.add(step)
     result = recorder.result(0.0)

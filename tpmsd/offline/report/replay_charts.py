@@ -13,6 +13,7 @@ from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.report.figures import Chart, Curve, Level, Moment, Span, Track
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.replay_series import ReplaySeries, settled_range
+from tpmsd.offline.report.vehicle_state_summary import StateSummary
 from tpmsd.offline.report.wording import alarm_label, wheel_name
 
 POINTS = 1600
@@ -23,12 +24,16 @@ TIME_LABEL = "time since the start (h:min:s)"
 
 
 def replay_charts(result: ReplayResult) -> tuple[Chart, ...]:
-    """Change, deviation, probability, speed, and faults where there were any; empty without a tick."""
+    """Change, deviation, probability, speed; vehicle state and faults where there are any; empty without a
+    tick.
+    """
     if len(result.time_s) == 0:
         return ()
     series = ReplaySeries.of(result)
     charts = [_change(result, series), _deviation(result, series), _probability(result, series)]
     charts.append(_speed(result, series))
+    if result.vehicle_state is not None:
+        charts += state_charts(result.vehicle_state, result.start_s)
     if result.fault_counts:
         charts.append(_faults(result, series))
     return tuple(chart for chart in charts if chart.curves)
@@ -159,6 +164,23 @@ def _speed(result: ReplayResult, series: ReplaySeries) -> Chart:
         group=GROUP,
         time=True,
     )
+
+
+def state_charts(state: StateSummary, start_s: float) -> list[Chart]:
+    """Return side slip and lateral speed of the centre of gravity with two standard deviations."""
+    rows = state.series()
+    if not np.isfinite(rows[:, 1:]).any():
+        return []
+    charts = []
+    for title, label, values, std in (
+        (f"Side slip ({state.method})", "side slip (rad)", rows[:, 3], rows[:, 4]),
+        (f"Lateral speed ({state.method})", "lateral speed (m/s)", rows[:, 1], rows[:, 2]),
+    ):
+        columns = {"value": values, "low": values - 2.0 * std, "high": values + 2.0 * std}
+        x, kept = decimated(rows[:, 0] - start_s, columns, POINTS)
+        curve = Curve(label.split(" (")[0], kept["value"], "plain", kept["low"], kept["high"])
+        charts.append(Chart(title, TIME_LABEL, label, x, (curve,), group=GROUP, time=True))
+    return charts
 
 
 def _faults(result: ReplayResult, series: ReplaySeries) -> Chart:

@@ -27,6 +27,9 @@ _HELP = {
     " the alarm.",
     "Speed": "Grey: driving from which no radius is learned (slow, braking, in a bend). Yellow: more than"
     f" {GNSS_GAP_S:.0f} s without a fix.",
+    "Side slip": "Of the centre of gravity, by the filter of --vehicle-state; the band is two standard"
+    " deviations.",
+    "Lateral speed": "Of the centre of gravity, to the left, with two standard deviations.",
     "Faults of the inputs so far": "Each step is something wrong with the bus or the receiver.",
     "Track": "In the plane of the first fix. Diamonds: alarms. The ring follows the pointer in the plots"
     " above.",
@@ -59,7 +62,7 @@ def replay_page(
 
 
 def _drawn(title: str, number: int, chart: object) -> Drawn:
-    return drawn(chart, f"plot-{number}", _HELP[title])  # type: ignore[arg-type]
+    return drawn(chart, f"plot-{number}", _HELP[title.split(" (")[0]])  # type: ignore[arg-type]
 
 
 def _tiles(result: ReplayResult) -> list[Tile]:
