@@ -484,6 +484,8 @@ TERMS_OPEN = {
     *("tpmsd/offline/inference/noise.py", "tpmsd/offline/inference/noise_fit.py"),
 }
 """Modules of these rooms that are not in these terms yet; shrinks."""
+FRAGMENTS_OPEN = "tpmsd/car/physics/effects/"
+"""Modules whose docstrings are not all sentences yet."""
 _FRAGMENT = re.compile(r"(What|Whether|Of|Which|Why|How|As|By|Where|The same|An? `[^`]+` that is)\b")
 """Opening words of a docstring that is no sentence and no noun phrase."""
 _NO_VERB = re.compile(r"(The|An?|All|One|Its?|Up|Back)\b")
@@ -553,6 +555,17 @@ def unclear_identifiers(name: str, source: str) -> list[str]:
         if found and identifier not in _TERMS_KEPT.get(name, ()):
             faults.append(f"{name}:{line}: {identifier}; for {found[0]!r} the term is: {TERMS[found[0]]}")
     return faults
+
+
+def test_docstrings_are_sentences() -> None:
+    """No docstring of the program opens as a fragment, but those of the effects' own files."""
+    faults = []
+    for path in modules():
+        name = path.relative_to(REPO).as_posix()
+        if not name.startswith(FRAGMENTS_OPEN):
+            faults += docstring_fragments(name, read(path))
+
+    assert [] == faults
 
 
 def test_finished_rooms_are_in_terms_of_the_field() -> None:

@@ -83,7 +83,7 @@ class Pipeline:
         """Identifiers of frames that are for others than the decoder."""
         self._block: FrameBlock | None = None
         self._heeded_at: list[int] = []
-        """Where in the present block they stand."""
+        """Indices in the present block at which they stand."""
         self._reset_s = -math.inf
         self.vehicle_state = _vehicle_state(config)
         """None where it is not asked for."""
@@ -133,7 +133,7 @@ class Pipeline:
                 self.monitor.car_states(kmh)
 
     def _asked(self, time_s: float, data: bytes) -> None:
-        """A frame asks for a reset."""
+        """Note that a frame asks for a reset."""
         request = from_frame(data)
         # Frames that ask alike within seconds are one request.
         if request is not None and not 0.0 <= time_s - self._reset_s < REPEATED_S:
@@ -141,7 +141,7 @@ class Pipeline:
             self._reset(request)
 
     def _new_estimator(self) -> Estimator:
-        """One that has learned nothing."""
+        """Return one that has learned nothing."""
         return build_estimator(self._config, np.random.default_rng(self._config.filter.seed))
 
     def _reset(self, request: ResetRequest) -> None:
@@ -163,7 +163,7 @@ class Pipeline:
         return self._run([tick])[0]
 
     def finish(self) -> list[Step]:
-        """What the end of a recording completes."""
+        """Return what the end of a recording completes."""
         return self._run(self._source.finish())
 
     def _run_each(self, ticks: Iterator[Tick]) -> Iterator[Step]:
@@ -184,7 +184,7 @@ class Pipeline:
     def _state(
         self, estimator: VehicleStateEstimator, tick: Tick, estimate: RadiusEstimate
     ) -> VehicleState | None:
-        """The vehicle state at the end of a tick."""
+        """Return the vehicle state at the end of a tick."""
         vehicle = self._config.vehicle
         if tick.gap_s > 0.0:
             estimator.reset()
@@ -197,7 +197,7 @@ class Pipeline:
         return estimator.step(tick.dt_s, *signals, steer, speed)
 
     def snapshot(self) -> dict[str, Any]:
-        """What was learned, as plain numbers for the state file."""
+        """Return what was learned, as plain numbers for the state file."""
         saved = {"estimator": self.estimator.inner.snapshot(), "monitor": self.monitor.snapshot()}
         if self.resonance is not None:
             saved["resonance"] = self.resonance.snapshot()
@@ -227,7 +227,9 @@ class Pipeline:
 
 
 def _vehicle_state(config: Config) -> VehicleStateEstimator | None:
-    """The estimator of the vehicle state if one is asked for; ConfigError if the car is not known enough."""
+    """Return the estimator of the vehicle state if one is asked for; ConfigError if the car is not known
+    enough.
+    """
     settings, vehicle = config.vehicle_state, config.vehicle
     if settings.method is None:
         return None

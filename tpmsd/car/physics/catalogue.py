@@ -68,13 +68,13 @@ class Probe:
     neutral: float
     place: str = ""
     at: float | None = None
-    """Of the parameter that enters nonlinearly."""
+    """Value of the parameter that enters nonlinearly."""
     second: float | None = None
-    """Of a second one; None where it is typical."""
+    """Value of a second one; None where it is typical."""
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What it is called among the columns of a design."""
+        """Return its name among the columns of a design."""
         grid = () if self.at is None else (f"{self.at:g}",)
         return (self.effect, self.parameter, *((self.place,) if self.place else ()), *grid)
 
@@ -165,9 +165,9 @@ MISSED = _the("of counts told by the ripple", lambda effect: effect.by_ripple)
 ADDED = _the("of counts that are added", lambda effect: effect.mirror_of == MISSED.name)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
 RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.places))
-"""What a calibration takes up."""
+"""Effects that a calibration estimates."""
 ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.always_fitted)
-"""What is fitted along with every model."""
+"""Effects that are fitted along with every model."""
 EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.span)
 
 

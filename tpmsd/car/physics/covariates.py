@@ -1,4 +1,4 @@
-"""What an effect may depend on, by name: the covariates of the catalogue and of the diagnosis.
+"""Covariates that an effect may depend on, by name: those of the catalogue and of the diagnosis.
 
 In: `Motion`, `Car`, a name. Out: its values over time in SI units. One definition, so that a shape found
 over a covariate acts over the same one in simulator and daemon.

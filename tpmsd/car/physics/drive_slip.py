@@ -1,4 +1,4 @@
-"""What the two laws of slip under drive force share.
+"""Common part of the two laws of slip under drive force.
 
 In: nothing. Out: their base class, and the parameter of the drag's share.
 """

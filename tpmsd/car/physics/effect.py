@@ -1,4 +1,4 @@
-"""What an effect is: a piece of physics that the pure rolling model leaves out.
+"""Effects: an effect is a piece of physics that the pure rolling model leaves out.
 
 In: nothing. Out: the base class `Effect`. An effect says everything that others know about it: what kind of
 thing it is, its parameters with one prior each, what it may be taken for, which readings it needs, on which
@@ -52,16 +52,16 @@ __all__ = [
 
 
 class Kind(Enum):
-    """What sort of thing an effect is."""
+    """Kinds of effects."""
 
     PHYSICS = "physics"
-    """Of tyres, car and road: the same on every drive."""
+    """Physics of tyres, car and road: the same on every drive."""
     INSTRUMENT = "instrument"
-    """Of receiver, gyro, counters and bus."""
+    """Instruments: receiver, gyro, counters and bus."""
     FAULT = "fault"
     """A tyre that changes: what the daemon watches, never compensated."""
     EVENT = "event"
-    """Of a span of time."""
+    """Events of a span of time."""
     FREE = "free"
     """A description without a formula."""
     NUISANCE = "nuisance"
@@ -69,7 +69,7 @@ class Kind(Enum):
 
 
 class Look(Enum):
-    """Which slow noise an effect resembles: it must stand against that noise at its likeliest."""
+    """Slow noise that an effect resembles: it must stand against that noise at its likeliest."""
 
     OTHER = "none"
     COMMON = "the receiver's slow error"
@@ -122,21 +122,21 @@ class Effect:
     name: ClassVar[str]
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
     sentence: ClassVar[str] = ""
-    """What it is, as a clause for reports; the docstring's first line where it is empty."""
+    """Name of the effect as a clause for reports; the docstring's first line where it is empty."""
     noun: ClassVar[str] = ""
     """Name of the effect within a sentence."""
     answers: ClassVar[tuple[str, ...]] = ()
     """Clauses for an effect that was found: format strings over its parameters (`in_words`), each used where
     all of its parameters were found."""
     telling_drive: ClassVar[str] = ""
-    """What to drive so that it shows beside what resembles it."""
+    """Recommended manoeuvre by which it shows beside what resembles it."""
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
     """Channel and covariate over which it shows: wheel, wheel_ratio, gnss_speed, gnss_course, yaw_rate."""
     kind: ClassVar[Kind] = Kind.PHYSICS
     formula: ClassVar[str] = ""
-    """What it does, in one line of plain text, for the reference."""
+    """Formula in one line of plain text, for the reference."""
     one_sign: ClassVar[bool] = False
-    """Whether only one sign is physically possible (positive) of its first parameter."""
+    """True if only one sign is physically possible (positive) of its first parameter."""
     common: ClassVar[bool] = False
     """True where every car has some of it: it is expected, jointly with others of the kind."""
     rare: ClassVar[bool] = False
@@ -151,50 +151,52 @@ class Effect:
     beside_value: ClassVar[tuple[str, ...]] = ()
     """Effects of which every car has some: fitted along within their priors when its value is told."""
     own_per_drive: ClassVar[bool] = False
-    """Whether each drive has a value of its own, and none is common to all."""
+    """True if each drive has a value of its own, and none is common to all."""
     alike_on_every_drive: ClassVar[bool] = False
-    """Whether a drive cannot have its own value, as a slope's share in the horizontal."""
+    """True if a drive cannot have its own value, as a slope's share in the horizontal."""
     always_fitted: ClassVar[bool] = False
-    """Of a nuisance: part of the baseline model, not a hypothesis."""
+    """True for a nuisance: part of the baseline model, not a hypothesis."""
     in_calibration: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Rows: its name in a joint calibration, what the number there is, and its unit."""
     everywhere: ClassVar[bool] = False
-    """Whether it acts at all times alike, so that its place is the whole drive."""
+    """True if it acts at all times alike, so that its place is the whole drive."""
     drifts_into: ClassVar[str] = ""
     """A reading, of which this is the constant part of a slow error."""
     places: ClassVar[tuple[str, ...]] = ()
     """Wheels or groups of wheels on which it may act, one hypothesis each; empty: it knows its wheels."""
     contrast: ClassVar[bool] = False
-    """Whether it acts on wheels with both signs, so that it shows between them although all take part."""
+    """True if it acts on wheels with both signs, so that it shows between them although all take part."""
     grid: ClassVar[Grid | None] = None
-    """Of its one parameter that enters nonlinearly."""
+    """Grid of its one parameter that enters nonlinearly."""
     ramp: ClassVar[bool] = False
-    """Whether it steps or ramps once, at a time that is looked for."""
+    """True if it steps or ramps once, at a time that is looked for."""
     courses: ClassVar[tuple[str, ...]] = ()
-    """Of a ramp: the values of its parameter `course`, the plainest first."""
+    """Courses of a ramp: the values of its parameter `course`, the plainest first."""
     span: ClassVar[bool] = False
-    """Whether it acts from one time to another, which are looked for."""
+    """True if it acts from one time to another, which are looked for."""
     by_teeth: ClassVar[bool] = False
-    """Whether it is looked for once per turn of a wheel, apart from the windows of a second."""
+    """True if it is looked for once per turn of a wheel, apart from the windows of a second."""
     mirror_of: ClassVar[str] = ""
     """The effect of which this is the other sign, by the same sensitivity."""
     limit: ClassVar[str] = ""
     """The effect that it is where it is small: one that always explains as much, and no rival of it."""
     at_walking_pace: ClassVar[bool] = False
-    """Whether it is looked for below the speeds of the windows, apart from them."""
+    """True if it is looked for below the speeds of the windows, apart from them."""
     by_ripple: ClassVar[bool] = False
-    """Whether a ring's ripple tells it from a radius, apart from the windows too."""
+    """True if a ring's ripple tells it from a radius, apart from the windows too."""
     reads: ClassVar[tuple[str, ...]] = ()
     """Readings in which alone it shows, apart from wheels, gyro and fixes: `accel_long`, `accel_lat`,
     `steering`, `clock`. It is looked for in these."""
     confounded: ClassVar[tuple[str, ...]] = ()
     """Effects that read the same on every drive, whatever is driven."""
     stays: ClassVar[str] = ""
-    """Why `--model` leaves it in the ticks, whatever the bus has; empty: it is taken out."""
+    """Reason why `--model` leaves it in the ticks, whatever the bus has; empty: it is taken out."""
     shortens: ClassVar[bool] = False
-    """Whether it is the geometry by which slopes shorten the horizontal: in every world there is."""
+    """True if it is the geometry by which slopes shorten the horizontal: in every world there is."""
     ratio_limits: ClassVar[tuple[float, float] | None] = None
-    """Of its second parameter to its first, the least and the greatest that are possible, if it has such."""
+    """Ratio of its second parameter to its first, the least and the greatest that are possible, if it has
+    such.
+    """
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:
@@ -208,19 +210,22 @@ class Effect:
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Whether a car that moves so can show it at all; else it is no hypothesis on such a drive."""
+        """Return whether a car that moves so can show it at all; else it is no hypothesis on such a drive."""
         return True
 
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
-        """By parameter, least and greatest difference from neutral that a fit may find on this car."""
+        """Return, by parameter, the least and greatest difference from neutral that a fit may find on this
+        car.
+        """
         numbers = (p for p in cls.parameters if isinstance(p, Parameter))
         return {p.name: (p.limits[0] - p.neutral, p.limits[1] - p.neutral) for p in numbers}
 
     @classmethod
     def completed_by(cls, car: Car) -> Mapping[str, str]:
-        """By parameter, the parameter of other effects that adds to it on the same wheels of this car: limits
-        hold for the sum."""
+        """Return, by parameter, the parameter of other effects that adds to it on the same wheels of this
+        car: limits hold for the sum.
+        """
         return {}
 
     @classmethod
@@ -236,12 +241,15 @@ class Effect:
 
     @classmethod
     def goes_before(cls, value: float) -> bool:
-        """Whether with this first value it goes before the effects whose limit it is, as the simpler one."""
+        """Return whether with this first value it goes before the effects whose limit it is, as the simpler
+        one.
+        """
         return True
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """What is said of a value that instruments usually have, which is then no finding; empty: it is one.
+        """Return what is said of a value that instruments usually have, which is then no finding; empty: it
+        is one.
 
         `speeds` says that the bus has wheel speeds and no counts.
         """
@@ -249,23 +257,23 @@ class Effect:
 
     @classmethod
     def largest(cls, on: str) -> float:
-        """Of a free description, the largest size that is thinkable on wheels or a reading."""
+        """Return, for a free description, the largest size that is thinkable on wheels or a reading."""
         return 0.0
 
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
-        """Of an event: whether wheels that turn faster by this share for so long may show it.
+        """Return, for an event, whether wheels that turn faster by this share for so long may show it.
 
         `driven` says whether all of the wheels are driven, `axle` whether they are both of an axle.
         """
         return False
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """Why it stays in the ticks on a bus with these roles; None if it is taken out."""
+        """Return why it stays in the ticks on a bus with these roles; None if it is taken out."""
         return self.stays or None
 
     def left_in(self) -> str | None:
-        """What of it stays in the ticks although the rest is taken out; None if nothing."""
+        """Return what of it stays in the ticks although the rest is taken out; None if nothing."""
         return None
 
     def values(self) -> dict[str, Value]:
@@ -274,7 +282,7 @@ class Effect:
         return {name: value for name, value in pairs if value is not None}
 
     def unit_of(self, parameter: str) -> str:
-        """The unit of one of its parameters; empty where it has none."""
+        """Return the unit of one of its parameters; empty where it has none."""
         return next(p.unit for p in self.parameters if p.name == parameter)
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
@@ -298,7 +306,7 @@ class Effect:
         return 0.0
 
     def velocity_age_s(self) -> float:
-        """How much older a fix's speed and course are than its position."""
+        """Return how much older a fix's speed and course are than its position."""
         return 0.0
 
     def grade_factor(self) -> float:
@@ -314,7 +322,7 @@ class Effect:
         return 0.0, 0.0
 
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
-        """What the gyro reads when the car turns at `true_radps`; same shape."""
+        """Return what the gyro reads when the car turns at `true_radps`; same shape."""
         return true_radps
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
@@ -346,5 +354,5 @@ class Effect:
         return np.zeros_like(angle_rad)
 
     def true_teeth_per_rev(self, wheel: int) -> float | None:
-        """The wheel's true counts per revolution; None where they are as configured."""
+        """Return the wheel's true counts per revolution; None where they are as configured."""
         return None

@@ -32,7 +32,7 @@ _HOOKS = {
         *("gnss_speed_error_mps", "gnss_course_error_rad"),
     ),
 }
-"""What of an effect the readings of each group depend on, as the functions below do."""
+"""Hooks of an effect that the readings of each group depend on, as the functions below do."""
 
 
 def acts_on(effect: Effect) -> frozenset[str]:
@@ -57,10 +57,10 @@ def _overrides(effect: Effect, hooks: Iterable[str]) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Rolling:
-    """How the wheels turn at a model, in pieces, so that one more effect costs little; arrays (n, 4)."""
+    """Rolling of the wheels at a model, in pieces, so that one more effect costs little; arrays (n, 4)."""
 
     speeds_mps: FloatArray
-    """Of the hubs, along their rolling directions."""
+    """Speeds of the hubs, along their rolling directions."""
     stretched: FloatArray
     """1 + slip."""
     radii_m: FloatArray
@@ -139,7 +139,7 @@ def steering_wheel_angles(motion: Motion, car: Car, model: ExtendedModel) -> Flo
 
 @dataclass(frozen=True, slots=True)
 class AntennaTruth:
-    """What a perfect receiver would report; arrays (n,)."""
+    """Readings of a perfect receiver; arrays (n,)."""
 
     east_m: FloatArray
     """From where the middle of the rear axle was at the motion's start."""

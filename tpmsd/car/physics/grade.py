@@ -26,7 +26,7 @@ class GradeTracker:
         self._points: deque[tuple[float, float]] = deque()
         self._origin = (0.0, 0.0)
         self._sums = (0.0, 0.0, 0.0, 0.0)
-        """Of way, height, way squared, way times height over the points, both from the origin on."""
+        """Sums of distance, height, their square and product over the points, both from the origin on."""
         self.sine = 0.0
         """Height gained per way along the road."""
 
@@ -42,7 +42,7 @@ class GradeTracker:
         return math.sqrt(1.0 - self.sine**2)
 
     def move(self, way_m: float) -> None:
-        """The car rolled on."""
+        """Add a point, after the car has rolled on."""
         self._way_m += way_m
 
     def update(self, up_m: float) -> None:

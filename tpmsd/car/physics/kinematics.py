@@ -1,4 +1,4 @@
-"""Where the wheels are and how fast each must roll: plane motion of a four-wheeled car.
+"""Kinematics of the wheels: plane motion of a four-wheeled car.
 
 In: the motion of the middle of the rear axle. Out: each wheel's rolling speed. ISO 8855: x forward, y left,
 yaw rate positive in a left turn. [Lundquist 2013], eqs (4)-(6), gives the rear pair; the front pair is
@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Where the wheels are."""
+    """Positions of the wheels."""
 
     track_front_m: float
     track_rear_m: float

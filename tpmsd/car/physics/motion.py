@@ -1,4 +1,4 @@
-"""How the car moved, and the car itself: what every effect of the catalogue is a function of.
+"""Motion of the car, and the car itself: the arguments of every effect of the catalogue.
 
 In: profiles of speed, yaw rate and grade over time. Out: `Motion` (arrays over time) and `Car` (constants).
 Frames and signs are ISO 8855: x forward, y left, z up; yaw rate and lateral acceleration positive in a left
@@ -38,7 +38,7 @@ class Motion:
     grade_rad: FloatArray
     """Slope angle, positive uphill."""
     heading_rad: FloatArray
-    """Of the body, counter-clockwise from east, unwrapped."""
+    """Heading of the body, counter-clockwise from east, unwrapped."""
     steering_rad: FloatArray
     """Mean angle of the road wheels, positive to the left."""
     measured: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -111,7 +111,7 @@ _ARRAYS = (
 
 @dataclass(frozen=True)
 class Car:
-    """What the configuration says about the car; effects say how far the truth is from it."""
+    """Car as configured; effects say how far the truth is from it."""
 
     radius_m: FloatArray
     """(4,) nominal effective rolling radius."""

@@ -20,12 +20,12 @@ Std = float | tuple[float, ...]
 
 
 MAX_ENTRIES = 200
-"""Of a vector."""
+"""Index of a vector's component."""
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known of a parameter before any drive: that of cars in good order, with its source."""
+    """Prior of a parameter: that of cars in good order, with its source."""
 
     mean: float
     std: float

@@ -1,4 +1,4 @@
-"""What effects share that are pulses lost or added at a rate.
+"""Common part of effects that lose or add pulses at a rate.
 
 In: wheel and rate of an effect. Out: the share of the wheel's pulses over a motion. An effect says the sign.
 """
@@ -56,7 +56,7 @@ class PulseRate(Effect):
 
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
-        """By a share of the pulses that this car's rings make."""
+        """Change by a share of the pulses that this car's rings make."""
         turns_per_s = AT_MPS / (2.0 * np.pi * float(np.mean(car.radius_m)))
         most = MOST_SHARE * car.teeth_per_rev * turns_per_s
         return {"rate_per_s": (-most, most)}

@@ -61,14 +61,14 @@ def shown_rate_factor(angle_rad: FloatArray, wheel: int, car: Car, model: Extend
 
 @dataclass(frozen=True)
 class FixChange:
-    """What effects change in fixes of some instants; arrays (m,)."""
+    """Changes that effects make in fixes of some instants; arrays (m,)."""
 
     east_m: FloatArray
     north_m: FloatArray
     plain_mps: FloatArray
     """Velocity without the effects as a complex number, east + i north."""
     acting_mps: FloatArray
-    """The same with them."""
+    """Value with them."""
 
 
 class AntennaChange:

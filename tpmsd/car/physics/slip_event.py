@@ -1,4 +1,4 @@
-"""What effects share that are a slip of some wheels within a time span.
+"""Common part of effects that are a slip of some wheels within a time span.
 
 In: wheels, slip, onset and duration of an effect. Out: the slip of each wheel over a motion.
 """

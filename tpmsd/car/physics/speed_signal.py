@@ -1,4 +1,4 @@
-"""What errors of the bus's own wheel speeds share.
+"""Common part of errors of the bus's own wheel speeds.
 
 In: nothing. Out: the base class of such effects.
 """

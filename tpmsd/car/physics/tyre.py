@@ -1,4 +1,4 @@
-"""What a loss of pressure does to a tyre's effective rolling radius, and back.
+"""Effective rolling radius of a tyre by its pressure, and back.
 
 In: the share of the pressure that is lost, or the change of radius. Out: the other, with its uncertainty. So
 a fault can be named in per cent pressure, and an alarm can say how much pressure is missing.

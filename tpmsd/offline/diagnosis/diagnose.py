@@ -38,7 +38,7 @@ __all__ = ["diagnose", "diagnose_against", "first_noise"]
 
 @dataclass(frozen=True)
 class Certification:
-    """How findings are to be certified."""
+    """Options of the certificate."""
 
     replicates: int
     """At most."""

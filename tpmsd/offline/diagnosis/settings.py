@@ -25,9 +25,9 @@ class HypothesisSettings:
     ramp_knots: int = 40
     """Intervals between which a radius may change: half a minute each in twenty minutes."""
     spline_intervals: int = 5
-    """Of a spline term over a covariate at first; more are tried once it is plain."""
+    """Knots of a spline term over a covariate at first; more are tried once it is plain."""
     time_intervals: int = 12
-    """The same over time and distance, where a drive holds more than one swing."""
+    """Knots over time and distance, where a drive holds more than one swing."""
     finer: int = 4
     """Intervals of the finest spline, per interval of the first."""
     apart_stds: float = 4.0
@@ -41,7 +41,9 @@ class HypothesisSettings:
     probe_m: float = 1e-5
     """Change of a radius small enough to be linear."""
     tangent_share: float = 0.05
-    """Of an effect's value by which it is moved to take its tangent: no rounding, hardly a curvature."""
+    """Fraction of an effect's value by which it is moved to take its tangent: no rounding, hardly a
+    curvature.
+    """
     smallest_radius_m: float = 3e-5
     """No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
     impossible_nats: float = 12.5
@@ -71,10 +73,11 @@ class PreparationSettings:
     fewest_blocks: int = 10
     """In a short drive blocks are shorter."""
     most_blocks: int = 120
-    """Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
+    """Blocks of all drives together: beyond an hour blocks grow, so that memory is bounded."""
     most_moves: int = 8
-    """Of radii and motion of a replicate. After one, a radius that is 8 % off leaves products that gain a
-    thousand nats, a wheel that locks 75; five leave none."""
+    """Linearisations of radii and motion of a replicate. After one, a radius that is 8 % off leaves products
+    that gain a thousand nats, a wheel that locks 75; five leave none.
+    """
     moved_nats: float = 0.1
     """Gain of the last move: far below what any term costs."""
     noises_kept: int = 2
@@ -94,7 +97,7 @@ class SelectionSettings:
     spline_handicap: float = 0.08
     """Share of its gain by which a spline must beat an effect: no effect's formula is the last word."""
     drift_handicap: float = 0.25
-    """The same over time or distance on all wheels, where the receiver's slow error looks alike."""
+    """Value over time or distance on all wheels, where the receiver's slow error looks alike."""
     share_of_rest: float = 1e-5
     """Share of what all terms together gain that a term must gain: no linearised model is better than
     that."""
@@ -115,10 +118,12 @@ class SelectionSettings:
     confounded_nats: float = 2.0
     """Rivals whose fit is worse by less than this are confounded with a term."""
     confounded_share: float = 5e-4
-    """The same as a share of the gain: what separates two effects that fit so nearly alike is what is not
-    linear in the responses, and not the drive."""
+    """Value as a fraction of the gain: what separates two effects that fit so nearly alike is what is not
+    linear in the responses, and not the drive.
+    """
     rival_weight: float = 1e-3
-    """Of a rival over the term's own, above which it is asked whether its values are thinkable at all."""
+    """Gain of a rival over the term's own, above which it is asked whether its values are thinkable at all.
+    """
     nearer_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
     """Shares by which a value may lie nearer to zero where it is priced; at a half a quarter of the gain is
     lost."""
@@ -132,7 +137,7 @@ class SelectionSettings:
     independent_share: float = 0.5
     """Share of its gain that a term keeps beside a rival from which the two explain different things."""
     least_eigenvalue: float = 1e-6
-    """Of the terms' correlation matrix, calibration included: below, they are one."""
+    """Least eigenvalue of the terms' correlation matrix, calibration included: below, they are one."""
     least_own_share: float = 1e-5
     """Share of a column that the chosen terms leave of it, below which it is theirs."""
     most_overdispersion: float = 25.0
@@ -145,7 +150,7 @@ class SelectionSettings:
 
 @dataclass(frozen=True, slots=True)
 class RefinementSettings:
-    """What enters nonlinearly, and finer splines."""
+    """Settings of what enters nonlinearly, and of finer splines."""
 
     plain_splines: int = 3
     """Splines taken out before the noise is first estimated: one of each kind of covariate."""
@@ -162,24 +167,25 @@ class RefinementSettings:
     finer_nats: float = 3.0
     """Penalised gain by which finer knots must be better."""
     exact_rounds: int = 2
-    """Of Gauss-Newton with the exact response: the first leaves a tenth of the linearisation error."""
+    """Steps of Gauss-Newton with the exact response: the first leaves a tenth of the linearisation error."""
     most_calibration: float = 0.05
     """Relative change of a radius at one linearisation."""
 
 
 @dataclass(frozen=True, slots=True)
 class AssessmentSettings:
-    """What a drive tells, what was reached, comparison with a simulation."""
+    """Settings of what a drive tells, what was reached, and the comparison with a simulation."""
 
     confounded_cosine: float = 0.9
-    """Of the angle between two sensitivities: of what the one gains, four fifths are then gained by the
-    other."""
+    """Cosine of the angle between two sensitivities: of what the one gains, four fifths are then gained by
+    the other.
+    """
     tells_nats: float = 10.0
     """At the usual size, from which a drive tells an effect: its penalty, and odds of a thousand."""
     power_stds: float = 1.645
     """Standard deviations of a value that make it seen in 19 of 20 drives: the normal's 95 % quantile."""
     size_rounds: int = 5
-    """Of size and what is held against it: after three it changes by less than a percent."""
+    """Iterations of size and what it is compared with: after three it changes by less than a percent."""
     unthinkable_stds: float = 100.0
     """Beyond, a size is not looked for: what instruments usually have ends far below."""
     lags: int = 10
@@ -189,11 +195,11 @@ class AssessmentSettings:
     interval_nats: float = 1.92
     """Fall of the log-likelihood at the ends of a 95 % interval (Wilks 1938)."""
     halvings: int = 4
-    """Of the span in which an onset's interval ends: to a sixteenth of it."""
+    """Fraction of the span in which an onset's interval ends: to a sixteenth of it."""
     firsts: int = 19
     """Values over its range at which the likelihood of a nonlinear parameter is taken."""
     seconds: int = 9
-    """The same of a second one."""
+    """Value for a second one."""
     simulation_floor: float = 0.5
     """A simulation's noise is no less than this share of the recording's: a difference cannot be told
     better than the recording tells it."""
@@ -201,7 +207,7 @@ class AssessmentSettings:
     """A simulation that tells this share of what the recording tells about a value, or less, holds none of
     it."""
     simulation_rounds: int = 6
-    """Of adding and removing the simulation's own effects."""
+    """Rounds of adding and removing the simulation's own effects."""
     seen_stds: float = 3.0
     """From so many standard deviations on, a value is there."""
 
@@ -218,7 +224,7 @@ class RobustnessSettings:
     clear_of_receiver_nats: float = 80.0
     """Beyond, no slow noise of a receiver is the reason."""
     clear_of_drift_nats: float = 3000.0
-    """The same of a wheel that changes against the others, and the drift of radii."""
+    """Value for a wheel that changes against the others, and the drift of radii."""
     sure: float = 0.95
     """Confidence below which an effect is not told from what instruments usually make."""
     drifts_from: float = 1e-4
@@ -230,7 +236,9 @@ class RobustnessSettings:
     drift_levels: tuple[float, ...] = (1.0, 0.5, 0.25)
     """Shares of the estimated drift at which a change of radius is looked for: beside it there is less."""
     student_freedom: float = 4.0
-    """Of Student's distribution, usual for outliers in regression (Lange, Little and Taylor 1989)."""
+    """Degrees of freedom of Student's distribution, usual for outliers in regression (Lange, Little and
+    Taylor 1989).
+    """
     normal_median: float = 1.4826
     """Standard deviation of a normal distribution in its median distance from the mean."""
     together_share: float = 0.85
@@ -250,10 +258,11 @@ class RobustnessSettings:
     """Probability below which no further replicate changes the answer: a hundredth of the discovery
     rate."""
     least_scale_nats: float = 1.0
-    """Of the maxima's distribution: half a chi-square falls off by e per nat, whatever its degrees of
-    freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not."""
+    """Scale of the maxima's distribution: half a chi-square falls off by e per nat, whatever its degrees of
+    freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not.
+    """
     ridge: float = 1e-6
-    """Of columns of unit length: what the model explains already has next to nothing left."""
+    """Least norm of columns of unit length: what the model explains already has next to nothing left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +270,7 @@ class SensorSettings:
     """Errors of accelerometers, steering wheel and clock, apart from the windows."""
 
     known_share: float = 0.8
-    """Of a sensor's readings that must be there."""
+    """Fraction of a sensor's readings that must be there."""
     fewest_fixes: int = 100
     """With UTC, for the clock."""
     clock_step_s: float = 0.2
@@ -273,14 +282,14 @@ class SensorSettings:
     model_error: float = 0.02
     """Relative standard deviation of any value: the motion that it multiplies is no better known."""
     least_share: float = 1e-3
-    """Of a column that must be left beside the others, squared, for its value to be told."""
+    """Fraction of a column that must be left beside the others, squared, for its value to be told."""
     beyond_stds: float = 4.0
     """Beyond the usual size of an error: one in 30,000 by chance, for some ten errors of a drive."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportSettings:
-    """What is written down."""
+    """Settings of what is written down."""
 
     drift_told_from: float = 2e-4
     """Relative standard deviation of the radii's drift from which it is reported as unexplained."""
@@ -289,7 +298,7 @@ class ReportSettings:
     much_removed: float = 0.25
     """Share of a block's data from which its span of time is named."""
     bins: int = 16
-    """Of a covariate, in the pictures."""
+    """Bins of a covariate, in the pictures."""
     known_ripple_stds: float = 3.0
     """Standard deviations within which a ring's ripple is the known one: one of 370 is farther by chance."""
     proposals: int = 3

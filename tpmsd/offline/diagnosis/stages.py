@@ -33,7 +33,7 @@ from tpmsd.offline.inference.noise_fit import Stage, fit_noise, outliers
 
 @dataclass(frozen=True)
 class State:
-    """What one stage leaves to the next."""
+    """State that one stage leaves to the next."""
 
     study: Study
     design: FloatArray
@@ -43,14 +43,16 @@ class State:
 
     @property
     def chosen(self) -> Selection:
-        """What was chosen; ValueError before anything was."""
+        """Return what was chosen; ValueError before anything was."""
         if self.selection is None:
             raise ValueError("nothing was chosen yet")
         return self.selection
 
     @property
     def found(self) -> Found:
-        """The same with the study and the evidence of which it was chosen; ValueError without them."""
+        """Return the findings with the study and the evidence of which it was chosen; ValueError without
+        them.
+        """
         if self.evidence is None:
             raise ValueError("there is no evidence")
         return Found(self.study, self.chosen, self.evidence)
@@ -141,7 +143,7 @@ def other_noise(state: State) -> State:
 
 
 Alternative = Callable[[Found, Selection], Found]
-"""What is found, and what was chosen before any alternative; the first anew."""
+"""Findings, and what was chosen before any alternative; the first anew."""
 
 ALTERNATIVES: tuple[Alternative, ...] = (
     # Outliers of the receiver, where it alone shows an event.

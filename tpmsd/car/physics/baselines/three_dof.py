@@ -22,7 +22,9 @@ from tpmsd.foundation.wheels import FloatArray
 MOST_SLIP_FORCE = 0.3
 """Largest F / C_sigma that is turned into a slip: beyond, a wheel spins or locks."""
 SHARE_MARGIN = 0.02
-"""By which a share of force may leave 0 and 1: more than the difference of a derivative, less than shows."""
+"""Step by which a share of force may leave 0 and 1: more than the difference of a derivative, less than
+shows.
+"""
 
 
 @dataclass(frozen=True, slots=True)

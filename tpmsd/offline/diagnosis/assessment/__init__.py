@@ -1,1 +1,1 @@
-"""What was reached, what is left, and how well values are known."""
+"""Assessment: what was reached, what is left, and how well values are known."""

@@ -1,4 +1,4 @@
-"""What slips by the tyre model would explain.
+"""Gain that slips by the tyre model would bring.
 
 In: a `Study` and the terms that were found. Out: `Explanatory`: what wheel slip and side slip would gain,
 alone and beyond these.

@@ -1,4 +1,4 @@
-"""What a drive can tell about each effect of the catalogue, and which effects it confounds.
+"""Identifiability of each effect of the catalogue on a drive, and the effects that it confounds.
 
 In: a `Study`. Out: `Telling`s: per effect the log-likelihood gain to be expected at its usual size, and the
 effects whose whitened sensitivities lie close to its own, by principal angles (Bjoerck and Golub, Mathematics
@@ -29,7 +29,7 @@ class Telling:
     confounded_with: tuple[tuple[str, float], ...]
     """Names and cosines, the nearest first."""
     drive: str
-    """What to drive to separate it from the nearest; empty where nothing is near."""
+    """Recommended manoeuvre to separate it from the nearest; empty where nothing is near."""
 
     @property
     def told(self) -> bool:
@@ -88,7 +88,7 @@ def _basis(term: Term, gram: FloatArray) -> FloatArray:
 
 
 def _cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
-    """Of the smallest principal angle."""
+    """Return the cosine of the smallest principal angle."""
     if not one.shape[1] or not other.shape[1]:
         return 0.0
     return float(min(np.linalg.svd(one.T @ gram @ other, compute_uv=False)[0], 1.0))

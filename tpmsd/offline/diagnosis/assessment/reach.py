@@ -1,4 +1,4 @@
-"""How much of the reachable improvement the found physics reached, and whether what is left has structure.
+"""Fraction of the reachable improvement that the found physics reached, and structure of what is left.
 
 In: each drive's whitened columns and the chosen terms. Out: `Reach`. What is reachable is measured, not
 assumed: on top of the found model a flexible one (every spline term at every place, every effect's column,
@@ -39,24 +39,26 @@ class ChannelReach:
     left: float
     """Gained by the flexible model beyond the found one."""
     correlation: float
-    """Of what is left with itself one window later."""
+    """Correlation of what is left with itself one window later."""
     whiteness: float
     """Probability that white noise would be as correlated over the next windows as what is left."""
 
 
 @dataclass(frozen=True)
 class Reach:
-    """What was reached and what is left."""
+    """Record of what was reached and what is left."""
 
     found: float
     left: float
     left_std: float
-    """By the scatter of the blocks."""
+    """Standard deviation by the scatter of the blocks."""
     channels: dict[str, ChannelReach]
 
     @property
     def share(self) -> float | None:
-        """What was reached of the reachable; None where nothing was found and nothing is left."""
+        """Return the fraction of the reachable that was reached; None where nothing was found and nothing is
+        left.
+        """
         found, left = max(self.found, 0.0), max(self.left, 0.0)
         return None if found == 0.0 and not self.structured else found / (found + left)
 
@@ -77,7 +79,7 @@ class Seen:
     blocks: np.ndarray
     """(w,) the block of each window."""
     names: Sequence[Name]
-    """Of the columns; there may be further columns, which belong to the model alone."""
+    """Names of the columns; there may be further columns, which belong to the model alone."""
     calibration: FloatArray
     """(n, c) and `model` (n, k): what is fitted before and after. Their columns are the same numbers in all
     drives; what is another drive's own is zero here."""

@@ -1,4 +1,4 @@
-"""What a diagnosis says.
+"""Records of a diagnosis.
 
 In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `Diagnosis`, and what
 pictures are drawn from.
@@ -39,17 +39,17 @@ class Where:
 
 @dataclass(frozen=True)
 class DownWeighted:
-    """What robust weights took out of the data because no hypothesis explains it."""
+    """Part that robust weights took out of the data because no hypothesis explains it."""
 
     share: float
     by_channel: dict[str, float]
     time_spans: tuple[tuple[float, float], ...]
-    """Where much of it was lost, seconds from the first drive's start."""
+    """Spans in which much of it was lost, seconds from the first drive's start."""
 
 
 @dataclass(frozen=True)
 class SpeedRange:
-    """What the seconds at some speeds tell."""
+    """Information of the seconds at some speeds."""
 
     speed_mps: tuple[float, float]
     driving_s: float
@@ -87,7 +87,9 @@ class Proposal:
     coefficient: float
     std: float
     unit: str
-    """Of the formula's value; the coefficient is in metres of radius, or the reading's unit, per this."""
+    """Standard deviation of the formula's value; the coefficient is in metres of radius, or the reading's
+    unit, per this.
+    """
     gain: float
     """Nats in sample."""
     heldout_gain: float
@@ -103,20 +105,20 @@ class Finding:
     parameters: dict[str, Quantity]
     where: Where
     rms_before: float
-    """Of the whitened residual on held-out blocks, without and with this finding."""
+    """Root mean square of the whitened residual on held-out blocks, without and with this finding."""
     rms_after: float
     loglik_gain_per_s: float
     gain: float
     """Log-likelihood on held-out blocks, in nats."""
     indistinguishable_from: tuple[str, ...]
     advice: str = ""
-    """Which drive would tell the rivals apart."""
+    """Recommended manoeuvre that would distinguish the rivals."""
     told_by: str = ""
-    """What tells it from its like, where that is not in the gains."""
+    """Evidence that distinguishes it from its like, where that is not in the gains."""
     shape: tuple[tuple[float, float, float], ...] = ()
-    """Of an `unknown`: (covariate, value, std) at the knots."""
+    """Curve of an `unknown`: (covariate, value, std) at the knots."""
     drives: tuple[str, ...] = ()
-    """Of several drives, those in which it stands; empty where it stands in all."""
+    """Drives, of several, in which it stands; empty where it stands in all."""
     held_by: str = ""
     """Compared with a simulation: recording, simulation, or both at different values; else empty."""
     simulated: dict[str, Quantity] = field(default_factory=dict)
@@ -141,10 +143,10 @@ class RadiusDrift:
     it."""
 
     relative_std: float
-    """Of the drift, relative to the radius."""
+    """Standard deviation of the drift, relative to the radius."""
     time_constant_s: float
     drive: str
-    """Of several drives, the one in which it is largest; empty for one drive."""
+    """Drive, of several, in which it is largest; empty for one drive."""
     where: Where
 
 
@@ -155,7 +157,7 @@ class Remaining:
     gain: float
     """Penalised gain beside what was chosen, nats."""
     p_value: float
-    """How often a drive in which nothing else acts would show as much."""
+    """Fraction of drives in which nothing else acts that would show as much."""
     exceeded: int
     """Replicates that did."""
     replicates: int
@@ -167,7 +169,7 @@ class NotDetectable:
 
     effect: str
     smallest: dict[str, tuple[float | None, str]]
-    """By parameter, difference from neutral and unit; None where nothing of it shows in the drive."""
+    """Sizes by parameter, difference from neutral and unit; None where nothing of it shows in the drive."""
 
 
 @brief
@@ -177,7 +179,7 @@ class Diagnosis:
 
     verdict: str
     reason: str
-    """Why the data are insufficient; else empty."""
+    """Reason why the data are insufficient; else empty."""
     findings: tuple[Finding, ...]
     driving_s: float
     """Windows that were compared."""
@@ -196,9 +198,9 @@ class Diagnosis:
     notes: tuple[str, ...] = ()
     """Drives and stretches that were left out, and why."""
     reach: Reach | None = None
-    """How much of the reachable improvement was reached; None where the data are insufficient."""
+    """Fraction of the reachable improvement that was reached; None where the data are insufficient."""
     explanatory: tuple[Explanatory, ...] = ()
-    """What slips by the tyre model would gain."""
+    """Gain that slips by the tyre model would bring."""
     replicates: int = 0
     """Drawn for the certificate of the findings; 0 without one."""
     drift: RadiusDrift | None = None
@@ -210,7 +212,7 @@ class Diagnosis:
     down_weighted: DownWeighted | None = None
     """None where the data are insufficient."""
     information: tuple[SpeedRange, ...] = ()
-    """By speed, the slowest first."""
+    """Information by speed, the slowest first."""
     proposals: tuple[Proposal, ...] = ()
     """The best first; empty if not asked for, or if all has a name."""
     not_detectable: tuple[NotDetectable, ...] = ()
@@ -245,7 +247,7 @@ class Ground:
 @brief
 @dataclass(frozen=True)
 class Inner:
-    """What the pictures are drawn from."""
+    """Data that the pictures are drawn from."""
 
     rms_by_channel: dict[str, tuple[float, float]]
     """Root mean square of the whitened residual, before and after."""

@@ -1,4 +1,4 @@
-"""What a recording holds and the user's own simulation of it does not.
+"""Effects that a recording holds and the user's own simulation of it does not.
 
 In: a `Study` of the two, examined as two drives are. Out: the `Selection` of differences, and what each of
 the two holds. The simulation takes the rolling model's place: whatever both hold in common (an effect's
@@ -46,13 +46,13 @@ class Common:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What it is, wherever it acts."""
+        """Return what it is, wherever it acts."""
         return key_of(self.term)
 
 
 @dataclass(frozen=True)
 class Held:
-    """Of one difference: who holds the effect, and the values of each."""
+    """One difference: who holds the effect, and the values of each."""
 
     by: str
     recorded: Chosen
@@ -75,11 +75,11 @@ class Differences(Hypotheses):
         )
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Of the recording's wheels."""
+        """Return the value of the recording's wheels."""
         return [(gain, term) for gain, term in self.joint.ramp_gains(gram, b) if term.drive == 0]
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Of the recording's wheels."""
+        """Return the value of the recording's wheels."""
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
 
     def first(self, which: Common) -> int:

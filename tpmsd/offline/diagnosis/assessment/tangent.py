@@ -23,7 +23,7 @@ from tpmsd.offline.inference.least_squares import fitted
 
 
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
-    """By place in the selection: standard deviations of amplitude and nonlinear parameters."""
+    """Return, by index in the selection, standard deviations of amplitude and nonlinear parameters."""
     tangents: list[dict[int, FloatArray]] = []
     owner: list[tuple[int, str, float]] = []
     for k, one in enumerate(selection.chosen):
@@ -158,8 +158,9 @@ def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray) -> tuple[fl
 
 
 def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
-    """Where, from a place that is inside outwards, the gains fall to the level; between places as a parabola
-    about the greatest of them does, whose root is a line."""
+    """Return where, from a point inside outwards, the gains fall to the level; between places as a parabola
+    about the greatest of them does, whose root is a line.
+    """
     outside = inside + step
     if not 0 <= outside < len(gains):
         return float(inside)
@@ -171,7 +172,7 @@ def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
 
 @dataclass(frozen=True)
 class _Tangent:
-    """How a response goes with an onset or a duration."""
+    """Response as a function of an onset or a duration."""
 
     by: FloatArray
     """(w, 9) change per second."""

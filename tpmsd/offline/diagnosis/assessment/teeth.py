@@ -113,7 +113,7 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
 
 
 def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
-    """By drive, the wheels that show another number of teeth than is configured, and that number.
+    """Return, by drive, the wheels that show another number of teeth than is configured, and that number.
 
     A wheel of no name stands for all four.
     """

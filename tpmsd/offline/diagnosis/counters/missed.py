@@ -35,7 +35,7 @@ class Missed:
 
     wheel: str
     share: float
-    """Of its counts, in the mean."""
+    """Fraction of its counts, in the mean."""
     share_std: float
     rate_per_s: float
     rate_std_per_s: float

@@ -14,7 +14,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class CounterSettings:
-    """What is looked for in counts, apart from the windows."""
+    """Settings of what is looked for in counts, apart from the windows."""
 
     ripple_high_pass_s: float = 0.5
     """Width of the Gaussian that takes slow differences between wheels away: several turns."""
@@ -23,7 +23,7 @@ class CounterSettings:
     ripple_block_ticks: int = 300
     """Half a minute: blocks over which the ripple's variance is told."""
     ripple_folds: int = 5
-    """Of cross-validation."""
+    """Folds of cross-validation."""
     ripple_admit_nats: float = 12.0
     """For amplitude, phase and flattening of one of four wheels, and odds of a thousand."""
     ripple_longest_period_s: float = 0.1
@@ -32,7 +32,7 @@ class CounterSettings:
     ripple_flattened_std: float = 0.1
     """Relative standard deviation of an amplitude: how much flatter is known no better."""
     ripple_ranges: int = 12
-    """Of turns per second, where speeds fold the ripple."""
+    """Range of turns per second, where speeds fold the ripple."""
     ripple_folded_from: float = 2.0
     """Gain of folded ripples, over that of plain ones, from which they are folded."""
     ripple_folded_std: float = 0.6
@@ -44,7 +44,7 @@ class CounterSettings:
     """Relative offset of a radius from which another number of teeth is thought of: radii differ by some
     tenths of a per cent."""
     teeth_within: float = 0.35
-    """How near to a whole number of teeth the offset must be."""
+    """Distance to a whole number of teeth within which the offset must be."""
     teeth_all_from: float = 0.055
     """Relative offset of all wheels together: so far off no radius of a tyre of about the right size is."""
     teeth_at_once: float = 0.04
@@ -64,7 +64,7 @@ class CounterSettings:
     lost_least_mps: float = 0.6
     """Least speed looked at: the receiver's course and speed are noise below."""
     lost_errors: float = 4.0
-    """The same in standard deviations of the receiver's speed."""
+    """Value in standard deviations of the receiver's speed."""
     lost_half_s: float = 0.25
     """Half the time over which a wheel's speed is taken."""
     lost_admit_nats: float = 14.0

@@ -48,7 +48,7 @@ class SingleLosses:
     """Positive where they are lost."""
     rate_std_per_s: float
     std: float
-    """Of the wheel's way over a window, in counts."""
+    """Noise of the wheel's distance over a window, in counts."""
     twins: tuple[str, ...]
     """Other wheels of which the opposite would look the same."""
     gain: float
@@ -61,7 +61,7 @@ class SingleLosses:
 
 @dataclass(frozen=True)
 class _Way:
-    """What a wheel's way shows beside the other wheels and the gyro."""
+    """Evidence of a wheel's distance beside the other wheels and the gyro."""
 
     counts: FloatArray
     """(w,) in counts, less the mean of some minutes."""
@@ -78,9 +78,9 @@ class _Steps:
     """Steps of a count beside normal noise."""
 
     share: float
-    """Of what was counted."""
+    """Fraction of what was counted."""
     std: float
-    """Of the share, by the curvature of the likelihood."""
+    """Standard deviation of the share, by the curvature of the likelihood."""
     log_likelihood: float
     ahead: FloatArray
     """(w,) log-likelihood of each window over that of the same with the opposite sign."""
@@ -126,7 +126,7 @@ def single_losses(
 
 
 def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float) -> dict[int, _Way]:
-    """By wheel; none of a wheel that the motion's own errors explain as well."""
+    """Return the losses by wheel; none of a wheel that the motion's own errors explain as well."""
     rows = [wheel for wheel in range(GYRO) if np.isfinite(left[:, wheel]).mean() > 0.5]
     if any(count_m[wheel] <= 0.0 for wheel in rows):
         return {}
@@ -172,7 +172,9 @@ def _elsewhere(level: FloatArray, mine: FloatArray, size: int) -> float:
 
 
 def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
-    """Of normal noise, which an error of the wheel puts into the others as well; zero without others."""
+    """Return the variance of normal noise, which an error of the wheel puts into the others as well; zero
+    without others.
+    """
     if not others:
         return 0.0
     ratio = float(values.var()) / max(float(np.mean([other.var() for other in others])), 1e-30)
@@ -251,7 +253,9 @@ def _steps(values: FloatArray, counted: FloatArray) -> _Steps:
 
 
 def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
-    """Of the first of two values, the other one free, by the curvature of the likelihood."""
+    """Return the standard deviation of the first of two values, the other one free, by the curvature of the
+    likelihood.
+    """
     step = SETTINGS.counters.single_probe * np.eye(2)
     middle = negative(at)
     moved = [[negative(at + k * one) for k in (-1.0, 1.0)] for one in step]

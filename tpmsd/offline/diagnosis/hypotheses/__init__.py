@@ -1,1 +1,1 @@
-"""What may be missing: terms, their responses and what is plausible."""
+"""Hypotheses of what may be missing: terms, their responses and what is plausible."""

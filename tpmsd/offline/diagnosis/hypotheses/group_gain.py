@@ -1,4 +1,4 @@
-"""What a group of columns brings, by Gram matrices.
+"""Gain of a group of columns, by Gram matrices.
 
 In: a design, the Gram matrix and correlation of all columns. Out: log-likelihood and first value.
 """

@@ -24,7 +24,7 @@ SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_e
 
 @dataclass(frozen=True)
 class OwnNames:
-    """What one drive has for itself."""
+    """Values that one drive has for itself."""
 
     names: list[Name]
     """The data's own first."""
@@ -97,7 +97,9 @@ class JointHypotheses(Hypotheses):
 
     @property
     def everything(self) -> FloatArray:
-        """As in the base, each drive with values of its own: what all of them share is told by these."""
+        """Return what the base returns, each drive with values of its own: what all of them share is told by
+        these.
+        """
         own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
         singles = [
             term.design
@@ -148,7 +150,7 @@ class JointHypotheses(Hypotheses):
         return out
 
     def shapes_over(self, like: Term) -> list[Term]:
-        """As in the base; of a term of one drive, those of that drive."""
+        """Return what the base returns; of a term of one drive, those of that drive."""
         shapes = super().shapes_over(like)
         return shapes if like.drive is None else [*shapes, *self.splines_of(like.drive, like.covariate)]
 

@@ -1,4 +1,4 @@
-"""Whether fitted values are physically plausible.
+"""Plausibility of fitted values by physics.
 
 In: a `Term` and its values in a joint fit. Out: whether they lie within what is physically thinkable, and
 what the data say against two values that one force makes together.
@@ -20,7 +20,9 @@ Bounds = Mapping[tuple[str, str], tuple[float, float]]
 
 
 def bounds_of(car: Car) -> Bounds:
-    """Of the fitted values (differences from neutral) on this car, by effect and parameter."""
+    """Return the limits of the fitted values (differences from neutral) on this car, by effect and
+    parameter.
+    """
     return {
         (name, parameter): limits
         for name, effect in EFFECTS.items()
@@ -29,7 +31,9 @@ def bounds_of(car: Car) -> Bounds:
 
 
 def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
-    """By effect and parameter, the parameter of other effects to which the limits of the sum apply."""
+    """Return, by effect and parameter, the parameter of other effects to which the limits of the
+    sum apply.
+    """
     return {
         (name, parameter): other
         for name, effect in EFFECTS.items()

@@ -1,4 +1,4 @@
-"""What terms must bring to pay for their freedom, in nats.
+"""Penalties of terms for their freedom, in nats.
 
 In: how many values and choices a term has. Out: its penalty.
 """

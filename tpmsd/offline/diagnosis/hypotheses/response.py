@@ -1,4 +1,4 @@
-"""How the channels answer to every hypothesis, linearised.
+"""Linearised responses of the channels to every hypothesis.
 
 In: a `Reader` and a model to linearise about. Out: `Columns`: one column (w, 9) per free number: the
 calibration's radii, each parameter of each effect of the catalogue, ramps of each wheel's radius between
@@ -27,7 +27,7 @@ from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED,
 ROLLING = ExtendedModel()
 READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
 PLACES = ("fl", "fr", "rl", "rr", *READINGS)
-"""Where a smooth term may act."""
+"""Channels and wheel patterns on which a smooth term may act."""
 
 
 class Columns:

@@ -67,19 +67,19 @@ class Term:
     penalty: float
     """Nats that it must bring to pay for its freedom."""
     wheel: str = ""
-    """Of a change of radius also several, with blanks between."""
+    """Wheels; of a change of radius also several, with blanks between."""
     span_s: tuple[float, float] = (0.0, 0.0)
-    """Of a ramp: onset and end; of a pulse, from when to when."""
+    """Times of a ramp: onset and end; of a pulse, from when to when."""
     at: float | None = None
     """Value of the parameter that enters nonlinearly."""
     second: float | None = None
-    """Of a second such parameter; None where there is none, or it is typical."""
+    """Value of a second such parameter; None where there is none, or it is typical."""
     course: str = ""
-    """Of a ramp; empty: the plainest."""
+    """Course of a ramp; empty: the plainest."""
     place: str = ""
     covariate: str = ""
     knots: tuple[float, ...] = ()
-    """Of a smooth term with finer knots than its covariate's usual ones."""
+    """Knots of a smooth term with finer knots than its covariate's usual ones."""
     drive: int | None = None
     """Number of the one drive in which it acts; None where it acts in all."""
 
@@ -129,9 +129,7 @@ class Term:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What makes two terms rivals for one place in the model: an effect may act once (per wheel, per
-        place).
-        """
+        """Return what makes two terms rivals in the model: an effect may act once (per wheel, per place)."""
         drive = "" if self.drive is None else str(self.drive)
         return (self.effect, self.wheel, self.place, self.covariate, drive)
 
@@ -144,12 +142,14 @@ class Term:
 
 @dataclass(frozen=True)
 class CarLimits:
-    """What the hypotheses know of the car; by default a car of usual size, all wheels driven, no limits."""
+    """Knowledge of the car for the hypotheses; by default a car of usual size, all wheels driven,
+    no limits.
+    """
 
     bounds: Mapping[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
-    """Of the values, by effect and parameter: what may be fitted on this car."""
+    """Bounds of the values, by effect and parameter: what may be fitted on this car."""
     completions: Mapping[tuple[str, str], str] = field(default_factory=dict)
-    """By effect and parameter, the other effects' parameter that its bounds include."""
+    """Parameters, by effect and parameter: the other effects' parameter that its bounds include."""
     radius_m: FloatArray = field(default_factory=lambda: np.full(4, 0.3))
     driven: np.ndarray = field(default_factory=lambda: np.ones(4, dtype=np.bool_))
     """(4,) each."""
@@ -204,7 +204,7 @@ class Hypotheses(ABC):
         self.splines = [replace(term, design=wider(term.design)) for term in self.splines]
 
     def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int, course: str = "") -> None:
-        """A ramp off the grid, whose response is that column."""
+        """Add a ramp off the grid, whose response is that column."""
         design, price = self._column(column), ramp_price(course)
         term = Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s, course=course)
         self.catalogue.append(term)
@@ -212,7 +212,7 @@ class Hypotheses(ABC):
     def add_off_grid(
         self, like: Term, at: float, columns: Sequence[int], second: float | None = None
     ) -> None:
-        """A term whose nonlinear parameters lie off the grid, with the response to each of its values."""
+        """Add a term whose nonlinear parameters lie off the grid, with the response to each of its values."""
         price = like.penalty - grid_price(like.kind_of, like.at, like.second)
         price += grid_price(like.kind_of, at, second)
         design = np.concatenate([self._column(column) for column in columns], axis=1)
@@ -220,7 +220,7 @@ class Hypotheses(ABC):
         self.catalogue.append(moved)
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
-        """A pulse off the grid."""
+        """Add a pulse off the grid."""
         self.catalogue.append(self._pulse(like.effect, like.place, span_s, self._column(column)))
 
     def add_shapes(

@@ -1,4 +1,4 @@
-"""How the channels answer to the slips of tyres, by the tyre model of `vehicle_state`.
+"""Responses of the channels to the slips of tyres, by the tyre model of `vehicle_state`.
 
 In: a `Reader`. Out: named columns: per axle the ways of wheels that slip under drive and under brakes, and
 the course of a car whose rear axle slips sideways. The slips are those of a typical car of the configured
@@ -18,7 +18,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.windows import CHANNELS, COURSE, Reader
 
 WHEEL_SLIP, SIDE_SLIP = "wheel_slip", "side_slip"
-"""What the columns are called: the name of each is one of these and a value's name."""
+"""Names of the columns: the name of each is one of these and a value's name."""
 
 
 def slip_columns(reader: Reader) -> list[tuple[tuple[str, ...], FloatArray]]:

@@ -1,4 +1,4 @@
-"""Which drives are examined, and how much of each.
+"""Admission of drives: which are examined, and how much of each.
 
 In: `Recording`s. Out: a `Reader` per drive that is fit, and notes on what was left out. Memory is bounded by
 a number of windows and of drives: of more, every drive keeps a fair share, in stretches spread over it.
@@ -67,8 +67,9 @@ def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], 
 
 
 def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
-    """Its reader, once rings with plainly another number of teeth than configured are counted right, and less
-    an age that all counts share."""
+    """Return its reader, once rings with plainly another number of teeth than configured are counted right,
+    and less an age that all counts share.
+    """
     counted = without_common_age(one_recounted(recording))
     first = reference(counted)
     right = all_recounted(counted, first.car.radius_m)

@@ -52,7 +52,7 @@ class Hat:
     knots: tuple[float, ...]
     number: int
     std: float
-    """Of the covariate's error."""
+    """Variance of the covariate's error."""
 
     def column(self, reader: Reader) -> FloatArray:
         """(w, 9) the response to its height."""
@@ -68,20 +68,20 @@ class Refined:
     """A ramp or a pulse of wheels' radii, a nonlinear effect or a shape's hat off the grid."""
 
     wheels: tuple[int, ...] = ()
-    """Of a ramp or a pulse."""
+    """Times of a ramp or a pulse."""
     first: float = 0.0
     """Onset (s) or value of the parameter that enters nonlinearly."""
     second: float = 0.0
     """Duration (s); of a pulse its end (s); of a nonlinear effect its second such parameter, 0 if there is
     none."""
     course: str = ""
-    """Of a ramp; empty: the plainest."""
+    """Course of a ramp; empty: the plainest."""
     pulse: bool = False
     hat: Hat | None = None
     like: Term | None = None
     """The term of a nonlinear effect."""
     parameter: str = ""
-    """Of that term, the one whose response it is."""
+    """Value of that term whose response it is."""
 
     def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
         """(w, 9) the response to a metre (to the unit of a hat or a parameter), at `base`."""
@@ -119,7 +119,7 @@ class Whitened:
     inflate: FloatArray | None
     whitener: Whitener
     grams: Grams
-    """Of the whitened columns (w, 9, n)."""
+    """Gram matrices of the whitened columns (w, 9, n)."""
 
     @property
     def white(self) -> FloatArray:
@@ -145,7 +145,7 @@ class DriveStudy:
         self.base = ExtendedModel()
         """About which everything is linear."""
         self.refined: list[Refined] = []
-        """What the columns beyond the named ones are."""
+        """Keys of the columns beyond the named ones."""
         residual = windows.measured - reader.predict(self.base)
         columns = linear_columns(reader, knots, stds)
         self.names: list[Name] = [("data",), *columns.names]
@@ -155,7 +155,7 @@ class DriveStudy:
         count = max(SETTINGS.preparation.fewest_blocks, round(len(windows) / block_s))
         self.blocks = np.arange(len(windows)) * count // len(windows)
         self.here = np.arange(len(self.names))
-        """Where columns stand in the common index, and which stands there."""
+        """Indices of columns in the common index, and the columns by index."""
         self.local = np.arange(len(self.names))
         self.values = np.zeros(len(self.names) - 1)
         """(n - 1,) of the columns, at `base`."""
@@ -189,7 +189,7 @@ class DriveStudy:
         self.reader.recalibrate(radii_m, model, errors)
 
     def _linearise(self, base: ExtendedModel, values: FloatArray) -> None:
-        """All columns anew, about the present motion."""
+        """Compute all columns again, about the present motion."""
         self.base, self.values = base, values
         columns = linear_columns(self.reader, self.knots, self.stds, base)
         for one in self.refined:

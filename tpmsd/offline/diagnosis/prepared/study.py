@@ -1,4 +1,4 @@
-"""What is examined: the drives, each with its own noise, and the columns that they share.
+"""Study: the drives that are examined, each with its own noise, and the columns that they share.
 
 In: one `Reader` per drive. Out: `Study`, which gives the evidence of all drives together under the present
 noise. Whitening is done drive by drive; what the drives have in common is only the numbers that a fit of
@@ -91,7 +91,7 @@ class Study:
         return out
 
     def evidence(self) -> Evidence:
-        """Of all drives, under the present noise."""
+        """Return the sums of all drives, under the present noise."""
         return Evidence([drive.part() for drive in self.drives], self.width)
 
     def acting(self, term: Term) -> list[int]:

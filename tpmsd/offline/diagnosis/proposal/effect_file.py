@@ -14,7 +14,7 @@ HOOKS = {
     "gnss_course": (Effect.gnss_course_error_rad, "rad"),
     "yaw_rate": (Effect.yaw_rate_error_radps, "rad/s"),
 }
-"""By reading, the hook through which an effect acts on it, and its unit."""
+"""Hooks by reading: the one through which an effect acts on it, and its unit."""
 
 TEMPLATE = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
 

@@ -56,7 +56,7 @@ class Expression:
 
     @property
     def unit(self) -> str:
-        """Of its value."""
+        """Return the standard deviation of its value."""
         units = [COVARIATES[name] for name in self.covariates]
         return ".".join(units * 2 if self.form in ("squared", "signed_square") else units)
 

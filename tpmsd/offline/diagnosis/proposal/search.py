@@ -1,4 +1,4 @@
-"""Which closed form takes the place of what has no name.
+"""Search for the closed form that takes the place of what has no name.
 
 In: a `Study` and its `Selection`. Out: `Proposal`s: the expressions over covariates that bring most on
 held-out blocks where the unnamed terms are taken out, each on the wheels or the reading that suits it best.
@@ -67,7 +67,7 @@ def _found(study: Study, design: FloatArray, places: Sequence[str]) -> list[Prop
 
 
 def _order(one: Proposal) -> float:
-    """Return the more is held out, the earlier; each covariate has its penalty."""
+    """Return the covariates that hold more first; each has its penalty."""
     return SETTINGS.hypotheses.per_value_nats * len(one.covariates) - one.heldout_gain
 
 

@@ -1,1 +1,1 @@
-"""What enters nonlinearly, finer shapes, and the point about which all is linear."""
+"""Refinement: what enters nonlinearly, finer shapes, and the point about which all is linear."""

@@ -28,7 +28,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 
 ByDrive = tuple[Refined, dict[int, FloatArray]]
-"""What a column is, and the column (w, 9) in each drive in which it acts."""
+"""Keys of columns, and the column (w, 9) in each drive in which it acts."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,8 @@ class Point:
     second: float = 0.0
     """Duration of a ramp (s), end of a pulse (s), value of a second nonlinear parameter (0: none)."""
     course: str = ""
-    """Of a ramp; empty: the plainest. Of others `first` is the onset, and `second` the time constant."""
+    """Course of a ramp; empty: the plainest. Of others `first` is the onset, and `second` the time constant.
+    """
 
 
 def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) -> bool:
@@ -174,7 +175,7 @@ def _refined(term: Term, point: Point) -> tuple[Refined, ...]:
 
 
 def _onset(point: Point) -> float:
-    """Of a ramp."""
+    """Return the trials of a ramp."""
     return point.first if point.course else point.first - point.second / 2
 
 

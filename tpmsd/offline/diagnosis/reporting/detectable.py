@@ -1,4 +1,4 @@
-"""What a drive could not have shown: the size from which each effect would have been chosen.
+"""Sizes that a drive could not have shown: the size from which each effect would have been chosen.
 
 In: the final `Study`, what was chosen and its evidence. Out: `NotDetectable`s of the effects whose usual size
 is smaller than that. A value s of a parameter brings 0.5 * (s * sqrt(I) + z)^2 nats, where I is its

@@ -1,4 +1,4 @@
-"""What robust weights took out of the data, and where.
+"""Part of the data that robust weights took out, and where.
 
 In: the drives with the factors on their variances. Out: `DownWeighted`. A reading whose variance was inflated
 by f keeps the weight 1 / f; what it lost, 1 - 1 / f, is counted. Events were looked for before, so that this

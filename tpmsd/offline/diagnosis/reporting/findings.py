@@ -125,7 +125,7 @@ class _Written:
 
     notes: list[str]
     nonlinear: dict[int, dict[str, float]]
-    """By term, standard deviations of what enters nonlinearly."""
+    """Standard deviations by term of what enters nonlinearly."""
     versus: list[Held]
     """Each term against the user's simulation; empty without one."""
     findings: list[Finding] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""What each range of speeds tells of the radii.
+"""Information of each range of speeds about the radii.
 
 In: the drives with their whitened columns. Out: `SpeedRange`s. After whitening, a range's information on the
 four radii is the Gram matrix of their columns over its windows; its inverse is the covariance that these

@@ -1,4 +1,4 @@
-"""What the pictures of a diagnosis show, as numbers.
+"""Numbers that the pictures of a diagnosis show.
 
 In: a `Study` and its `Selection`. Out: `Trace`s (a finding's mismatch over its covariate, before and
 after) and `Ground` (the drive's map with the mismatch at every place).

@@ -1,4 +1,4 @@
-"""Where a mismatch is: channel, wheels, covariate and range, spans of time.
+"""Location of a mismatch: channel, wheels, covariate and range, spans of time.
 
 In: a `Study` and one of its chosen terms. Out: `Where`.
 """

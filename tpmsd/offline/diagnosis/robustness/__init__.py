@@ -1,1 +1,1 @@
-"""What was found against other noise, and how sure it is."""
+"""Robustness of the findings against other noise, and their certificate."""

@@ -72,7 +72,7 @@ class Statistic:
     value: float
     """Its penalised gain, nats."""
     largest: Callable[[Replicate], float]
-    """Of one replicate, the largest penalised gain of all alternatives."""
+    """Statistics of one replicate: the largest penalised gain of all alternatives."""
     own: float = 0.0
     """Probability by the test's own distribution; 0 without one."""
 
@@ -130,7 +130,7 @@ def _drawn(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> list[list[float]]:
-    """Of each statistic, its largest values in replicates, drawn until all is decided."""
+    """Return, for each statistic, its largest values in replicates, drawn until all is decided."""
     drawn: list[list[float]] = [[] for _ in statistics]
     for number in range(replicates):
         again = _again(study, models, rng)
@@ -152,8 +152,9 @@ def _without_splines(
     replicates: int,
     rng: np.random.Generator,
 ) -> dict[int, Chance]:
-    """By number of the finding, the chance of a term in replicates without spline terms, where replicates
-    with them reach it."""
+    """Return, by number of the finding, the chance of a term in replicates without spline terms, where
+    replicates with them reach it.
+    """
     if not any(one.term.free for one in selection.chosen):
         return {}
     asked: list[tuple[int, int]] = []
@@ -230,7 +231,9 @@ def _statistic(
 
 
 def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
-    """By the search that found it, the largest gain of it in a replicate; 0 where it finds nothing there."""
+    """Return, by the search that found it, the largest gain of it in a replicate; 0 where it finds nothing
+    there.
+    """
 
     def singly(again: Replicate) -> float:
         fit = again.evidence.fit(selection.fit.design)
@@ -260,7 +263,7 @@ def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
 
 
 def _of_the_rest(study: Study, selection: Selection, evidence: Evidence) -> Statistic:
-    """Of all alternatives to adding nothing to what was chosen."""
+    """Return the gain of all alternatives to adding nothing to what was chosen."""
     terms = [one.term for one in selection.chosen]
 
     def largest(of: Evidence) -> float:
@@ -277,7 +280,9 @@ def _of_term(
     dispersion: float,
     acts: bool = True,
 ) -> Statistic:
-    """Of a chosen term; `acts`: whether replicates hold it, so that it has to be taken out of them."""
+    """Return the gain of a chosen term; `acts`: whether replicates hold it, so that it has to be taken out of
+    them.
+    """
     terms = [one.term for one in selection.chosen]
     rest = terms[:which] + terms[which + 1 :]
     one = selection.chosen[which]

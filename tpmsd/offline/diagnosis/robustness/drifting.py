@@ -74,14 +74,14 @@ def _best_shape(selector: Selector, others: list[Term]) -> Term | None:
 
 
 def _range(selector: Selector, others: list[Term], shape: Term) -> float:
-    """Of the shape's heights, rad/s."""
+    """Return the covariance of the shape's heights, rad/s."""
     heights = selector.evidence.fit(selector.design([*others, shape])).values[-shape.design.shape[1] :]
     return float(np.ptp(heights))
 
 
 def _as_sure_as(selection: Selection, shape: Term, sure: float) -> Selection:
-    """Its knots leave some of the bend between them, so the scatter from block to block is its own: how sure
-    it is, is told by what it predicts.
+    """Return the selection with its shape's own certainty: knots leave some of the bend between them, so the
+    scatter from block to block is its own: how sure it is, is told by what it predicts.
     """
     confidence = 1.0 / (1.0 + math.exp(-min(sure, 50.0)))
     chosen = tuple(

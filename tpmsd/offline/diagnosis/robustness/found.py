@@ -1,4 +1,4 @@
-"""What was found under the noise so far: what each alternative noise is given, and gives.
+"""Findings under the noise so far: input and output of each alternative noise.
 
 In: nothing (a plain record). Out: `Found`.
 """
@@ -13,10 +13,10 @@ from tpmsd.offline.inference.least_squares import Evidence
 
 
 class Found(NamedTuple):
-    """What is chosen, and of what."""
+    """Chosen terms, with the study that they belong to."""
 
     study: Study
     """Each drive with its noise."""
     selection: Selection
     evidence: Evidence
-    """Of the study under that noise."""
+    """Gain of the study under that noise."""

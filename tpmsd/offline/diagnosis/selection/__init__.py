@@ -1,1 +1,1 @@
-"""Which terms the drives demand: stepwise, each paying for its freedom."""
+"""Selection of the terms that the drives demand: stepwise, each paying for its freedom."""

@@ -1,4 +1,4 @@
-"""What may be added to the terms chosen so far, the best first.
+"""Candidates that may be added to the terms chosen so far, the best first.
 
 In: `Evidence` and `Hypotheses`. Out: single terms and pairs, each with its penalised gain. A spline
 term must beat an effect by a share of its gain: no effect's formula is the last word.
@@ -27,7 +27,7 @@ class Candidates:
         self.hypotheses = hypotheses
         self._gains: dict[tuple[Term, ...], float] = {}
         self._found: dict[tuple[tuple[Term, ...], bool], list[tuple[float, list[Term]]]] = {}
-        """What was asked for before: the steps of a search ask for much of it again."""
+        """Cached requests: the steps of a search ask for much of it again."""
 
     def design(self, terms: Sequence[Term]) -> FloatArray:
         """Calibration and these terms."""
@@ -122,7 +122,7 @@ class Candidates:
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """As `candidates`, for pairs of the catalogue's terms of one value each."""
+        """Return what `candidates` returns for pairs of the catalogue's terms of one value each."""
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen}
         total = np.diag(self.evidence.total)[1:]
@@ -153,7 +153,7 @@ class Candidates:
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs_over(self, covariate: str, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """As `pairs`, for effects of any number of values that show over a covariate."""
+        """Return what `pairs` returns for effects of any number of values that show over a covariate."""
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen}
         over = [

@@ -1,4 +1,4 @@
-"""What was chosen: the terms that a drive demands, each in the presence of the others.
+"""Chosen terms: those that a drive demands, each in the presence of the others.
 
 Made by `selection`; what follows it (refinement, confirmation, the report) takes it in.
 """
@@ -33,11 +33,11 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Selection:
-    """What was chosen."""
+    """Result of the selection."""
 
     chosen: tuple[Chosen, ...]
     fit: Fit
-    """Of calibration and chosen terms together."""
+    """Fit of calibration and chosen terms together."""
     baseline_heldout: FloatArray
     """(blocks,) held-out log-likelihood of calibration alone."""
     heldout: FloatArray

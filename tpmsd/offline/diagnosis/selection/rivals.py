@@ -22,7 +22,7 @@ class Rival:
     weight: float
     """Likelihood ratio (0 to 1) of the rival in the term's place over the term."""
     part_weight: float = 0.0
-    """The same where the rival takes the place of one of the term's two values; 0 where it does not."""
+    """Gain where the rival takes the place of one of the term's two values; 0 where it does not."""
     replaces_by: float | None = None
     """Log-likelihood gain by which it would do as well in the term's place; None where it would not."""
 

@@ -1,1 +1,1 @@
-"""What accelerometers, the steering wheel and the clock tell of their own errors, apart from the windows."""
+"""Errors of accelerometers, the steering wheel and the clock, told by themselves apart from the windows."""

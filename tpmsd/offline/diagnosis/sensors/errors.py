@@ -29,7 +29,7 @@ class SensorError:
     sensors: tuple[str, ...]
     """Those in which it shows, the plainest first."""
     rms_before: float
-    """Of the scaled residuals in them, without and with it."""
+    """Sums of squares of the scaled residuals in them, without and with it."""
     rms_after: float
 
 

@@ -1,4 +1,4 @@
-"""What sensors read beyond what the reference motion makes them read, and how effects would show there.
+"""Residuals of sensors against the reference motion, and responses to effects there.
 
 In: a `Reader`. Out: `Rows` per sensor. These sensors measure nothing of wheels or receiver, so that they are
 no channels of the windows: the motion is known without them.
@@ -37,7 +37,7 @@ class Rows:
 
 
 def rows_of(reader: Reader) -> dict[str, Rows]:
-    """By sensor, those that the drive has."""
+    """Return the residuals by sensor, of those that the drive has."""
     out = {}
     recording = reader.recording
     for name, role in ROLES.items():
