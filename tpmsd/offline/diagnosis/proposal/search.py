@@ -67,7 +67,7 @@ def _found(study: Study, design: FloatArray, places: Sequence[str]) -> list[Prop
 
 
 def _order(one: Proposal) -> float:
-    """Return the covariates that hold more first; each has its penalty."""
+    """Return the sort key of a proposal: the penalty of its covariates less its held-out gain, nats."""
     return SETTINGS.hypotheses.per_value_nats * len(one.covariates) - one.heldout_gain
 
 
