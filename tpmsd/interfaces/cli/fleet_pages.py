@@ -10,7 +10,6 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 from tpmsd.foundation.errors import TpmsdError
 
@@ -32,7 +31,7 @@ def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, A
             continue
         folder.mkdir(exist_ok=True)
         (folder / f"{key}.html").write_text(page, encoding="utf-8")
-        links[key] = f"{quote(folder.name)}/{quote(key)}.html"
+        links[key] = Path("/", folder.name, f"{key}.html").as_uri().removeprefix("file:///")
     if len(keys) > SETTINGS.most_pictures:
         print(f"tpmsd: pages of the first {SETTINGS.most_pictures} of {len(keys)} drives", file=sys.stderr)
     return links

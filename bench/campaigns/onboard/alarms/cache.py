@@ -23,7 +23,8 @@ from tpmsd.onboard.estimators.base import NIGHT_S, Estimator, RadiusEstimate
 from tpmsd.onboard.timeline.tick import Tick
 
 OURS = ("tpmsd.", "bench.")
-FIELDS = list(RadiusEstimate._fields)
+FIELDS = [name for name in RadiusEstimate._fields if name != "stated"]
+"""Fields that the monitor reads; a second statement of the radii, for the status alone, is left out."""
 SHAPES: dict[str, tuple[int, ...]] = {"deviation_m": (4,), "covariance_m2": (4, 4), "noise_std_m": (4,)}
 
 
