@@ -25,9 +25,9 @@ def test_late_and_wrong_announcements_do_not_count() -> None:
         demo(METHODS[0], None, []),
         demo(METHODS[0], 20.0, [("deflation", "fr", 200.0)]),
     ]
-    told = filter_drives.markdown(rows)
-    assert "| `gaussian-sum` | 1 of 4 seeds | 59, 61, -, 20 |" in told
-    assert "| `mpf-pn` | 0 of 0 seeds |  |" in told
+    text = filter_drives.markdown(rows)
+    assert "| `gaussian-sum` | 1 of 4 seeds | 59, 61, -, 20 |" in text
+    assert "| `mpf-pn` | 0 of 0 seeds |  |" in text
 
 
 def test_an_announcement_before_the_puncture_is_a_wrong_one() -> None:

@@ -53,12 +53,12 @@ def test_nees_is_per_radius() -> None:
     assert ((2, 3, 1.0), (4, 2, 1.0)) == tuple(
         (cell["wheels"], cell["drives"], cell["all"]["nees"][0]) for cell in (pair, four)
     )
-    told = intervals.markdown([pair, four])
-    assert "all hypotheses together: NEES per radius from 1.00 to 1.00, mean 1.00; 2 of 2 cells" in told
+    text = intervals.markdown([pair, four])
+    assert "all hypotheses together: NEES per radius from 1.00 to 1.00, mean 1.00; 2 of 2 cells" in text
     assert (
-        "as stated: NEES per radius from 2.00 to 2.00, mean 2.00; 0 of 2 cells are within 0.7 to 1.4." in told
+        "as stated: NEES per radius from 2.00 to 2.00, mean 2.00; 0 of 2 cells are within 0.7 to 1.4." in text
     )
-    assert "mean 85.0 %; 0 cells are within 90 to 98 %" in told
+    assert "mean 85.0 %; 0 cells are within 90 to 98 %" in text
 
 
 def test_each_cell_is_played_by_both_filters() -> None:
@@ -78,7 +78,7 @@ def test_each_kind_of_drift_has_a_table_of_its_own() -> None:
     assert "| 4.00 ± 0.00 |" in none
 
 
-def test_an_unknown_kind_of_drive_is_told(tmp_path: Path) -> None:
+def test_an_unknown_kind_of_drive_is_text(tmp_path: Path) -> None:
     """One line, before anything is played."""
     parser = argparse.ArgumentParser()
     intervals.options(parser)

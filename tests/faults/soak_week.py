@@ -27,7 +27,7 @@ WEATHER_K = (0.0, -8.0, 6.0, -3.0, -12.0, 4.0, 0.0)
 """Warmer than on the first day."""
 WINTER_M = (2.2e-3, 0.4e-3, 0.3e-3, 1.7e-3)
 """True minus nominal radii of the other set: larger as a whole by 1.2 mm, its tyres alike to 0.3 mm. One
-that is millimetres smaller than its fellows is announced as soft (docs/explanation/alarms.md)."""
+that is millimetres smaller than the other three is announced as soft (docs/explanation/alarms.md)."""
 WINTER = (3, 4)
 """Days on which the other set is mounted, counted from 0."""
 CLOCKS_S = {1: -START_S + 60.0, 5: 3600.0}

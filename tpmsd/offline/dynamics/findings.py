@@ -87,13 +87,13 @@ def _finding(
     rivals = [(rival.name, value) for rival, value in slot.rivals]
     twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
-    beside_nameless = search.stand_in and term.name != "unknown"
+    with_nameless_term = search.stand_in and term.name != "unknown"
     against += math.exp(min(term.stand_in_nats, 50.0))
     confidence = 1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0)))
     return DynamicsFinding(
         effect=term.name,
         status=FINDING if p_value <= SURE else SUSPICION,
-        confidence=0.5 * confidence if beside_nameless else confidence,
+        confidence=0.5 * confidence if with_nameless_term else confidence,
         p_value=p_value,
         parameters=_quantities(slot),
         where=_place(few.setup, few, slot, channel, change[:, place]),
@@ -106,7 +106,7 @@ def _finding(
         telling_drive=term.effect.telling_drive,
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
-        stand_in=beside_nameless or term.unusual,
+        stand_in=with_nameless_term or term.unusual,
         unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, place], without[:, place], with_all[:, place]),
     )

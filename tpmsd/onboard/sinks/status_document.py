@@ -162,7 +162,7 @@ def _watch(report: MonitorReport) -> dict[str, Any]:
         "watched": watched,
         "not_watched": not_watched,
         "all_four_rest_on": ALL_FOUR,
-        **_sight(report.detectable),
+        **_minimum_detectable(report.detectable),
         "questions": [question.entry() for question in report.questions],
     }
 
@@ -171,7 +171,7 @@ LOW = 0.2
 """Share of the pressure: the loss that is to be seen (UN R141)."""
 
 
-def _sight(detectable: DetectableLoss | None) -> dict[str, Any]:
+def _minimum_detectable(detectable: DetectableLoss | None) -> dict[str, Any]:
     """Return the smallest losses that would be seen now, and whose 20 % would not be."""
     if detectable is None:
         return {"smallest_loss_percent": None, "cannot_see": []}

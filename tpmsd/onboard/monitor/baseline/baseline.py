@@ -45,19 +45,19 @@ _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 def typical(
-    moments: list[_Sample], expected: FloatArray, radius_m: FloatArray, fellows: FloatArray
+    moments: list[_Sample], expected: FloatArray, radius_m: FloatArray, axle_contrasts: FloatArray
 ) -> _Sample:
     """Return the last of moments in a row; or, where one wheel of an axle spins or is locked just then, the
     one that is nearest to the median of each wheel. What both wheels of an axle do tells of grip, and stays.
 
-    `expected` (n,): parameters of the reference; radius_m (d,) nominal; fellows (a, d): 1 and -1 for the
+    `expected` (n,): parameters of the reference; radius_m (d,) nominal; axle_contrasts (a, d): 1, -1 for the
     wheels of an axle.
     """
     rest = np.stack([deviation - h @ expected * radius_m for deviation, _, _, h in moments])
-    apart = rest @ fellows.T
+    apart = rest @ axle_contrasts.T
     off = apart[-1] - np.median(apart, axis=0)
     nuisance_m2 = JUDGE.nuisance.own**2 * np.diag(radius_m**2)
-    variance = np.diag(fellows @ (moments[-1][1] + nuisance_m2) @ fellows.T)
+    variance = np.diag(axle_contrasts @ (moments[-1][1] + nuisance_m2) @ axle_contrasts.T)
     if np.all(off**2 <= FIT_LIMIT[1] * variance):
         return moments[-1]
     return moments[int(np.abs(rest - np.median(rest, axis=0)).sum(axis=1).argmin())]
@@ -93,8 +93,8 @@ class Baseline:
         self._radius2 = np.outer(self._radius, self._radius)
         self._grid = np.ix_(wheels, wheels)
         pairs = [(w, w + 1) for w in (0, 2) if w in wheels and w + 1 in wheels]
-        self._fellows = np.array([[float(w == a) - float(w == b) for w in wheels] for a, b in pairs])
-        self._fellows = self._fellows.reshape(-1, len(wheels))
+        self._axle_contrasts = np.array([[float(w == a) - float(w == b) for w in wheels] for a, b in pairs])
+        self._axle_contrasts = self._axle_contrasts.reshape(-1, len(wheels))
         self._steep = BASELINE.steep.covariance(wheels, self._radius)
         self._learn_s = learn_s
         self._conditions = ConditionTracker()
@@ -207,7 +207,7 @@ class Baseline:
         self._moments.append(now)
         if self._recent_s < BASELINE.sample_every_s:
             return
-        sample = typical(self._moments, self.reference.mean, self._radius, self._fellows)
+        sample = typical(self._moments, self.reference.mean, self._radius, self._axle_contrasts)
         self._recent.append(sample)
         if self._evidence is not None:
             self._evidence.take(*sample, self._recent_s, self._slip_seen.slope())

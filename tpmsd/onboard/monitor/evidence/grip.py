@@ -24,7 +24,7 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 
 @dataclass(frozen=True, slots=True)
 class Slipping:
-    """Accounts of one change by m models."""
+    """Hypotheses of one change under m drive models."""
 
     covariance_m2: FloatArray
     """(m, d, d) with what slips."""
