@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
 
 _LONGEST_SHOWN = 60
@@ -62,7 +63,7 @@ def shown_lines(problems: Sequence[Problem]) -> list[str]:
     lines = [problem.text for problem in problems[:MOST_SHOWN]]
     more = len(problems) - len(lines)
     if more > 0:
-        lines.append(f"{problems[0].file}: and {more} more problem{'s' if more > 1 else ''}")
+        lines.append(f"{problems[0].file}: and {counted(more, 'more problem')}")
     return lines
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.car.config.gnss_source import source_of
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
@@ -95,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.write({"--json": lambda: json_text(_document(result, args.drive, suspected))})
     if result.plan is None:
         count = len(result.problems)
-        print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)
+        print(f"{result.file}: {counted(count, 'problem')}", file=sys.stderr)
         return 2
     _check_outputs(result.plan)
     if args.json != "-":
@@ -150,7 +151,7 @@ def verdict(
         return f"\x1b[{style}m{text}\x1b[0m" if colour else text
 
     if suspected:
-        keys = "1 key" if len(suspected) == 1 else f"{len(suspected)} keys"
+        keys = counted(len(suspected), "key")
         head = f"{plan.file}: the drive {drive} contradicts {keys}"
         return [painted(_BAD, head)] + [
             f"  {plan.file}:{one['line']}: {one['key']}: {one['suspicion']} ({one['probability']:.2f}): "

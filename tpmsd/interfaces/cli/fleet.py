@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.interfaces.cli.fleet_pages import write_drive_pages
 from tpmsd.interfaces.cli.output import Subparsers, json_text
@@ -285,7 +286,8 @@ def _head(schema: str, store: Path) -> dict[str, Any]:
 
 def _summary(status: dict[str, Any]) -> str:
     lines = [
-        f"{status['drives']} drives of {status['cars']} cars and {status['models']} models: "
+        f"{counted(status['drives'], 'drive')} of {counted(status['cars'], 'car')} "
+        f"and {counted(status['models'], 'model')}: "
         f"{status['done']} done, {status['failed']} failed, {status['set_aside']} set aside, "
         f"{status['missing']} missing"
     ]

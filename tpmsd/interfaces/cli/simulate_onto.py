@@ -10,6 +10,7 @@ import secrets
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Progress, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
@@ -87,7 +88,7 @@ def summary(document: dict[str, Any]) -> str:
         lines.append(f"  {effect['name']}" + (f": {values}" if values else ""))
     if document["sealed"] is not None:
         count = document["concealed"]
-        lines.append(f"{count} effect{'s' if count > 1 else ''} concealed; truth.sealed has the SHA-256")
+        lines.append(f"{counted(count, 'effect')} concealed; truth.sealed has the SHA-256")
         lines.append(f"  {document['sealed']}")
     else:
         lines.insert(0, f"injected into {document['onto']}:")

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.drives.bus_fixes import BusFixes
@@ -91,7 +92,7 @@ def read_drive(paths: Sequence[Path], tell: Note = ignore_note, on_bus: BusFixes
     fixes = _sentences(nmea_log, note) if on_bus is None else on_bus.finish()
     host_times = on_bus is not None or bears_host_times(nmea_log)
     for count, first in bad.values():
-        tell(f"{count} bad line{'s' if count != 1 else ''} skipped, first {first}")
+        tell(f"{counted(count, 'bad line')} skipped, first {first}")
     if log.left_out:
         tell(f"{can_log}: {log.left_out} frames of too many identifiers left out")
     return RawDrive(can_log, nmea_log, log, fixes, host_times)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tpmsd.car.config.coarse_speed import coarse_speeds
 from tpmsd.car.config.model import Config
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.lean import no_collection
 from tpmsd.foundation.plain import brief
@@ -222,8 +223,7 @@ def play(
         )
     for source, first in stream.first_bad.items():
         count = stream.counts[f"{source} bad lines"]
-        lines = "1 bad line" if count == 1 else f"{count} bad lines"
-        note(f"{lines} skipped, first {first}")
+        note(f"{counted(count, 'bad line')} skipped, first {first}")
 
 
 def read_ticks(

@@ -6,6 +6,7 @@ In: `DynamicsDiagnosis`. Out: text.
 from __future__ import annotations
 
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
+from tpmsd.foundation.english import listed
 from tpmsd.offline.dynamics.result import (
     CONSISTENT,
     INSUFFICIENT,
@@ -32,7 +33,7 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
         return [f"Nothing can be concluded: {diagnosis.reason}."]
     base = f"the {diagnosis.baseline} model"
     if diagnosis.given:
-        base += f" with {_listed(list(diagnosis.given))}"
+        base += f" with {listed(list(diagnosis.given))}"
     sure = [one for one in diagnosis.findings if one.status != SUSPICION]
     out = []
     if diagnosis.verdict == CONSISTENT:
@@ -54,15 +55,15 @@ def _doubts(sure: list[DynamicsFinding]) -> list[str]:
     out = []
     for one in sure:
         if one.indistinguishable_from:
-            twins = _listed(list(one.indistinguishable_from), "or")
+            twins = listed(list(one.indistinguishable_from), "or")
             advice = f"; to part them, {one.telling_drive}" if one.telling_drive else ""
             out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
     if large := [one.effect for one in sure if one.unusual]:
         are, they = ("is", "it") if len(large) == 1 else ("are", "they")
-        out.append(f"{_listed(large)} {are} larger than cars have: {they} may stand in for something else.")
+        out.append(f"{listed(large)} {are} larger than cars have: {they} may stand in for something else.")
     if doubtful := [one.effect for one in sure if one.stand_in and not one.unusual]:
         out.append(
-            f"What has no name may be the cause of {_listed(doubtful)} as well, which stand in for it then."
+            f"What has no name may be the cause of {listed(doubtful)} as well, which stand in for it then."
         )
     return out
 
@@ -121,11 +122,7 @@ def _fit(diagnosis: DynamicsDiagnosis) -> str:
         for name, fit in diagnosis.outputs.items()
     ]
     with_what = "it" if len(diagnosis.findings) == 1 else "them"
-    return f"With {with_what} the held-out prediction error falls {_listed(parts)}."
-
-
-def _listed(words: list[str], last: str = "and") -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+    return f"With {with_what} the held-out prediction error falls {listed(parts)}."
 
 
 def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> str:
@@ -158,7 +155,7 @@ def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> st
             "Predicted from the inputs alone, parameters fitted on other parts; ratings by ISO/TS 18571."
         )
     if diagnosis.not_detectable:
-        names = _listed([one.effect for one in diagnosis.not_detectable])
+        names = listed([one.effect for one in diagnosis.not_detectable])
         lines += ["", f"This drive could not have shown at a usual size: {names}."]
     for form in diagnosis.proposals[:1]:
         lines += [

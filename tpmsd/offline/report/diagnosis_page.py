@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tpmsd.car.physics.catalogue import sentence_of
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.result import (
     FINDING,
@@ -113,9 +114,9 @@ def _verdict(diagnosis: Diagnosis) -> str:
 def _count(diagnosis: Diagnosis) -> str:
     certain = sum(finding.status == FINDING for finding in diagnosis.findings)
     doubtful = len(diagnosis.findings) - certain
-    parts = [f"{certain} finding{'' if certain == 1 else 's'}"]
+    parts = [counted(certain, "finding")]
     if doubtful:
-        parts.append(f"{doubtful} suspicion{'' if doubtful == 1 else 's'}")
+        parts.append(counted(doubtful, "suspicion"))
     return " and ".join(parts)
 
 

@@ -5,10 +5,11 @@ In: `Diagnosis`. Out: sentences. The words for an effect are its own (`tpmsd.car
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from tpmsd.car.physics import in_words
 from tpmsd.car.physics.catalogue import FREE
+from tpmsd.foundation.english import listed
 from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
@@ -34,7 +35,7 @@ def summary_sentences(diagnosis: Diagnosis) -> list[str]:
         out.append(f"The drive agrees with {baseline_name(diagnosis)} within the noise.")
     for one in diagnosis.findings:
         if one.status == FINDING and one.indistinguishable_from:
-            twins = _listed(
+            twins = listed(
                 [in_words.noun(name.partition(":")[0]) for name in one.indistinguishable_from], "or"
             )
             out.append(f"This drive cannot tell {in_words.noun(one.effect)} from {twins}.")
@@ -45,7 +46,7 @@ def summary_sentences(diagnosis: Diagnosis) -> list[str]:
     )
     unseen = [one for one in diagnosis.not_detectable if _known(one)][:NEAREST]
     if unseen:
-        may = f"{_listed([below(one) for one in unseen])} may have stayed unseen on this drive"
+        may = f"{listed([below(one) for one in unseen])} may have stayed unseen on this drive"
         out.append(f"{nothing}; {may}." if nothing else f"{_capital(may)}.")
     elif nothing:
         out.append(f"{nothing}.")
@@ -68,7 +69,7 @@ def below(one: NotDetectable) -> str:
         for value, unit in one.smallest.values()
         if value is not None
     ]
-    return f"{in_words.noun(one.effect)} below {_listed(sizes, 'or')}"
+    return f"{in_words.noun(one.effect)} below {listed(sizes, 'or')}"
 
 
 def _known(one: NotDetectable) -> bool:
@@ -84,7 +85,7 @@ def _sentence(finding: Finding) -> str:
     elif finding.held_by == "both":
         said = f"what your simulation has at another size (recording less simulation): {said}"
     if finding.drives:
-        said += f" (only in {_listed(list(finding.drives))})"
+        said += f" (only in {listed(list(finding.drives))})"
     return f"{_capital(said)}."
 
 
@@ -99,11 +100,7 @@ def _values(effect: str, parameters: Mapping[str, Quantity]) -> dict[str, in_wor
 
 
 def _wheels(words: str) -> str:
-    return _listed([wheel_name(word) for word in words.split()]) if words else ""
-
-
-def _listed(words: Sequence[str], last: str = "and") -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+    return listed([wheel_name(word) for word in words.split()]) if words else ""
 
 
 def _capital(text: str) -> str:

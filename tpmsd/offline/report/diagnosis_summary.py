@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from tpmsd.car.physics.catalogue import sentence_of
 from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.diagnosis.assessment.reach import Reach
 from tpmsd.offline.diagnosis.assessment.result import (
@@ -66,8 +67,8 @@ def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
         return text + _rest(diagnosis)
     count = sum(finding.status == FINDING for finding in diagnosis.findings)
     more = len(diagnosis.findings) - count
-    doubtful = f" and {more} suspicion{'s' if more > 1 else ''}" if more else ""
-    text = head + f"They differ: {count} finding{'s' if count > 1 else ''}{doubtful}.\n"
+    doubtful = f" and {counted(more, 'suspicion')}" if more else ""
+    text = head + f"They differ: {counted(count, 'finding')}{doubtful}.\n"
     for number, finding in enumerate(diagnosis.findings, 1):
         text += "\n" + "\n".join(_paragraph(number, finding)) + "\n"
     text += (

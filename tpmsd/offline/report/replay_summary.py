@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from tpmsd.foundation.english import listed
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
 from tpmsd.offline.report.wording import drive_time, signed_mm, unsigned_mm, verdict_on, wheel_name
@@ -205,5 +206,4 @@ def _times(count: int) -> str:
 
 
 def _wheel_list(wheels: list[str]) -> str:
-    names = [wheel_name(wheel) for wheel in wheels]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return listed([wheel_name(wheel) for wheel in wheels])

@@ -23,6 +23,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.text_file import opened
 from tpmsd.foundation.wheels import FloatArray
@@ -254,7 +255,7 @@ def _rows(
     if not values:
         raise InputError(path, f"no row that can be read{f', first {first}' if first else ''}")
     if bad:
-        note(f"{bad} bad line{'s' if bad != 1 else ''} skipped, first {first}")
+        note(f"{counted(bad, 'bad line')} skipped, first {first}")
     return np.frombuffer(values, dtype=np.float64).reshape(-1, len(kept)).copy()
 
 
