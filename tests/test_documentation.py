@@ -164,6 +164,15 @@ def test_files_and_modules_that_pages_name_exist() -> None:
     assert {} == {name: absent for name, absent in found.items() if absent}
 
 
+RESULTS_WORDS = 23_500
+"""Words of all pages of results together, tables included; only shrinks, down to 15,000."""
+
+
+def test_the_pages_of_results_do_not_grow() -> None:
+    """All pages of bench/results together hold at most `RESULTS_WORDS` words."""
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in RESULTS) <= RESULTS_WORDS
+
+
 def test_a_file_or_module_that_does_not_exist_is_found() -> None:
     """A wrong folder, a module that moved and a name that is not exported are found."""
     text = "`tests/language.py`, `inference/language.py`, `effects/NAME.py`, `tpmsd.ConfigError`, `tpmsd.Nil`"

@@ -222,7 +222,11 @@ def table(methods: list[str], routes: list[str], wanted: list[Attack]) -> int:
 
 
 def summary(text: str) -> list[str]:
-    """Fold a printed table into one with a row per attack: its plays, the alarms in any, the worst radii."""
+    """Fold a printed table into one with a row per attack that raised an alarm or broke the rule.
+
+    A row has the plays, those with an alarm of a tyre, when a malfunction came, and the worst radii.
+    A sentence names the other attacks.
+    """
     plays: dict[str, list[list[str]]] = {}
     for line in text.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
@@ -230,20 +234,22 @@ def summary(text: str) -> list[str]:
             plays.setdefault(cells[0], []).append(cells)
     out = ["| attack | plays | with a tyre alarm | malfunction | radii off, at most | broke the rule |"]
     out.append("| --- " * 6 + "|")
+    quiet = []
     for name, rows in plays.items():
         alarms = {cells[3] for cells in rows} - {"-"}
         accused = sum(cells[3] != "-" for cells in rows)
         told = [float(cells[4].split()[1]) for cells in rows if cells[4] != "-"]
-        when = f"{len(told)}, after {min(told):.0f} to {max(told):.0f} s" if told else "-"
         off_mm, stds = (max(float(cells[6].split()[k]) for cells in rows) for k in (0, 2))
-        broke = (
-            "not promised"
-            if any(cells[7] == "not promised" for cells in rows)
-            else sum(cells[7] == "BROKEN" for cells in rows)
-        )
+        off = f"{off_mm:.2f} mm, {stds:.1f} std"
+        verdicts = {cells[7] for cells in rows} - {""}
+        if not alarms and not told and not verdicts:
+            quiet.append(f"{name} ({off})")
+            continue
+        when = f"{len(told)}, after {min(told):.0f} to {max(told):.0f} s" if told else "-"
+        broke = "not promised" if "not promised" in verdicts else sum(cells[7] == "BROKEN" for cells in rows)
         shown = f"{accused} ({'; '.join(sorted(alarms))})" if alarms else "0"
-        out.append(f"| {name} | {len(rows)} | {shown} | {when} | {off_mm:.2f} mm, {stds:.1f} std | {broke} |")
-    return out
+        out.append(f"| {name} | {len(rows)} | {shown} | {when} | {off} | {broke} |")
+    return [*out, "", f"No alarm, radii off by at most: {'; '.join(quiet) or 'none'}."]
 
 
 def named_tests() -> list[str]:

@@ -114,18 +114,23 @@ def main() -> int:
         print(f"no such target: {' '.join(unknown)}; there are {' '.join(TARGETS)}", file=sys.stderr)
         return 2
     BUILD.mkdir(parents=True, exist_ok=True)
-    print("| format | executions | edges | findings | memory | longest case |")
-    print("| --- | --- | --- | --- | --- | --- |")
-    failed = 0
+    print("| format | executions | edges | findings |")
+    print("| --- | --- | --- | --- |")
+    failed, added_mb, longest_s = 0, {"?": 0.0}, {"?": 0.0}
     for name in args.targets or sorted(TARGETS):
-        row, code = played(name, args.seconds)
+        row, code, seen = played(name, args.seconds)
         print(row, flush=True)
         failed += code != 0
+        if seen:
+            added_mb[name], longest_s[name] = seen["peak_mb"] - seen["began_mb"], seen["longest_s"]
+    most, slow = (max(figures, key=figures.__getitem__) for figures in (added_mb, longest_s))
+    print(f"\nMost memory beyond the imports: {added_mb[most]:.0f} MB ({most}).")
+    print(f"Longest case: {longest_s[slow]:.2f} s ({slow}).")
     return 1 if failed else 0
 
 
-def played(name: str, seconds: int) -> tuple[str, int]:
-    """Fuzz one target in a process of its own; its row, and the exit code."""
+def played(name: str, seconds: int) -> tuple[str, int, dict[str, float]]:
+    """Fuzz one target in a process of its own; its row, the exit code, and its memory and longest case."""
     command = [sys.executable, "-m", "tests.fuzz.run", "--one", name, "--seconds", str(seconds)]
     log, figures = BUILD / f"{name}.log", BUILD / f"{name}.json"
     figures.unlink(missing_ok=True)
@@ -137,12 +142,8 @@ def played(name: str, seconds: int) -> tuple[str, int]:
     )
     edges = re.findall(r"cov: (\d+)", text) or ["?"]
     found = "none" if code == 0 else f"one, see {log}"
-    memory = longest = "?"
-    if figures.is_file():
-        seen = json.loads(figures.read_text("utf-8"))
-        memory = f"{seen['peak_mb']:.0f} MB ({seen['began_mb']:.0f} at the beginning)"
-        longest = f"{seen['longest_s']:.2f} s"
-    return f"| {name} | {runs[-1] if runs else '?'} | {edges[-1]} | {found} | {memory} | {longest} |", code
+    seen = json.loads(figures.read_text("utf-8")) if figures.is_file() else {}
+    return f"| {name} | {runs[-1]} | {edges[-1]} | {found} |", code, seen
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ A reason that begins with `same` says that the mutant does the same as the progr
 
 from __future__ import annotations
 
-_HAS_TEST = "has a test since"
+_HAS_TEST = "has a test"
 _EDGE = "missed: they part at one value of a float"
 REASONS: dict[str, str] = {
     "while len(content) != MAX_BYTES": "same: a regular file is read in one piece",
@@ -29,8 +29,8 @@ REASONS: dict[str, str] = {
     "not 500.0, 9000.0": _HAS_TEST,
     "gap_s > 1.0": "missed",
     "asked to learn the tyres": "missed: a line of the log",
-    "state_lock.py:35": "held by test_state_lock.py, which was not in the room's list",
-    "config_toml.py": "held by tests/car/config/test_signal_table.py, which was not in the room's list",
+    "state_lock.py:35": "held by test_state_lock.py, outside the room",
+    "config_toml.py": "held by tests/car/config/test_signal_table.py, outside the room",
     "for number in []": "held by test_run_command.py, which runs the daemon as a process",
     "not math.inf": "same: stamps of an epoch lie after 0",
 }

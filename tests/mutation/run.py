@@ -266,12 +266,29 @@ def page(rooms: list[Judged], sample: int, seed: int) -> str:
         command = f"python -m tests.mutation.run --sample {sample} --seed {seed} {room.name}"
         share = f"{room.dead} of {room.seen - same}"
         lines.append(f"| {room.name} | {room.seen} | {room.dead} | {share} | `{command}` |")
-    lines += ["", "| room | survivor | reason |", "| --- | --- | --- |"]
+    lines += ["", "| survivor | mutation | reason |", "| --- | --- | --- |"]
     for room in rooms:
         for _, change in room.survivors:
-            text = change.replace("|", "\\|")
-            lines.append(f"| {room.name} | `{text}` | {reason(change) or 'missed'} |")
+            if not reason(change).startswith("same"):
+                place, edit = abridged(change)
+                lines.append(f"| `{place}` | {edit} | {reason(change) or 'missed'} |")
     return "\n".join(lines)
+
+
+def abridged(change: str) -> tuple[str, str]:
+    """Return file and line of a change that `shown` printed, and the words that differ, before and after."""
+    found = re.fullmatch(r"(\S+)  - (.*?)   \+ (.*)", change)
+    if found is None:
+        return change.replace("|", "\\|"), ""
+    place, *lines = found.groups()
+    before, after = (re.findall(r"\w+(?:\.\w+)*|[^\w\s]+", line) for line in lines)
+    head = next((k for k, (one, other) in enumerate(zip(before, after, strict=False)) if one != other), 0)
+    backward = zip(before[::-1], after[::-1], strict=False)
+    tail = next((k for k, (one, other) in enumerate(backward) if one != other), 0)
+    tail = min(tail, len(before) - head, len(after) - head)
+    near = max(head - 1, 0)
+    cells = (" ".join(words[near : len(words) - tail]).replace("|", "\\|") for words in (before, after))
+    return place.removeprefix("tpmsd/"), " to ".join(f"`{cell}`" for cell in cells)
 
 
 def printed(text: str) -> list[Judged]:

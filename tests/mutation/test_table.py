@@ -27,4 +27,4 @@ def test_a_printed_run_gives_its_tables() -> None:
     text = "  survived: a.py:3  - x | y   + x & y\nepochs          39 of  40 killed\nlinks 2 of 2 killed\n"
     epochs, links = printed(text)
     assert (("epochs", 40, 39), ("links", 2, 2)) == tuple((r.name, r.seen, r.dead) for r in (epochs, links))
-    assert "| epochs | `a.py:3  - x \\| y   + x & y` | missed |" in page([epochs, links], 40, 1).splitlines()
+    assert "| `a.py:3` | `x \\|` to `x &` | missed |" in page([epochs, links], 40, 1).splitlines()

@@ -62,7 +62,7 @@ def markdown(rows: Sequence[Row]) -> str:
     done, failed = parted(rows)
     parts = []
     for title, those in by_half(done):
-        parts += [f"### {title}\n", _totals(those), _effects(those), _odd(those)]
+        parts += [f"### {title}\n", _totals(those), _telling(those), _misses(those)]
     if failed:
         told = ", ".join(f"{row['effect']} {row['seed']}" for row in failed)
         parts.append(f"Not diagnosed, the program or the benchmark failed: {told}.\n")
@@ -94,32 +94,21 @@ def _unknown(row: Row) -> bool:
     return any(each["effect"] == "unknown" for each in judged(row))
 
 
-def _effects(rows: Sequence[Row]) -> str:
-    lines = [
-        "| effect | can tell | named | named first | a wrong name above 0.9 | an `unknown` "
-        "| intervals that hold the truth |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+def _telling(rows: Sequence[Row]) -> str:
+    """Return the effects that some drives cannot tell, with their number, and how many others there are."""
+    blind, others = [], 0
     for effect in CASES:
-        those = [row for row in rows if row["effect"] == effect]
-        if not those:
-            continue
-        can = [row for row in those if row["can"]]
-        held = [abs(z) <= STDS for row in can for _, z in errors(row)]
-        cells = (
-            f"{len(can)}/{len(those)}",
-            f"{sum(map(named, can))}/{len(can)}",
-            f"{sum(map(named_first, can))}/{len(can)}",
-            f"{sum(bool(wrong_names(row)) for row in those)}/{len(those)}",
-            f"{sum(map(_unknown, those))}/{len(those)}",
-            f"{sum(held)}/{len(held)}",
-        )
-        lines.append(f"| `{effect}` | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        can = [row["can"] for row in rows if row["effect"] == effect]
+        if not all(can):
+            blind.append(f"`{effect}` {len(can) - sum(can)}/{len(can)}")
+        elif can:
+            others += 1
+    told = f"All of the other {others} effects can. Misses:\n"
+    return f"Drives that cannot tell: {', '.join(blind) or 'none'}. {told}"
 
 
-def _odd(rows: Sequence[Row]) -> str:
-    """What was missed or wrong, drive by drive."""
+def _misses(rows: Sequence[Row]) -> str:
+    """Return what was missed or wrong, drive by drive."""
     lines = []
     for row in rows:
         wrong, missed = wrong_names(row), row["can"] and not named_first(row)

@@ -105,6 +105,15 @@ def test_the_report_counts_a_wrong_name_as_missed_and_false() -> None:
     assert "| times faster than real time, one core, reading included | median 100" in markdown(figures)
 
 
+def test_the_report_has_a_row_for_kinds_with_a_miss_alone() -> None:
+    """A kind that is found without a false name is in the list, one that no drive can tell in the other."""
+    right = {**ROW, "kind": "habit", "names": [], "first": True, "told_found": 1, "false": []}
+    text = markdown(summary([ROW, right, {**right, "kind": "small", "told": 0, "told_found": 0}]))
+
+    assert "| gnss_latency | 1 | 1/1 | 0/1 | 0/1 | 1 | 99 |" in text
+    assert "found with the right name first: habit 1/1.\nNo drive can tell: small 1." in text
+
+
 def test_a_failure_is_listed_with_the_command_that_makes_its_drive_again() -> None:
     """Kind, strength and seed."""
     text = failing([ROW], "abc")

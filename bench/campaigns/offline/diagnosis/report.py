@@ -202,27 +202,41 @@ def markdown(figures: dict[str, Any]) -> str:
     out = [f"{figures['drives']} drives, {figures['failed']} failed, {figures['insufficient']} refused.", ""]
     out += ["| figure | measured | bar |", "| --- | --- | --- |"]
     out += [f"| {name} | {value} | {bar} |" for name, value, bar in rows]
-    out += ["", "Share of drives in which the data can tell, and what came of them:", ""]
-    out += ["| kind | strength | can tell | right name first | effects found | false names | gain, nats |"]
-    out += ["| --- | --- | --- | --- | --- | --- | --- |"]
-    for each in figures["by_kind"]:
-        gain = "" if each["gain"] is None else f"{each['gain']:.3g}"
-        out.append(
-            f"| {each['kind']} | {each['strength']:g} | {each['told']}/{each['drives']} | "
-            f"{each['first']['hits']}/{each['first']['of']} | "
-            f"{each['found']['hits']}/{each['found']['of']} | {each['false']} | {gain} |"
-        )
+    out += ["", *_kinds(figures["by_kind"]), ""]
     out += [
-        "",
         "| parameter | 95 % intervals that hold the truth | median relative error |",
         "| --- | --- | --- |",
     ]
     for name, each in figures["by_parameter"].items():
         relative = "" if each["median_relative"] is None else f"{100 * each['median_relative']:.1f} %"
-        out.append(f"| {name} | {percent(each['coverage'])} | {relative} |")
+        held = each["coverage"]
+        out.append(f"| {name} | {held['hits']}/{held['of']} | {relative} |")
     if figures["failures"]:
         out += ["", "Failed:", "", *(f"- {line}" for line in figures["failures"])]
     return "\n".join(out) + "\n"
+
+
+def _kinds(by_kind: Sequence[dict[str, Any]]) -> list[str]:
+    """Return a table of the kinds with a miss or a false name, and lists of the others."""
+    lines, clean, blind = [], [], []
+    for each in by_kind:
+        first, found = (f"{each[key]['hits']}/{each[key]['of']}" for key in ("first", "found"))
+        if each["false"] or any(each[key]["hits"] < each[key]["of"] for key in ("first", "found")):
+            gain = "" if each["gain"] is None else f"{each['gain']:.3g}"
+            can = f"{each['kind']} | {each['strength']:g} | {each['told']}/{each['drives']}"
+            lines.append(f"| {can} | {first} | {found} | {each['false']} | {gain} |")
+        elif each["told"]:
+            clean.append(f"{each['kind']} {each['told']}/{each['drives']}")
+        else:
+            blind.append(f"{each['kind']} {each['drives']}")
+    head = [
+        "| kind missed | strength | can tell | right name first | effects found | false names | gain, nats |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    rest = (
+        f"Of all other drives that can tell, found with the right name first: {', '.join(clean) or 'none'}."
+    )
+    return [*head, *lines, "", rest, f"No drive can tell: {', '.join(blind) or 'none'}."]
 
 
 def wrong(row: Row) -> list[str]:
