@@ -19,7 +19,7 @@ from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.discovery.frames import BusLog
-from tpmsd.offline.discovery.tooth_count import tyre_radius_m
+from tpmsd.offline.rings.tooth_count import tyre_radius_m
 from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
 from tpmsd.offline.simulator.receiver import ReceiverSpec

@@ -34,11 +34,11 @@ from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.counters.single_losses import SingleLosses, single_losses
 from tpmsd.offline.diagnosis.hypotheses.response import radius_columns
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.rings.single_losses import SingleLosses, single_losses
 
 TICK_S, PER_TICK = 0.1, 5
 GYRO_RADPS, NO_GYRO_RADPS = 2e-4, 1.0

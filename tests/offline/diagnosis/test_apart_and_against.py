@@ -15,11 +15,11 @@ from tpmsd.offline.diagnosis.assessment import teeth as of_teeth
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost
 from tpmsd.offline.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
 from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
-from tpmsd.offline.diagnosis.counters.low_speed import Lost
-from tpmsd.offline.diagnosis.counters.tone_ring import Ripple
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.rings.low_speed import Lost
+from tpmsd.offline.rings.uneven_teeth import Ripple
 
 QUIET = Noise((1e-3,) * 4)
 SECONDS = 600.0

@@ -13,7 +13,6 @@ from bench.worlds.kinematic import STEP_S, Spec, drive
 from tests.offline.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.result import Diagnosis
-from tpmsd.offline.diagnosis.counters.tone_ring import ripples
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import catalogue_columns, radius_columns
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
@@ -21,6 +20,7 @@ from tpmsd.offline.inference.stack import Stack
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import whiten
 from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.rings.uneven_teeth import ripples
 
 SILENT = {"position_slow_m": 1e-9, "position_white_m": 1e-9, "doppler_mps": 1e-9}
 """A receiver without errors."""

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from tpmsd.offline.diagnosis import settings
-from tpmsd.offline.diagnosis.counters.settings import CounterSettings
 from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.rings.settings import CounterSettings
 
 HOME = Path(settings.__file__).parent
 SOURCES = [

@@ -12,7 +12,6 @@ from tests.offline.calibration.test_parts import CIRCLE, perfect
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.motion import driven_mask
 from tpmsd.offline.diagnosis.assessment.identifiability import advice, usual_size
-from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recounted, wrong_teeth
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
@@ -21,6 +20,7 @@ from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
 from tpmsd.offline.inference.least_squares import Fit
 from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.rings.miscount import all_recounted, one_recounted, wrong_teeth
 
 
 def term(effect: str, *parameters: str, **more: object) -> Term:

@@ -14,6 +14,7 @@ import numpy as np
 from tpmsd.car.physics.effect import RARE, Effect, Kind, Parameter, Prior, WheelParameter
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.rings.ring import share_of, turns_hz
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 LEAST_MPS = 0.5
@@ -57,8 +58,7 @@ class PulseRate(Effect):
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
         """Change by a share of the pulses that this car's rings make."""
-        turns_per_s = AT_MPS / (2.0 * np.pi * float(np.mean(car.radius_m)))
-        most = MOST_SHARE * car.teeth_per_rev * turns_per_s
+        most = MOST_SHARE * car.teeth_per_rev * turns_hz(AT_MPS, float(np.mean(car.radius_m)))
         return {"rate_per_s": (-most, most)}
 
     @classmethod
@@ -70,7 +70,7 @@ class PulseRate(Effect):
         """(n, 4) share of the pulses on its wheel."""
         wheel = WHEELS.index(self.wheel)
         speed_mps = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheel]
-        turns_per_s = np.maximum(speed_mps, LEAST_MPS) / (2.0 * np.pi * car.radius_m[wheel])
+        turned_hz: FloatArray = turns_hz(np.maximum(speed_mps, LEAST_MPS), car.radius_m[wheel])
         out = np.zeros((len(motion), 4))
-        out[:, wheel] = self.more * self.rate_per_s / (car.teeth_per_rev * turns_per_s)
+        out[:, wheel] = self.more * share_of(self.rate_per_s, car.teeth_per_rev, turned_hz)
         return out

@@ -21,11 +21,11 @@ from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.result import Discovery as DiscoveryResult
 from tpmsd.offline.discovery.result import FoundRole
 from tpmsd.offline.discovery.text import vehicle_text
-from tpmsd.offline.discovery.tooth_count import tyre_radius_m
 from tpmsd.offline.drives.drive import Drive
 from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.offline.drives.reading import MemoryRecording
 from tpmsd.offline.report.card import card, one_line
+from tpmsd.offline.rings.tooth_count import tyre_radius_m
 from tpmsd.offline.tables.extras import need_pandas
 from tpmsd.onboard.sources.can.block import block_of
 from tpmsd.onboard.sources.can.databases import load_database

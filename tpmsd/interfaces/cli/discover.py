@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.interfaces.api.car_library import load_cars
     from tpmsd.interfaces.cli.drive_reading import say
     from tpmsd.offline.discovery.discover import discover
-    from tpmsd.offline.discovery.tooth_count import tyre_radius_m
     from tpmsd.offline.drives.raw_drive import read_drive
+    from tpmsd.offline.rings.tooth_count import tyre_radius_m
     from tpmsd.onboard.sources.can.databases import load_database
 
     if args.tyre is not None and tyre_radius_m(args.tyre) is None:

@@ -6,12 +6,12 @@ findings was fixed on the benchmark's development seeds (`python -m bench run di
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.counters.settings import CounterSettings
+from tpmsd.offline.rings.settings import COUNTERS, CounterSettings
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,7 +314,7 @@ class DiagnosisSettings:
     """All of them, by room."""
 
     hypotheses: HypothesisSettings = HypothesisSettings()
-    counters: CounterSettings = field(default_factory=CounterSettings)
+    counters: CounterSettings = COUNTERS
     preparation: PreparationSettings = PreparationSettings()
     selection: SelectionSettings = SelectionSettings()
     refinement: RefinementSettings = RefinementSettings()

@@ -12,6 +12,7 @@ import numpy as np
 from cantools.database.can import Database
 
 from tpmsd.car.config.units import UNITS, canonical_unit
+from tpmsd.car.rings.ring import radius_of
 from tpmsd.offline.discovery.assign import Assignment, assign
 from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
@@ -20,9 +21,8 @@ from tpmsd.offline.discovery.library import Car, Match, match_car
 from tpmsd.offline.discovery.material import Material, dbc_fields, prepare
 from tpmsd.offline.discovery.other_roles import other_roles
 from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.offline.discovery.series import Counter, Field, unwrap
+from tpmsd.offline.discovery.series import Field, unwrap
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
-from tpmsd.offline.discovery.tooth_count import ToothCount, count_prior, tooth_count, tyre_radius_m
 from tpmsd.offline.discovery.wheels import (
     Follower,
     anchor_of,
@@ -32,6 +32,8 @@ from tpmsd.offline.discovery.wheels import (
     physical_scale,
     placed,
 )
+from tpmsd.offline.rings.counter import Counter
+from tpmsd.offline.rings.tooth_count import ToothCount, count_prior, tooth_count, tyre_radius_m
 from tpmsd.onboard.sources.events import GnssFix
 
 _SPEED_UNITS = ("km/h", "m/s", "mph", "knots")
@@ -142,7 +144,7 @@ def _teeth(
     followers_found = [role.follower for role in assignment.roles]
     counted, counted_std = per_metre(followers_found)
     if car is not None and car.teeth_per_rev is not None:
-        radius = car.teeth_per_rev / (2 * np.pi * counted)
+        radius = radius_of(car.teeth_per_rev, counted)
         by_size = count_prior(counted, counted_std, tyre, settings).by_size(car.teeth_per_rev, settings)
         return ToothCount(car.teeth_per_rev, 0.0, settings.max_probability, radius, by_size=by_size)
     wheels: list[tuple[Counter, float]] = []

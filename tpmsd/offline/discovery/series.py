@@ -17,6 +17,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
 from tpmsd.offline.discovery.reference import cell_means
 from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.offline.rings.counter import Counter
 from tpmsd.onboard.sources.can.signal_bits import RawArray
 from tpmsd.onboard.sources.can.signal_plan import BitField
 
@@ -98,20 +99,6 @@ def _no_value(raw: RawArray) -> frozenset[int]:
     others = raw[raw != greatest]
     apart = len(others) > len(raw) // 2 and int(others.max()) < SETTINGS.reserved_apart * greatest
     return frozenset({greatest}) if apart else frozenset()
-
-
-@dataclass(frozen=True, slots=True)
-class Counter:
-    """A counter whose roll-overs are taken out."""
-
-    time_s: FloatArray
-    """(n,) stamps of the frames with a valid number."""
-    counts: FloatArray
-    """(n,) raw counts since the first of them."""
-    modulus: int
-    """Number of values."""
-    modulus_seen: bool
-    """True if roll-overs showed the modulus; else it is the field's width."""
 
 
 def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series | None:

@@ -1,15 +1,17 @@
 """Constants of the discovery, each with its unit and where it comes from.
 
-In: nothing. Out: `Settings`.
+In: nothing. Out: `Settings`; those of the counts per revolution are `ToothCountSettings`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from tpmsd.offline.rings.settings import ToothCountSettings
+
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class Settings(ToothCountSettings):
     """Limits, priors and floors."""
 
     cell_s: float = 0.5
@@ -32,36 +34,11 @@ class Settings:
     """Prior of the track over passenger cars and vans."""
     wheelbase_m: float = 2.68
     wheelbase_std_m: float = 0.25
-    radius_m: float = 0.322
-    radius_std_m: float = 0.025
-    """Prior of the rolling radius where no tyre size is given."""
-    tyre_radius_std: float = 0.010
-    """Relative: rolling radius of a tyre of known size. Diameter over makes 0.6 % (ETRTO allows about 1 %),
-    wear 0.5 % (0 to 6 mm), rolling share over constructions, load and pressure 0.6 %. Assumed."""
-    wrong_size: float = 0.05
-    """Probability that the tyre's size as given is not that of the tyres that rolled: the door label or the
-    papers name another one, winter wheels differ. Assumed."""
-    rolling_share: float = 0.969
-    """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the
-    diameter for radial tyres, is 0.971 pi; at working load a little less)."""
+    """Prior of the wheelbase, likewise."""
     side_slip: float = 3e-3
     side_slip_std: float = 4e-3
     """Prior of the rear axle's side slip per lateral acceleration, rad s2/m: from 0, of a car that rolls, to
     9e-3 (650 kg on 1e5 N/rad make 6e-3; Gillespie 1992, ch. 6)."""
-    ripple_window_s: float = 0.5
-    """Length of the smooth motion against which a wheel's ripple is seen: a car's speed changes in tenths of
-    seconds at most, a wheel at town speed turns several times."""
-    ripple_least_hz: float = 4.0
-    """Revolutions per second below which the ripple is as slow as the car's own changes of speed."""
-    ripple_block_s: float = 120.0
-    """Length of the stretches in which the ripple is coherent: with 48 counts, numbers 1/16 apart are
-    distinguished, and a counter that loses counts spoils one stretch alone."""
-    ripple_least_rows: int = 200
-    """Samples of a stretch; fewer show no line."""
-    other_lines: float = 0.5
-    """Share of the ripple's stretches that may hold another line at a candidate. Of 16 perfect rings at
-    constant speeds none is called a wrong number above 0.95; with 0.1 it is two, and 15 without other
-    lines."""
     encoder_jitter: float = 0.01
     """Largest step back of a counter at rest, as a share of the median step forward: a quadrature encoder
     counts the trembling of a standing car up and down (9 of 5,200 counts on a van with a running engine)."""
@@ -88,8 +65,6 @@ class Settings:
     platform_layout: float = 1.0
     """Evidence of a layout whose position agrees and not the name, nats: a DBC may have been written by hand,
     and four wheels in other roles are then 1 in 50."""
-    decided: float = 0.95
-    """A role below this probability is listed as undecided."""
     right_radius_std: float = 0.006
     """Relative: how far a configured radius may be off in a file that is right."""
     right_speed_std: float = 0.012
@@ -208,39 +183,6 @@ class Settings:
     """Roll-overs from which they tell the modulus; with fewer it is that of the field's width."""
     step_std: float = 0.7
     """Least standard deviation of a step against the mean of its neighbours, in counts: rounding of three."""
-
-    # -- `tone_ring`, `tooth_count` --
-
-    faultless: float = 0.5
-    """Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
-    ripple_least_window: int = 7
-    """Samples of the window that takes out the smooth motion, for a polynomial of the third degree."""
-    ripple_jump: float = 20.0
-    """Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
-    ripple_outlier: float = 6.0
-    """Residuals beyond this many robust standard deviations are lost frames and bumps."""
-    bins_per_cycle: float = 16.0
-    """Bins smear a line by at most 0.7 % of its power."""
-    oversampled: int = 8
-    """Frequencies per width of a line: between two of them 1.3 % of its power is lost at most."""
-    even_count: float = 0.15
-    """Weight of an even number of counts that no workshop lists, ..."""
-    odd_count: float = 0.07
-    """... and of an odd one. Assumed."""
-    most_whole: float = 300.0
-    """More counts than this come from an encoder, not from teeth, and are reported as a number, not to the
-    count."""
-    grid_per_line: float = 8.0
-    """Trial numbers per width of a line, for encoders."""
-    line_nats: float = 10.0
-    """Evidence from which a line of an encoder is one: e^-10 times the thousand trials is 1 in 20."""
-    most_trials: int = 4000
-    """Trial numbers at most, of a tyre's size and of all tyres each."""
-
-    # -- all of them --
-
-    max_probability: float = 0.999
-    """Largest probability that is reported, whatever the numbers: the model itself may be wrong."""
 
 
 SETTINGS = Settings()

@@ -20,6 +20,7 @@ from scipy.stats import norm
 
 from tpmsd.car.config.model import Config
 from tpmsd.car.config.units import UNITS, allowed_units, canonical_unit, to_si
+from tpmsd.car.rings.ring import counts_of, counts_per_m, radius_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.discovery.assign import Assignment, Role
 from tpmsd.offline.discovery.clock_offset import best_offset
@@ -96,7 +97,7 @@ def _aligned(
     )
     if one is None:
         return fixes, None
-    per_metre = config.vehicle.teeth_per_rev / (2 * math.pi * config.vehicle.wheel_radius_m[2])
+    per_metre = counts_per_m(config.vehicle.teeth_per_rev, config.vehicle.wheel_radius_m[2])
     speed = one.rate * abs(fields[role].scale) / (per_metre if one.kind == "count" else 3.6)
     best = best_offset(0.5 * (edges[1:] + edges[:-1]), speed, reference.fix_s, reference.fix_speed_mps)
     if best is None:
@@ -171,13 +172,13 @@ def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
     if one.series.kind == "count":
         per_metre = one.per_mps * abs(one.series.field.scale)
         teeth = config.vehicle.teeth(wheel)
-        error = math.log(teeth / (2 * math.pi * radius * per_metre))
+        error = math.log(teeth / counts_of(per_metre, radius))
         probability = _against(error, SETTINGS.right_radius_std)
-        fitting = round(2 * math.pi * radius * per_metre)
+        fitting = round(counts_of(per_metre, radius))
         if probability < SETTINGS.decided or fitting == teeth:
             return None
         suggest = f"{fitting} counts per revolution go with a radius of {radius:g} m; {teeth:g} would need "
-        suggest += f"{teeth / (2 * math.pi * per_metre):.3f} m"
+        suggest += f"{radius_of(teeth, per_metre):.3f} m"
         return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", probability, suggest)
     unit = canonical_unit(one.series.field.unit) or "km/h"
     kind, factor, _ = UNITS[unit]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.car.rings.ring import harmonic_rad
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 USUAL_RAD = 5e-4
@@ -69,7 +70,7 @@ class ToneRingError(Effect):
         """The first harmonic on its wheel, zero on the others."""
         if not self._has(wheel):
             return np.zeros_like(angle_rad)
-        return self.amplitude_rad * np.sin(angle_rad + self.phase_rad)
+        return harmonic_rad(angle_rad, self.amplitude_rad, self.phase_rad)
 
     def true_teeth_per_rev(self, wheel: int) -> float | None:
         """The wrong wheel's number of teeth, None for the others."""

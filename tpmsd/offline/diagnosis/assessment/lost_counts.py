@@ -13,15 +13,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.car.physics.catalogue import ADDED, LOST, MISSED, TEETH
+from tpmsd.car.rings.ring import count_length_m
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.offline.diagnosis.counters.low_speed import Lost, lost_counts
-from tpmsd.offline.diagnosis.counters.missed import Missed, missed_counts
-from tpmsd.offline.diagnosis.counters.single_losses import SingleLosses, single_losses
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.rings.low_speed import Lost, lost_counts
+from tpmsd.offline.rings.missed import Missed, missed_counts
+from tpmsd.offline.rings.single_losses import SingleLosses, single_losses
 
 LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
 """The searches of this module, as `Finding.found_by` names them."""
@@ -115,7 +116,7 @@ def single_of(drive: DriveStudy, fit: Fit) -> SingleLosses | None:
     """Return the wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
     recording, car = drive.reader.recording, drive.reader.reference.car
     per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
-    count_m = np.where(recording.quantum_rad > 0.0, 2.0 * np.pi * car.radius_m / np.array(per_rev), 0.0)
+    count_m = np.where(recording.quantum_rad > 0.0, count_length_m(car.radius_m, np.array(per_rev)), 0.0)
     left = drive.left(fit.design, fit.values)
     return single_losses(drive.reader.windows, left, count_m, drive.noise.gyro_radps)
 

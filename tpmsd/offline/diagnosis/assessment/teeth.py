@@ -16,11 +16,11 @@ from tpmsd.car.physics.effect import Parameter
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.offline.diagnosis.assessment.simulated import BOTH, RECORDING
-from tpmsd.offline.diagnosis.counters.miscount import wrong_teeth
-from tpmsd.offline.diagnosis.counters.tone_ring import Ripple, ripples
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.rings.miscount import wrong_teeth
+from tpmsd.offline.rings.uneven_teeth import Ripple, ripples
 
 ALL = ""
 """Name of all wheels together."""

@@ -12,12 +12,12 @@ import numpy as np
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import RL, RR, WHEELS
-from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recounted
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.count_age import without_common_age
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
+from tpmsd.offline.rings.miscount import all_recounted, one_recounted
 
 
 def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:

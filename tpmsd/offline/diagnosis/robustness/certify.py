@@ -47,8 +47,6 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.lost_counts import LOW_SPEED, RHYTHM, SINGLY, lost_in, single_of
 from tpmsd.offline.diagnosis.assessment.result import FINDING, Diagnosis, Finding, Remaining
 from tpmsd.offline.diagnosis.assessment.teeth import RING
-from tpmsd.offline.diagnosis.counters.missed import missed_counts
-from tpmsd.offline.diagnosis.counters.tone_ring import ripples
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -63,6 +61,8 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.replicate import replicate
 from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.rings.missed import missed_counts
+from tpmsd.offline.rings.uneven_teeth import ripples
 
 
 @dataclass(frozen=True)

@@ -31,9 +31,6 @@ class EncoderSettings:
     least_stds: float = 3.0
     """Standard deviations of the `ring_error` of both wheels from which one has fewer counts than the other.
     """
-    outlier_medians: float = 9.0
-    """Rapid differences beyond so many median sizes (six standard deviations) are kerbs and joints:
-    they count as this much."""
     raise_nats: float = 10.0
     """Over that of a counter that loses none. By noise alone half a chi-square of one degree is beyond with
     4e-6; of some thirty shares, two wheels and three stretches, one in a thousand drives passes."""

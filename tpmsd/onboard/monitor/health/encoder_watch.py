@@ -4,7 +4,7 @@ In: ticks. Out: the wheels whose ripple comes after fewer counts than that of th
 by which share.
 
 Both wheels of an axle are heard in their rapid difference. Each minute of fast driving says how well the
-ripple of each repeats if a share of its counts is missing (`physics.ring_ripple`); the last minutes are added
+ripple of each repeats if a share of its counts is missing (`car.rings.ripple`); the last minutes are added
 up. Only fine encoders are watched: on a ring of 48 teeth a usual ripple is far below a count.
 """
 
@@ -16,7 +16,8 @@ from collections import deque
 import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
-from tpmsd.car.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
+from tpmsd.car.rings.ring import TURN_RAD
+from tpmsd.car.rings.ripple import LOST_SHARES, OUTLIER_STDS, of_one_size, ripple_gain, robust_std
 from tpmsd.foundation.wheels import AXLES, FloatArray
 from tpmsd.onboard.monitor.settings import ENCODERS
 from tpmsd.onboard.timeline.tick import Tick
@@ -55,7 +56,7 @@ class _Axle:
     def update(self, tick: Tick) -> bool:
         """Take one tick; whether a minute is over."""
         left, right = (float(tick.rotation_rad[wheel]) for wheel in self.wheels)
-        if not min(left, right) >= 2.0 * math.pi * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
+        if not min(left, right) >= TURN_RAD * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
             self._angles.clear()
             self._lasted_s = 0.0
             return False
@@ -113,7 +114,7 @@ def _gains(angle_rad: FloatArray, width: float) -> FloatArray:
     kernel = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / width))
     inside = slice(reach, len(between) - reach)
     rapid = between[inside] - np.convolve(between, kernel / kernel.sum(), mode="valid")
-    limit = ENCODERS.outlier_medians * float(np.median(np.abs(rapid)))
+    limit = OUTLIER_STDS * robust_std(rapid)
     return np.stack(
         [
             ripple_gain(angle, np.clip(rapid, -limit, limit), _SHARES, float(rapid.var()))

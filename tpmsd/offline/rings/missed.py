@@ -21,12 +21,20 @@ from tpmsd.car.physics.catalogue import TEETH
 from tpmsd.car.physics.effect import Parameter
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import integrate
-from tpmsd.car.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
+from tpmsd.car.rings.ring import TURN_RAD, turns_hz
+from tpmsd.car.rings.ripple import (
+    LEAST_STD_RAD,
+    LOST_SHARES,
+    OUTLIER_STDS,
+    of_one_size,
+    ripple_gain,
+    robust_std,
+)
 from tpmsd.foundation.wheels import AXLES, WHEELS, FloatArray
-from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.smoothing import NEAREST, gaussian
 from tpmsd.offline.inference.trajectory import Reference
+from tpmsd.offline.rings.settings import COUNTERS
 
 
 @dataclass(frozen=True)
@@ -82,27 +90,27 @@ def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> 
     angle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.nan_to_num(rotation), axis=0)])
     speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheels]
     rolled = integrate(speeds, motion.time_s) / car.radius_m[wheels]
-    high_pass = SETTINGS.counters.ripple_high_pass_s / dt_s
+    high_pass = COUNTERS.ripple_high_pass_s / dt_s
     by_motion: FloatArray = rolled[:, 0] - rolled[:, 1]
     if axle == AXLES[0]:
         # The motion has the ripple of the rear wheels, which would pass for one of the front's.
         by_motion = gaussian(by_motion, high_pass, NEAREST)
     between: FloatArray = angle[:, 0] - angle[:, 1] - by_motion
     rapid = between - gaussian(between, high_pass, NEAREST)
-    slow = gaussian(between, SETTINGS.counters.missed_smoothing_s / dt_s, NEAREST)
+    slow = gaussian(between, COUNTERS.missed_smoothing_s / dt_s, NEAREST)
     unread = np.where(read, 0.0, 1.0)
-    broken = gaussian(unread, SETTINGS.counters.missed_smoothing_s / dt_s) > 0.02
-    turns_hz = speeds.min(axis=1) / car.radius_m[wheels].max() / (2.0 * math.pi)
-    use = np.concatenate([[False], ~broken]) & (turns_hz > SETTINGS.counters.missed_from_hz)
+    broken = gaussian(unread, COUNTERS.missed_smoothing_s / dt_s) > 0.02
+    turned_hz = turns_hz(speeds.min(axis=1), float(car.radius_m[wheels].max()))
+    use = np.concatenate([[False], ~broken]) & (turned_hz > COUNTERS.missed_from_hz)
     if not use.any():
         return None
-    use &= np.abs(rapid) < 6.0 * float(np.median(np.abs(rapid[use])) + 1e-12) / 0.6745
+    use &= np.abs(rapid) < OUTLIER_STDS * max(robust_std(rapid[use]), LEAST_STD_RAD)
     (amplitude,) = (p for p in TEETH.parameters if isinstance(p, Parameter) and p.unit == "rad" and p.prior)
     assert amplitude.prior is not None
     usual = use.sum() * (0.5 * amplitude.prior.std) ** 2 / max(float(rapid[use].var()), 1e-30)
-    if usual < SETTINGS.counters.lost_admit_nats:
+    if usual < COUNTERS.lost_admit_nats:
         return None
-    block = np.arange(len(use)) // round(SETTINGS.counters.missed_block_s / dt_s)
+    block = np.arange(len(use)) // round(COUNTERS.missed_block_s / dt_s)
     return _Pair(angle[use], np.stack([-slow, slow], axis=1)[use], rapid[use], block[use])
 
 
@@ -122,14 +130,14 @@ def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed 
     if which is come_and_go:
         share += float(pair.less[-1, side] - pair.less[0, side]) / turned
     gain = float(which[at] - whole.max())
-    if gain < SETTINGS.counters.lost_admit_nats or not 0 < at < len(shares) - 1:
+    if gain < COUNTERS.lost_admit_nats or not 0 < at < len(shares) - 1:
         return None
     bend = -float(np.gradient(np.gradient(which, shares), shares)[at])
     std = math.hypot(ring_error, max(bend, 1e-12) ** -0.5)
-    if share < SETTINGS.assessment.seen_stds * std:  # what comes and goes with bends is load
+    if share < COUNTERS.missed_stds * std:  # what comes and goes with bends is load
         return None
     ring = recording.car.teeth_per_rev * (1.0 - of_ring)
-    per_s = turned / (2.0 * math.pi) * ring / (len(pair.angle) * recording.dt_s)
+    per_s = turned / TURN_RAD * ring / (len(pair.angle) * recording.dt_s)
     return Missed(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
 
 
@@ -139,7 +147,7 @@ def _whole(other: FloatArray) -> np.ndarray:
     shares, error = LOST_SHARES.values, LOST_SHARES.ring_error
     as_configured = np.abs(shares) <= error
     best = int(np.argmax(other))
-    if other[best] < SETTINGS.counters.lost_admit_nats:
+    if other[best] < COUNTERS.lost_admit_nats:
         return np.asarray(as_configured)
     # At an end of what is tried the other wheel only says on which side of the configured count it lies.
     least = shares[best] - error if best < len(shares) - 1 else 0.0

@@ -21,11 +21,13 @@ import numpy as np
 
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import integrate
+from tpmsd.car.rings.ring import amplitude_and_phase, turns_hz
+from tpmsd.car.rings.ripple import LEAST_STD_RAD, OUTLIER_STDS, robust_std
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.smoothing import NEAREST, gaussian
 from tpmsd.offline.inference.trajectory import Reference
+from tpmsd.offline.rings.settings import COUNTERS
 
 
 @dataclass(frozen=True)
@@ -47,23 +49,23 @@ def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
     """Return the wheels whose teeth are uneven, the clearest first."""
     if len(recording.wheels) < 4:
         return []
-    rows, regressors, turns_hz, blocks = _prepared(recording, reference)
-    if len(rows) < 10 * SETTINGS.counters.ripple_block_ticks:
+    rows, regressors, turned_hz, blocks = _prepared(recording, reference)
+    if len(rows) < 10 * COUNTERS.ripple_block_ticks:
         return []
-    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, turns_hz))
-    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], turns_hz[:, k]))
+    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, turned_hz))
+    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], turned_hz[:, k]))
     plain = found[0].gain if found else 0.0
-    return folded if folded and folded[0].gain > SETTINGS.counters.ripple_folded_from * plain else found
+    return folded if folded and folded[0].gain > COUNTERS.ripple_folded_from * plain else found
 
 
-def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: FloatArray) -> FloatArray:
+def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turned_hz: FloatArray) -> FloatArray:
     """(n, 2) sine and cosine of a wheel as they come through readings of the period that fits best.
 
     Linear interpolation between readings T apart leaves of a sine of f the share sinc2(f T).
     """
     best, most = regressors[:, k], -math.inf
-    for period_s in SETTINGS.counters.ripple_periods_s:
-        X = regressors[:, k] * np.sinc(turns_hz[:, k, None] * period_s) ** 2
+    for period_s in COUNTERS.ripple_periods_s:
+        X = regressors[:, k] * np.sinc(turned_hz[:, k, None] * period_s) ** 2
         b = X.T @ rows[:, k]
         gain = float(b @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(2), b))
         if gain > most:
@@ -97,10 +99,10 @@ def _one_by_one(
     return found
 
 
-def _by_range(regressor: FloatArray, turns_hz: FloatArray) -> FloatArray:
+def _by_range(regressor: FloatArray, turned_hz: FloatArray) -> FloatArray:
     """(n, 2 * RANGES) sine and cosine, each in its range of speeds alone."""
-    edges = np.quantile(turns_hz, np.linspace(0.0, 1.0, SETTINGS.counters.ripple_ranges + 1)[1:-1])
-    here = np.searchsorted(edges, turns_hz)[:, None] == np.arange(SETTINGS.counters.ripple_ranges)
+    edges = np.quantile(turned_hz, np.linspace(0.0, 1.0, COUNTERS.ripple_ranges + 1)[1:-1])
+    here = np.searchsorted(edges, turned_hz)[:, None] == np.arange(COUNTERS.ripple_ranges)
     return np.concatenate([regressor[:, :1] * here, regressor[:, 1:] * here], axis=1)
 
 
@@ -115,9 +117,9 @@ def _prepared(
     angle = np.concatenate([np.zeros((1, 4)), np.cumsum(turned, axis=0)])
     speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
     expected = integrate(speeds, motion.time_s)
-    turns_hz = speeds / car.radius_m / (2.0 * math.pi)
+    turned_hz = turns_hz(speeds, car.radius_m)
     off = angle - expected / car.radius_m
-    sigma = SETTINGS.counters.ripple_high_pass_s / recording.dt_s
+    sigma = COUNTERS.ripple_high_pass_s / recording.dt_s
 
     def rapid(values: FloatArray) -> FloatArray:
         return np.asarray(values - gaussian(values, sigma, NEAREST))
@@ -127,13 +129,13 @@ def _prepared(
     regressors = np.stack([rapid(np.sin(angle)), rapid(np.cos(angle))], axis=2)
     whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
     broken = gaussian((~whole).astype(np.float64), sigma) > 0.02
-    use = ~broken & (motion.speed_mps > SETTINGS.counters.ripple_from_mps)
-    rows, regressors, turns_hz = rows[use], regressors[use], turns_hz[use]
+    use = ~broken & (motion.speed_mps > COUNTERS.ripple_from_mps)
+    rows, regressors, turned_hz = rows[use], regressors[use], turned_hz[use]
     if not len(rows):
-        return rows, regressors, turns_hz, np.zeros(0, dtype=int)
-    calm = np.abs(rows).max(axis=1) < 6.0 * float(np.median(np.abs(rows)) + 1e-12) / 0.6745
-    rows, regressors, turns_hz = rows[calm], regressors[calm], turns_hz[calm]
-    return rows, regressors, turns_hz, np.arange(len(rows)) // SETTINGS.counters.ripple_block_ticks
+        return rows, regressors, turned_hz, np.zeros(0, dtype=int)
+    calm = np.abs(rows).max(axis=1) < OUTLIER_STDS * max(robust_std(rows), LEAST_STD_RAD)
+    rows, regressors, turned_hz = rows[calm], regressors[calm], turned_hz[calm]
+    return rows, regressors, turned_hz, np.arange(len(rows)) // COUNTERS.ripple_block_ticks
 
 
 def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
@@ -153,8 +155,8 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
     ratio = max(1.0, float(np.max(np.diag(spread) / (variance * np.diag(inverse)))))
     gain = 0.5 * float(total_b @ values) / variance / ratio
     heldout = 0.0
-    for fold in range(SETTINGS.counters.ripple_folds):
-        out = np.arange(count) % SETTINGS.counters.ripple_folds == fold
+    for fold in range(COUNTERS.ripple_folds):
+        out = np.arange(count) % COUNTERS.ripple_folds == fold
         # A range of speeds that only the held-out blocks have is not trained: its values are zero.
         trained = np.linalg.lstsq(A[~out].sum(axis=0), b[~out].sum(axis=0), rcond=1e-12)[0]
         heldout += float(trained @ b[out].sum(axis=0) - 0.5 * trained @ A[out].sum(axis=0) @ trained)
@@ -162,11 +164,8 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
     sine, cosine = values.reshape(2, -1)
     # One value of both is the plain ripple; of several, which are folded, the middle one.
     middle = int(np.argsort(np.hypot(sine, cosine))[len(sine) // 2])
-    amplitude = float(np.hypot(sine[middle], cosine[middle]))
-    if (
-        gain < SETTINGS.counters.ripple_admit_nats + len(values) - 2
-        or heldout < 0.5 * SETTINGS.counters.ripple_admit_nats
-    ):
+    amplitude, phase = amplitude_and_phase(float(sine[middle]), float(cosine[middle]))
+    if gain < COUNTERS.ripple_admit_nats + len(values) - 2 or heldout < 0.5 * COUNTERS.ripple_admit_nats:
         return None
     std = math.sqrt(variance * ratio * float(np.trace(inverse)) / len(values))
     after = math.sqrt(max(variance - 2.0 * heldout * variance * ratio / len(y), 0.0))
@@ -175,14 +174,9 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
         amplitude_rad=amplitude,
         std_rad=math.hypot(
             std,
-            (
-                SETTINGS.counters.ripple_flattened_std
-                if len(sine) == 1
-                else SETTINGS.counters.ripple_folded_std
-            )
-            * amplitude,
+            (COUNTERS.ripple_flattened_std if len(sine) == 1 else COUNTERS.ripple_folded_std) * amplitude,
         ),
-        phase_rad=float(math.atan2(cosine[middle], sine[middle])),
+        phase_rad=phase,
         phase_std_rad=std / amplitude,
         gain=heldout,
         rms_before=1.0,

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.rings.settings import COUNTERS
 
 
 @dataclass(frozen=True)
@@ -42,20 +42,20 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
         return None
     accel = np.gradient(speed, np.maximum.accumulate(time_s + 1e-6 * np.arange(len(time_s))))
     shown = _wheel_speeds(recording, radii_m, time_s)
-    slow = speed < SETTINGS.counters.lost_compared_to_mps
+    slow = speed < COUNTERS.lost_compared_to_mps
     found: list[tuple[int, float, float, float, float, float]] = []
-    least = SETTINGS.counters.lost_least_mps
+    least = COUNTERS.lost_least_mps
     for wheel in recording.wheels:
         y = shown[:, wheel] - speed
         here = slow & np.isfinite(y) & np.isfinite(accel)
-        calm = here & (speed > SETTINGS.counters.lost_limits_mps[-1])
-        if calm.sum() < 3 * SETTINGS.counters.lost_fewest:
+        calm = here & (speed > COUNTERS.lost_limits_mps[-1])
+        if calm.sum() < 3 * COUNTERS.lost_fewest:
             return None
         base = np.stack([speed, accel], axis=1)
         values = np.linalg.lstsq(base[calm], y[calm], rcond=None)[0]
         left = y - base @ values
         std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
-        least = max(SETTINGS.counters.lost_least_mps, SETTINGS.counters.lost_errors * std)
+        least = max(COUNTERS.lost_least_mps, COUNTERS.lost_errors * std)
         best = _best(time_s, speed, left, here & (speed > least), std)
         if best is not None:
             found.append((wheel, *best))
@@ -80,14 +80,14 @@ def _best(
 ) -> tuple[float, float, float, float, float] | None:
     """Limit and share with their standard deviations, and the gain, of what is left (n,); None of no loss."""
     best: tuple[float, float, float, float] | None = None
-    for limit in SETTINGS.counters.lost_limits_mps:
+    for limit in COUNTERS.lost_limits_mps:
         below = use & (speed < limit)
-        if below.sum() < SETTINGS.counters.lost_fewest:
+        if below.sum() < COUNTERS.lost_fewest:
             continue
         x, y, block = (
             -speed[below],
             left[below],
-            (time_s[below] // SETTINGS.counters.lost_block_s).astype(int),
+            (time_s[below] // COUNTERS.lost_block_s).astype(int),
         )
         size = float(x @ x)
         share = float(x @ y) / size
@@ -100,8 +100,8 @@ def _best(
         spread = max(float(score @ score) * len(held) / (len(held) - 1.0), size * std**2)
         gain = 0.5 * (share * size) ** 2 / spread
         if (
-            share > SETTINGS.counters.lost_share
-            and gain > SETTINGS.counters.lost_admit_nats
+            share > COUNTERS.lost_share
+            and gain > COUNTERS.lost_admit_nats
             and (best is None or gain > best[3])
         ):
             best = (float(limit), share, float(np.sqrt(spread)) / size, gain)
@@ -109,12 +109,12 @@ def _best(
         return None
     limit, share, share_std, gain = best
     # About the limit a speed taken over half a second is half of either side.
-    blurred = SETTINGS.counters.lost_half_s * SETTINGS.counters.lost_braking_mps2 / 2.0
+    blurred = COUNTERS.lost_half_s * COUNTERS.lost_braking_mps2 / 2.0
     clear = use & (speed < limit - blurred)
-    if clear.sum() >= SETTINGS.counters.lost_fewest:
+    if clear.sum() >= COUNTERS.lost_fewest:
         share = float(np.median(-left[clear] / speed[clear]))
     gone = -left > 0.5 * share * speed
-    lower = float(np.max(speed[use & gone & (speed < limit)], initial=SETTINGS.counters.lost_least_mps))
+    lower = float(np.max(speed[use & gone & (speed < limit)], initial=COUNTERS.lost_least_mps))
     upper = float(np.min(speed[use & ~gone & (speed > lower)], initial=limit + 1.0))
     return (
         0.5 * (lower + upper),
@@ -134,17 +134,15 @@ def _wheel_speeds(recording: Recording, radii_m: FloatArray, time_s: FloatArray)
         angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turned))])
         unread = np.concatenate([[0.0], np.cumsum(~np.isfinite(turned))])
         ends = [
-            np.interp(time_s + side, edges, angle)
-            for side in (-SETTINGS.counters.lost_half_s, SETTINGS.counters.lost_half_s)
+            np.interp(time_s + side, edges, angle) for side in (-COUNTERS.lost_half_s, COUNTERS.lost_half_s)
         ]
         gaps = [
-            np.interp(time_s + side, edges, unread)
-            for side in (-SETTINGS.counters.lost_half_s, SETTINGS.counters.lost_half_s)
+            np.interp(time_s + side, edges, unread) for side in (-COUNTERS.lost_half_s, COUNTERS.lost_half_s)
         ]
-        rate = (ends[1] - ends[0]) / (2.0 * SETTINGS.counters.lost_half_s)
+        rate = (ends[1] - ends[0]) / (2.0 * COUNTERS.lost_half_s)
         inside = (
-            (time_s > SETTINGS.counters.lost_half_s)
-            & (time_s < edges[-1] - SETTINGS.counters.lost_half_s)
+            (time_s > COUNTERS.lost_half_s)
+            & (time_s < edges[-1] - COUNTERS.lost_half_s)
             & (gaps[1] == gaps[0])
         )
         out[:, wheel] = np.where(inside, rate * radii_m[wheel], np.nan)

@@ -17,13 +17,13 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS, make_effect
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.lost_counts import missed
-from tpmsd.offline.diagnosis.counters.missed import missed_counts
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.drives.drive import load
 from tpmsd.offline.drives.playing import recording_of as read
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.rings.missed import missed_counts
 
 RL = WHEELS.index("rl")
 COUNTS = 40_000.0

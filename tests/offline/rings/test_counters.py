@@ -10,10 +10,10 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.counters.low_speed import lost_counts
 from tpmsd.offline.diagnosis.prepared.admission import read
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.rings.low_speed import lost_counts
 
 BELOW_MPS = 2.4
 

@@ -1,6 +1,7 @@
-"""The settings of what is looked for in counts, with their units and reasons.
+"""The settings of what is looked for in counts and rings, with their units and reasons.
 
-In: nothing. Out: `CounterSettings`, a part of the diagnosis' `SETTINGS`. All log-likelihoods are in nats.
+In: nothing. Out: `COUNTERS`, a part of the diagnosis' settings, and `ToothCountSettings`, a part of those of
+the discovery. All log-likelihoods are in nats.
 """
 
 from __future__ import annotations
@@ -91,9 +92,13 @@ class CounterSettings:
     """Step in the logarithm of rate and noise by which the likelihood's curvature is taken."""
     single_alike: float = 0.98
     """Share of what an error of the best wheel explains, from which another wheel's explains it as well."""
+    single_admit_nats: float = 6.0
+    """Gain of losses over symmetric noise from which they are a finding: odds of four hundred."""
     single_least_own: float = 0.05
     """Share of a wheel's way that the motion must leave open: without a gyro half of it is, on two wheels
     nothing."""
+    missed_stds: float = 3.0
+    """Standard deviations from which a share is lost: what is less and fluctuates with bends is load."""
     missed_from_hz: float = 4.0
     """Turns per second from which a ripple is faster than the car's own changes of speed."""
     missed_smoothing_s: float = 2.0
@@ -111,3 +116,68 @@ class CounterSettings:
         """Limits that are tried."""
         count = round((self.lost_most_limit_mps - self.lost_least_limit_mps) / self.lost_limit_step_mps)
         return np.linspace(self.lost_least_limit_mps, self.lost_most_limit_mps, count + 1)
+
+
+COUNTERS = CounterSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class ToothCountSettings:
+    """Settings of the counts per revolution: tyres, rings, and the line of a ripple."""
+
+    radius_m: float = 0.322
+    radius_std_m: float = 0.025
+    """Prior of the rolling radius where no tyre size is given."""
+    tyre_radius_std: float = 0.010
+    """Relative: rolling radius of a tyre of known size. Diameter over makes 0.6 % (ETRTO allows about 1 %),
+    wear 0.5 % (0 to 6 mm), rolling share over constructions, load and pressure 0.6 %. Assumed."""
+    wrong_size: float = 0.05
+    """Probability that the tyre's size as given is not that of the tyres that rolled: the door label or the
+    papers name another one, winter wheels differ. Assumed."""
+    rolling_share: float = 0.969
+    """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the
+    diameter for radial tyres, is 0.971 pi; at working load a little less)."""
+    ripple_window_s: float = 0.5
+    """Length of the smooth motion against which a wheel's ripple is seen: a car's speed changes in tenths of
+    seconds at most, a wheel at town speed turns several times."""
+    ripple_least_hz: float = 4.0
+    """Revolutions per second below which the ripple is as slow as the car's own changes of speed."""
+    ripple_block_s: float = 120.0
+    """Length of the stretches in which the ripple is coherent: with 48 counts, numbers 1/16 apart are
+    distinguished, and a counter that loses counts spoils one stretch alone."""
+    ripple_least_rows: int = 200
+    """Samples of a stretch; fewer show no line."""
+    other_lines: float = 0.5
+    """Share of the ripple's stretches that may hold another line at a candidate. Of 16 perfect rings at
+    constant speeds none is called a wrong number above 0.95; with 0.1 it is two, and 15 without other
+    lines."""
+    decided: float = 0.95
+    """A role below this probability is listed as undecided."""
+    faultless: float = 0.5
+    """Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
+    ripple_least_window: int = 7
+    """Samples of the window that takes out the smooth motion, for a polynomial of the third degree."""
+    ripple_jump: float = 20.0
+    """Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
+    bins_per_cycle: float = 16.0
+    """Bins smear a line by at most 0.7 % of its power."""
+    oversampled: int = 8
+    """Frequencies per width of a line: between two of them 1.3 % of its power is lost at most."""
+    even_count: float = 0.15
+    """Weight of an even number of counts that no workshop lists, ..."""
+    odd_count: float = 0.07
+    """... and of an odd one. Assumed."""
+    most_whole: float = 300.0
+    """More counts than this come from an encoder, not from teeth, and are reported as a number, not to the
+    count."""
+    grid_per_line: float = 8.0
+    """Trial numbers per width of a line, for encoders."""
+    line_nats: float = 10.0
+    """Evidence from which a line of an encoder is one: e^-10 times the thousand trials is 1 in 20."""
+    most_trials: int = 4000
+    """Trial numbers at most, of a tyre's size and of all tyres each."""
+    max_probability: float = 0.999
+    """Largest probability that is reported, whatever the numbers: the model itself may be wrong."""
+
+
+TOOTH_COUNTS = ToothCountSettings()

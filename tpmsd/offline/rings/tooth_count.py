@@ -17,10 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.config.rules import TYRE_SIZE
+from tpmsd.car.rings.ring import counts_of, radius_of
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.discovery.series import Counter
-from tpmsd.offline.discovery.settings import SETTINGS, Settings
-from tpmsd.offline.discovery.tone_ring import Blocks, cut, exact_powers, log_evidence
+from tpmsd.offline.rings.count_line import Blocks, cut, exact_powers, log_evidence
+from tpmsd.offline.rings.counter import Counter
+from tpmsd.offline.rings.settings import TOOTH_COUNTS, ToothCountSettings
 
 _INCH_M = 0.0254
 _USUAL_COUNTS: dict[int, float] = {
@@ -63,7 +64,9 @@ class CountPrior:
         """Return (k,) log density at `numbers` (k,)."""
         return np.asarray(np.logaddexp.reduce([_log_normal(numbers, *part) for part in self.parts], axis=0))
 
-    def by_size(self, value: float, settings: Settings = SETTINGS) -> tuple[float, float] | None:
+    def by_size(
+        self, value: float, settings: ToothCountSettings = TOOTH_COUNTS
+    ) -> tuple[float, float] | None:
         """Return the mean and standard deviation of the size's part where `value` is hardly one of its
         numbers."""
         if not self.has_size:
@@ -78,7 +81,7 @@ def _log_normal(numbers: FloatArray, weight: float, mean: float, std: float) -> 
 
 
 def count_prior(
-    per_metre: float, per_metre_std: float, tyre: str | None, settings: Settings = SETTINGS
+    per_metre: float, per_metre_std: float, tyre: str | None, settings: ToothCountSettings = TOOTH_COUNTS
 ) -> CountPrior:
     """Return the density by the tyre's size, which may be wrong, and by all tyres."""
     any_tyre = (settings.radius_m, settings.radius_std_m / settings.radius_m)
@@ -87,7 +90,7 @@ def count_prior(
     if by_size is not None:
         wrong = settings.wrong_size
         weighted = [(1.0 - wrong, by_size, settings.tyre_radius_std), (wrong, *any_tyre)]
-    turn = 2 * math.pi * per_metre
+    turn = counts_of(per_metre, 1.0)
     parts = tuple(
         (weight, turn * radius, turn * radius * math.hypot(share, per_metre_std / per_metre))
         for weight, radius, share in weighted
@@ -95,7 +98,7 @@ def count_prior(
     return CountPrior(parts, by_size is not None)
 
 
-def tyre_radius_m(size: str, settings: Settings = SETTINGS) -> float | None:
+def tyre_radius_m(size: str, settings: ToothCountSettings = TOOTH_COUNTS) -> float | None:
     """Return the rolling radius of a tyre by its size; None if it is no size."""
     match = TYRE_SIZE.match(size.strip())
     if match is None:
@@ -109,7 +112,7 @@ def tooth_count(
     per_metre_std: float,
     tyre: str | None,
     wheels: Sequence[tuple[Counter, float]] = (),
-    settings: Settings = SETTINGS,
+    settings: ToothCountSettings = TOOTH_COUNTS,
 ) -> ToothCount:
     """Return the likeliest number of counts. `per_metre`: counts per metre of road, as the DBC scales them.
 
@@ -133,14 +136,14 @@ def tooth_count(
         best,
         float(np.sqrt(weight @ (numbers - best) ** 2)),
         min(float(weight[order[0]]), settings.max_probability),
-        best / (2 * math.pi * per_metre),
+        radius_of(best, per_metre),
         tuple((float(numbers[k]), float(weight[k])) for k in order[1:4] if weight[k] > 1e-3),
         prior.by_size(best, settings),
     )
 
 
 def _usual(number: int) -> float:
-    return _USUAL_COUNTS.get(number, SETTINGS.odd_count if number % 2 else SETTINGS.even_count)
+    return _USUAL_COUNTS.get(number, TOOTH_COUNTS.odd_count if number % 2 else TOOTH_COUNTS.even_count)
 
 
 def _between(expected: float) -> FloatArray:
@@ -149,10 +152,10 @@ def _between(expected: float) -> FloatArray:
     return np.asarray((near[:, None] + np.linspace(0.25, 0.75, 21)).ravel())
 
 
-def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: Settings) -> ToothCount:
+def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: ToothCountSettings) -> ToothCount:
     """Return a number of many counts: where the line is, or the tyre's radius alone."""
     _, expected, spread = prior.parts[0]
-    unknown = ToothCount(float(round(expected)), spread, 0.0, expected / (2 * math.pi * per_metre))
+    unknown = ToothCount(float(round(expected)), spread, 0.0, radius_of(expected, per_metre))
     if blocks.longest <= 0.0:
         return unknown
     grid, step = _trials(prior, blocks.longest, settings)
@@ -169,18 +172,18 @@ def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: Sett
     if at_end or gain < settings.line_nats:
         return unknown
     # The bins of the search blur a line by some steps; without them its top is plain.
-    near = grid[best] + step * np.linspace(-SETTINGS.grid_per_line, SETTINGS.grid_per_line, 33)
+    near = grid[best] + step * np.linspace(-TOOTH_COUNTS.grid_per_line, TOOTH_COUNTS.grid_per_line, 33)
     top = float(near[np.argmax(exact_powers(blocks, near).sum(axis=0))])
     near = top + step * np.linspace(-0.5, 0.5, 11)
     power = exact_powers(blocks, near)
     value = float(near[np.argmax(power.sum(axis=0))])
     std = math.hypot(_jackknife_std(power, near), near[1] - near[0])
-    radius_m = value / (2 * math.pi * per_metre)
+    radius_m = radius_of(value, per_metre)
     by_size = prior.by_size(value, settings)
     return ToothCount(value, std, settings.max_probability, radius_m, by_size=by_size)
 
 
-def _trials(prior: CountPrior, longest: float, settings: Settings) -> tuple[FloatArray, float]:
+def _trials(prior: CountPrior, longest: float, settings: ToothCountSettings) -> tuple[FloatArray, float]:
     """Return (k,) trial numbers, multiples of a step, around each part of the prior; and the step."""
     least, narrowest = min(mean for _, mean, _ in prior.parts), min(std for *_, std in prior.parts)
     step = min(least**2 / longest / settings.grid_per_line, 0.25 * narrowest)

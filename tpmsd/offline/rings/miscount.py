@@ -11,20 +11,20 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.rings.settings import COUNTERS
 
 
 def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
     """(wheel, true number) of wheels whose radius is off by just what some teeth more or less would make."""
     teeth = recording.car.teeth_per_rev
-    if teeth > SETTINGS.counters.most_teeth or len(recording.wheels) < 4:
+    if teeth > COUNTERS.most_teeth or len(recording.wheels) < 4:
         return []
     ratio = radii_m / recording.car.radius_m
     out = []
     for k in range(4):
         off = float(ratio[k] / np.median(np.delete(ratio, k)))
-        count = _count(teeth, off, SETTINGS.counters.teeth_from_offset)
+        count = _count(teeth, off, COUNTERS.teeth_from_offset)
         if count is not None:
             out.append((WHEELS[k], count))
     return out
@@ -35,13 +35,13 @@ def _count(teeth: float, off: float, least: float) -> float | None:
     if abs(off - 1.0) < least:
         return None
     count = round(teeth / off)
-    told = (
-        SETTINGS.counters.radius_spread * count > SETTINGS.counters.teeth_within
-        or abs(teeth / off - count) < SETTINGS.counters.teeth_within
+    decided = (
+        COUNTERS.radius_spread * count > COUNTERS.teeth_within
+        or abs(teeth / off - count) < COUNTERS.teeth_within
     )
     return (
         float(count)
-        if count != teeth and SETTINGS.counters.fewest_teeth <= count <= SETTINGS.counters.most_teeth and told
+        if count != teeth and COUNTERS.fewest_teeth <= count <= COUNTERS.most_teeth and decided
         else None
     )
 
@@ -60,7 +60,7 @@ def one_recounted(recording: Recording) -> Recording:
     teeth = recording.car.teeth_per_rev
     return _put_right(
         recording,
-        [_count(teeth, float(others[k] / turns[k]), SETTINGS.counters.teeth_at_once) for k in range(4)],
+        [_count(teeth, float(others[k] / turns[k]), COUNTERS.teeth_at_once) for k in range(4)],
     )
 
 
@@ -71,15 +71,13 @@ def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
     if not _has_rings(recording) or any(count is not None for count in recording.counts_per_rev):
         return recording
     off = float(np.median(radii_m / recording.car.radius_m))
-    return _put_right(
-        recording, [_count(recording.car.teeth_per_rev, off, SETTINGS.counters.teeth_all_from)] * 4
-    )
+    return _put_right(recording, [_count(recording.car.teeth_per_rev, off, COUNTERS.teeth_all_from)] * 4)
 
 
 def _has_rings(recording: Recording) -> bool:
     """Return whether all wheels are counted, by rings and not by finer encoders."""
     counted = len(recording.wheels) == 4 and bool((recording.quantum_rad > 0.0).all())
-    return counted and recording.car.teeth_per_rev <= SETTINGS.counters.most_teeth
+    return counted and recording.car.teeth_per_rev <= COUNTERS.most_teeth
 
 
 def _put_right(recording: Recording, counts: list[float | None]) -> Recording:

@@ -1,23 +1,24 @@
-"""Counts that a wheel loses or adds one by one, told by how its way scatters.
+"""Counts that a wheel loses or adds one by one, found by how its distance scatters.
 
 In: a drive's `Linearised` windows, what the model leaves of the channels. Out: `SingleLosses`, or None.
 
 A share of counts that is lost is taken up by the calibration of the radius, for it is a constant. But counts
-are lost one at a time and at random: a wheel's way falls back in steps of a whole count, and their number in
-a window has a Poisson distribution, whose mean is a share of what was counted. So the wheel scatters more
-than the others, and two accounts of its scatter are compared by their likelihood: steps of a count beside
-normal noise; and symmetric noise of any size, with tails as heavy as it likes (Student's distribution). A
-wheel's way is compared with what the other wheels and the gyro leave open, the motion's speed and yaw rate
-eliminated by least squares.
+are lost one at a time and at random: a wheel's distance falls back in steps of a whole count, and their
+number in a window has a Poisson distribution, whose mean is a share of what was counted. So the wheel
+scatters more than the others, and two accounts of its scatter are compared by their likelihood: steps of a
+count beside normal noise; and symmetric noise of any size, with tails as heavy as it likes (Student's
+distribution). A wheel's distance is compared with what the other wheels and the gyro leave open, the motion's
+speed and yaw rate eliminated by least squares.
 
 Skew alone is no loss. Three things that a Poisson process cannot lack are asked of the drive itself:
 
-- Losses last, a late reading does not. A count that the control unit took some milliseconds before the frame,
-  in a rhythm that beats against the frames, skews the ways by several counts, and so does rounding at steady
-  speed; but the next reading makes up for it. Ways over many windows must scatter more than those over one by
-  what losses add up to (Poisson: the variance grows with the mean; of a bounded error it does not grow).
+- Losses last, a late reading does not. A count that the control unit took some milliseconds before the
+  frame, in a rhythm that beats against the frames, skews the distances by several counts, and so does
+  rounding at steady speed; but the next reading makes up for it. Distances over many windows must scatter
+  more than those over one by what losses add up to (Poisson: the variance grows with the mean; of a bounded
+  error it does not grow).
 - Losses come at random from window to window. What slip, load or a temperature do to a radius lasts for
-  seconds, so that ways over two and four windows scatter more than the losses would.
+  seconds, so that distances over two and four windows scatter more than the losses would.
 - Losses are of one wheel. It scatters more than the others, whose readings are as late; and no other
   direction in the space of what the motion leaves open, such as front against rear where their messages are
   of different ages, may explain more.
@@ -34,9 +35,9 @@ from scipy.optimize import minimize
 from scipy.special import gammaln, logsumexp
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.trajectory import WINDOW_S
 from tpmsd.offline.inference.windows import GYRO, Linearised
+from tpmsd.offline.rings.settings import COUNTERS
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class SingleLosses:
 
 
 @dataclass(frozen=True)
-class _Way:
+class _Distances:
     """Evidence of a wheel's distance beside the other wheels and the gyro."""
 
     counts: FloatArray
@@ -89,27 +90,29 @@ class _Steps:
 def single_losses(
     windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float
 ) -> SingleLosses | None:
-    """`left` (w, 9) of the channels by the model; `count_m` (4,) way of a wheel per count, zero where it does
-    not count; `gyro_radps` standard deviation of a window's yaw rate."""
-    ways = _ways(windows, left, count_m, gyro_radps)
-    if not ways:
+    """Return the losses of the wheel that shows them best, if any.
+
+    `left` (w, 9) of the channels by the model; `count_m` (4,) distance of a wheel per count, zero where it
+    does not count; `gyro_radps` standard deviation of a window's yaw rate."""
+    distances = _distances(windows, left, count_m, gyro_radps)
+    if not distances:
         return None
-    most = max(way.explained for way in ways.values())
-    alike = [wheel for wheel in ways if ways[wheel].explained > SETTINGS.counters.single_alike * most]
+    most = max(distance.explained for distance in distances.values())
+    alike = [wheel for wheel in distances if distances[wheel].explained > COUNTERS.single_alike * most]
     # A counter in order rather misses a count than makes one up.
-    wheel = min(alike, key=lambda one: float(np.mean(ways[one].counts ** 3)))
-    counts = ways[wheel].counts
+    wheel = min(alike, key=lambda one: float(np.mean(distances[one].counts ** 3)))
+    counts = distances[wheel].counts
     sign = -1.0 if float(np.mean(counts**3)) < 0.0 else 1.0
-    counted = ways[wheel].counted
+    counted = distances[wheel].counted
     steps = _steps(sign * counts, counted)
     mean = steps.share * float(counted.mean())
     gain = steps.log_likelihood - _symmetric(counts) - _not_at_random(counts, mean)
-    unlike = _unlike(counts, [way.counts for other, way in ways.items() if other not in alike])
-    if _lasting(counts, mean) < SETTINGS.selection.admit_nats:
+    unlike = _unlike(counts, [distance.counts for other, distance in distances.items() if other not in alike])
+    if _lasting(counts, mean) < COUNTERS.single_admit_nats:
         return None
-    if ways[wheel].elsewhere > SETTINGS.counters.lost_admit_nats:
+    if distances[wheel].elsewhere > COUNTERS.lost_admit_nats:
         return None
-    if gain < SETTINGS.selection.admit_nats or unlike < SETTINGS.counters.lost_admit_nats:
+    if gain < COUNTERS.single_admit_nats or unlike < COUNTERS.lost_admit_nats:
         return None
     by_growth = _growth(counts)
     return SingleLosses(
@@ -121,11 +124,13 @@ def single_losses(
         twins=tuple(WHEELS[other] for other in alike if other != wheel),
         gain=gain,
         unlike=unlike,
-        p_value=min(1.0, 2.0 * len(ways) * _by_chance(steps.ahead)),
+        p_value=min(1.0, 2.0 * len(distances) * _by_chance(steps.ahead)),
     )
 
 
-def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float) -> dict[int, _Way]:
+def _distances(
+    windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float
+) -> dict[int, _Distances]:
     """Return the losses by wheel; none of a wheel that the motion's own errors explain as well."""
     rows = [wheel for wheel in range(GYRO) if np.isfinite(left[:, wheel]).mean() > 0.5]
     if any(count_m[wheel] <= 0.0 for wheel in rows):
@@ -134,7 +139,7 @@ def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps
     if np.isfinite(left[:, GYRO]).mean() > 0.5:
         rows, stds = [*rows, GYRO], [*stds, gyro_radps]
     read = np.isfinite(left[:, rows]).all(axis=1)
-    if len(rows) < 3 or read.sum() < SETTINGS.counters.single_block_windows:
+    if len(rows) < 3 or read.sum() < COUNTERS.single_block_windows:
         return {}
     scaled = left[read][:, rows] / np.array(stds)
     design = windows.design[read][:, rows, :2] / np.array(stds)[:, None]
@@ -145,13 +150,13 @@ def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps
     out = {}
     for k, wheel in enumerate(rows):
         own = onto[:, k, k]
-        if wheel == GYRO or float(np.median(own)) < SETTINGS.counters.single_least_own:
+        if wheel == GYRO or float(np.median(own)) < COUNTERS.single_least_own:
             continue
         error = rest[:, k] / own * stds[k] / count_m[wheel]
         explained = 0.5 * float(np.sum(rest[:, k] ** 2 / own))
         counted = windows.covariates["speed"][read] * WINDOW_S / count_m[wheel]
         mine = np.sum(onto[:, :, k] / np.sqrt(own)[:, None] * level, axis=1)
-        out[wheel] = _Way(_around(error), counted, explained, _elsewhere(level, mine, len(rows) - 2))
+        out[wheel] = _Distances(_around(error), counted, explained, _elsewhere(level, mine, len(rows) - 2))
     return out
 
 
@@ -189,7 +194,7 @@ def _sums(values: FloatArray, windows: int) -> FloatArray:
 def _lasting(values: FloatArray, mean: float) -> float:
     """Log-likelihood of sums over many windows as those of losses at random, `mean` in each window beside an
     error that is bounded, over those of the bounded error alone: its sums scatter as single windows do."""
-    long = SETTINGS.counters.single_sum_windows
+    long = COUNTERS.single_sum_windows
     sums = _sums(values, long)
     bounded = float(values.var())
     random = bounded + (long - 1) * mean
@@ -200,7 +205,7 @@ def _lasting(values: FloatArray, mean: float) -> float:
 
 def _growth(values: FloatArray) -> float:
     """Mean number of losses in a window by the growth of the sums' variance, whatever the bounded noise."""
-    few = SETTINGS.counters.single_few_windows[-1]
+    few = COUNTERS.single_few_windows[-1]
     return (float(np.mean(_sums(values, few) ** 2)) - float(values.var())) / (few - 1)
 
 
@@ -209,7 +214,7 @@ def _not_at_random(values: FloatArray, mean: float) -> float:
     `mean` in each window beside a bounded error, against a scatter of any size."""
     bounded = max(float(values.var()) - mean, 0.0)
     lost = 0.0
-    for windows in SETTINGS.counters.single_few_windows:
+    for windows in COUNTERS.single_few_windows:
         sums = _sums(values, windows)
         ratio = float(np.mean(sums**2)) / (windows * mean + bounded)
         lost += 0.5 * len(sums) * (ratio - 1.0 - math.log(ratio))
@@ -219,13 +224,13 @@ def _not_at_random(values: FloatArray, mean: float) -> float:
 def _by_chance(ahead: FloatArray) -> float:
     """Bound of the probability that a symmetric scatter speaks for steps of one sign as much: the sign of
     each block of windows is then drawn (Hoeffding, J. Am. Stat. Assoc. 58, 1963, theorem 2)."""
-    blocks = _sums(ahead, SETTINGS.counters.single_sum_windows)
+    blocks = _sums(ahead, COUNTERS.single_sum_windows)
     return math.exp(-0.5 * max(float(blocks.sum()), 0.0) ** 2 / max(float(np.sum(blocks**2)), 1e-30))
 
 
 def _around(values: FloatArray) -> FloatArray:
     """(w,) less the mean of their block: radii drift slowly."""
-    block = np.arange(len(values)) // SETTINGS.counters.single_block_windows
+    block = np.arange(len(values)) // COUNTERS.single_block_windows
     mean = np.bincount(block, values) / np.bincount(block)
     return np.asarray(values - mean[block])
 
@@ -233,13 +238,13 @@ def _around(values: FloatArray) -> FloatArray:
 def _steps(values: FloatArray, counted: FloatArray) -> _Steps:
     """Upward steps: values (w,) are counts more than their mean, a share of those `counted` (w,)."""
     spread = float(values.var())
-    most = 0.5 * spread + SETTINGS.counters.single_stds * math.sqrt(spread) + 1.0
-    number = np.arange(min(math.ceil(most), SETTINGS.counters.single_most_steps))
-    ways, usual = gammaln(number + 1.0), counted / counted.mean()
+    most = 0.5 * spread + COUNTERS.single_stds * math.sqrt(spread) + 1.0
+    number = np.arange(min(math.ceil(most), COUNTERS.single_most_steps))
+    orders, usual = gammaln(number + 1.0), counted / counted.mean()
 
     def each(of: FloatArray, free: FloatArray) -> FloatArray:
         mean, std = usual * math.exp(free[0]), math.exp(free[1])
-        weight = number * np.log(mean)[:, None] - mean[:, None] - ways
+        weight = number * np.log(mean)[:, None] - mean[:, None] - orders
         off = (of[:, None] - number + mean[:, None]) / std
         return np.asarray(logsumexp(weight - 0.5 * off**2, axis=1)) - float(free[1])
 
@@ -256,13 +261,13 @@ def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
     """Return the standard deviation of the first of two values, the other one free, by the curvature of the
     likelihood.
     """
-    step = SETTINGS.counters.single_probe * np.eye(2)
+    step = COUNTERS.single_probe * np.eye(2)
     middle = negative(at)
     moved = [[negative(at + k * one) for k in (-1.0, 1.0)] for one in step]
     (a, d) = (float(sum(pair)) - 2.0 * middle for pair in moved)
     both = step.sum(axis=0)
     b = 0.5 * (negative(at + both) + negative(at - both) - 2.0 * middle - a - d)
-    bend = (a - b**2 / d if d > 0.0 else a) / SETTINGS.counters.single_probe**2
+    bend = (a - b**2 / d if d > 0.0 else a) / COUNTERS.single_probe**2
     return 1.0 / max(bend, 1e-12)
 
 

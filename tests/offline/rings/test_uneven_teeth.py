@@ -10,10 +10,10 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.diagnosis.counters.tone_ring import Ripple, _judged, ripples
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.rings.uneven_teeth import Ripple, _judged, ripples
 
 READ_HZ, EDGES_S, LATE_S = 20.0, 0.02, 0.013
 """A control unit's readings, half the time whose edges it takes, and how late the first one comes."""

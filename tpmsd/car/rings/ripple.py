@@ -1,7 +1,8 @@
 """The ripple of a wheel's ring, once per turn, in the counts of the wheel: how many counts a turn has.
 
-In: the angle of a wheel by its counts, and what its axle's wheels do rapidly against each other. Out: the
-log-likelihood that this ripple repeats once per turn, for each share of the counts that may be missing.
+In: the angle of a wheel by its counts, and what it does rapidly against smooth turning or against the other
+wheels. Out: the power of a line at trial frequencies over the noise beside it, and the log-likelihood that
+this ripple repeats once per turn, for each share of the counts that may be missing.
 
 A ring's unevenness goes with the wheel's true angle. Of a larger tyre it comes after as many counts as ever,
 of counts that are lost after fewer: this alone tells the two apart.
@@ -38,6 +39,35 @@ class LostShares:
 
 
 LOST_SHARES = LostShares()
+OUTLIER_STDS = 6.0
+"""Rapid differences beyond so many standard deviations are kerbs, joints and lost frames, no ripple."""
+LEAST_STD_RAD = 1e-12
+"""Least standard deviation of rapid differences: a simulation without noise has none."""
+STD_OF_MEDIAN = 0.6745
+"""Median size of normal noise, in standard deviations."""
+
+
+def robust_std(rapid: FloatArray) -> float:
+    """Return the standard deviation of rapid differences by their median size: outliers do not move it."""
+    return float(np.median(np.abs(rapid))) / STD_OF_MEDIAN
+
+
+def line_power(
+    phase: FloatArray, rapid: FloatArray | NDArray[np.complex128], frequencies: FloatArray
+) -> FloatArray:
+    """(k,) |sum of rapid * exp(-i * frequency * phase)|^2 at `frequencies` (k,); `phase` and `rapid` (n,).
+
+    Schuster's periodogram (1898) without its division by the noise.
+    """
+    return np.asarray(np.square(np.abs(np.exp(-1j * np.outer(frequencies, phase)) @ rapid)))
+
+
+def noise_beside(power: FloatArray) -> FloatArray:
+    """(..., 1) mean power of the noise by the median over the last axis, of which a line takes few.
+
+    The median of an exponential distribution is log 2 of its mean.
+    """
+    return np.asarray(np.median(power, axis=-1, keepdims=True) / math.log(2.0))
 
 
 def ripple_gain(
@@ -47,16 +77,13 @@ def ripple_gain(
     variance_rad2: float,
 ) -> FloatArray:
     """(shares,) log-likelihood gain of a ripple once per turn over noise of this variance, if the wheel has
-    turned by (1 + share) times the counted angle (n,), at whatever phase: Schuster's periodogram (1898).
+    turned by (1 + share) times the counted angle (n,), at whatever phase.
 
     The noise that counts is that near one period per turn: roads and frames make more of it there than
-    elsewhere. It is the median over the shares, of which a ripple takes few; that of an exponential
-    distribution is log 2 of its mean.
+    elsewhere.
     """
-    wave = ripple_rad * np.exp(-1j * angle_rad)
-    power = np.square(np.abs(np.exp(-1j * np.outer(shares, angle_rad)) @ wave))
-    near = float(np.median(power)) / math.log(2.0)
-    return np.asarray(power / max(len(ripple_rad) * variance_rad2, near, 1e-30))
+    power = line_power(angle_rad, ripple_rad * np.exp(-1j * angle_rad), shares)
+    return np.asarray(power / max(len(ripple_rad) * variance_rad2, float(noise_beside(power)[0]), 1e-30))
 
 
 def of_one_size(gains: FloatArray, blocks: int) -> FloatArray:

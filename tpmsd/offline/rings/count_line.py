@@ -23,9 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from tpmsd.car.rings.ring import TURN_RAD
+from tpmsd.car.rings.ripple import OUTLIER_STDS, line_power, noise_beside, robust_std
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.discovery.series import Counter
-from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.offline.rings.counter import Counter
+from tpmsd.offline.rings.settings import TOOTH_COUNTS, ToothCountSettings
 
 _SIZES = (0.0, *(float(s) for s in np.geomspace(0.03, 3000.0, 16)))
 """Power of the line over that of the noise, per block; 0: a ring without fault."""
@@ -46,7 +48,9 @@ class Blocks:
         return max((float(np.ptp(one)) for one in self.counts), default=0.0)
 
 
-def cut(wheels: Sequence[tuple[Counter, float]], expected: float, settings: Settings = SETTINGS) -> Blocks:
+def cut(
+    wheels: Sequence[tuple[Counter, float]], expected: float, settings: ToothCountSettings = TOOTH_COUNTS
+) -> Blocks:
     """Return the blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per turn,
     roughly.
 
@@ -68,7 +72,7 @@ def cut(wheels: Sequence[tuple[Counter, float]], expected: float, settings: Sett
     return Blocks(tuple(counts), tuple(residual))
 
 
-def _block_of(counter: Counter, settings: Settings) -> NDArray[np.int64]:
+def _block_of(counter: Counter, settings: ToothCountSettings) -> NDArray[np.int64]:
     """Return (n,) number of the block of each sample; a counter that jumps begins another."""
     step = np.diff(counter.counts, prepend=counter.counts[0])
     jump = (step < 0) | (step > settings.ripple_jump * max(float(np.median(step[step > 0])), 1.0))
@@ -77,7 +81,7 @@ def _block_of(counter: Counter, settings: Settings) -> NDArray[np.int64]:
     return np.cumsum(begins, dtype=np.int64)
 
 
-def _ahead(counter: Counter, settings: Settings) -> FloatArray:
+def _ahead(counter: Counter, settings: ToothCountSettings) -> FloatArray:
     """Return (n,) counts beyond a cubic over the samples around (Savitzky, Golay 1964); NaN at lost
     frames."""
     from scipy.signal import savgol_filter
@@ -89,8 +93,7 @@ def _ahead(counter: Counter, settings: Settings) -> FloatArray:
     if window > len(counter.counts):
         return np.full(len(counter.time_s), np.nan)
     ahead = counter.counts - savgol_filter(counter.counts, window, 3)
-    spread = 1.4826 * float(np.median(np.abs(ahead)))
-    return np.where(np.abs(ahead) <= settings.ripple_outlier * spread, ahead, np.nan)
+    return np.where(np.abs(ahead) <= OUTLIER_STDS * robust_std(ahead), ahead, np.nan)
 
 
 def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
@@ -99,10 +102,10 @@ def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
     By a Fourier transform over the counts, gathered in bins of a small part of a cycle.
     """
     out = np.empty((len(blocks.counts), len(per_turn)))
-    width = float(per_turn.min()) / SETTINGS.bins_per_cycle
+    width = float(per_turn.min()) / TOOTH_COUNTS.bins_per_cycle
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
         binned = np.bincount(np.rint(counts / width).astype(np.int64), weights=residual)
-        size = 1 << int(np.ceil(np.log2(SETTINGS.oversampled * len(binned))))
+        size = 1 << int(np.ceil(np.log2(TOOTH_COUNTS.oversampled * len(binned))))
         spectrum = np.fft.rfft(binned, size)
         at = np.rint(size * width / per_turn).astype(np.int64)
         out[row] = np.abs(spectrum[at]) ** 2 / max(float(residual @ residual), 1e-300)
@@ -113,8 +116,8 @@ def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
     """Return the power (blocks, k) at a few numbers, without bins."""
     out = np.empty((len(blocks.counts), len(per_turn)))
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
-        wave = np.exp(np.outer(-2j * np.pi / per_turn, counts))
-        out[row] = np.abs(wave @ residual) ** 2 / max(float(residual @ residual), 1e-300)
+        power = line_power(counts, residual, TURN_RAD / per_turn)
+        out[row] = power / max(float(residual @ residual), 1e-300)
     return out
 
 
@@ -127,8 +130,7 @@ def log_evidence(
     """
     if not blocks.counts:
         return np.zeros(len(candidates))
-    # The median of an exponential variable is log 2 of its mean, and a line beside does not move it.
-    noise = np.median(powers(blocks, between), axis=1, keepdims=True) / np.log(2.0)
+    noise = noise_beside(powers(blocks, between))
     return _mixture(powers(blocks, candidates) / np.maximum(noise, 1e-12), other_lines)
 
 
@@ -140,6 +142,6 @@ def _mixture(power: FloatArray, other_lines: float) -> FloatArray:
     noise, line = -power, -power / (1.0 + size) - np.log1p(size)
     own = np.log1p(-other_lines)
     ratio = (np.logaddexp(own + line, other) - np.logaddexp(own + noise, other)).sum(axis=1)
-    prior = np.full(len(_SIZES), (1.0 - SETTINGS.faultless) / (len(_SIZES) - 1))
-    prior[0] = SETTINGS.faultless
+    prior = np.full(len(_SIZES), (1.0 - TOOTH_COUNTS.faultless) / (len(_SIZES) - 1))
+    prior[0] = TOOTH_COUNTS.faultless
     return np.asarray(logsumexp(ratio, axis=0, b=prior[:, None]))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tpmsd.car.physics.ring_ripple import of_one_size
+from tpmsd.car.rings.ripple import of_one_size
 
 BLOCKS = 15
 

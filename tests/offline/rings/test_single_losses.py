@@ -12,11 +12,11 @@ from bench.campaigns.offline.lost_counts import case, found
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.counters.single_losses import SingleLosses, _by_chance, single_losses
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import CHANNELS, GYRO, Linearised, Reader
+from tpmsd.offline.rings.single_losses import SingleLosses, _by_chance, single_losses
 
 COUNT_M = np.full(4, 0.041)
 GYRO_RADPS = 2e-4

@@ -1,0 +1,1 @@
+"""The ring of teeth or edges by which a wheel is counted: numbers, pitch errors and lost counts."""

@@ -1,1 +1,0 @@
-"""Counters that miscount, looked for apart from the windows of a second."""
