@@ -128,6 +128,7 @@ def wheel_rates(course: Course, spec: Spec, own: Array | float = 0.0) -> Array:
     slip = value(spec, "longitudinal_slip", "slip_per_accel") * course.force
     slip = slip + value(spec, "longitudinal_slip", "slip_per_speed2") * course.speed**2
     share = 1.0 + slip[:, None] * DRIVEN[spec.driven] + causes.slip(course, spec)
+    share += 0.5 * value(spec, "drive_split", "difference") * course.force[:, None] * FRONT
     if course.spin is not None:
         share = share * (1.0 + course.spin)
     if "wheel_spin" in spec.physics:  # an axle on ice, for a while

@@ -19,7 +19,7 @@ from bench.campaigns.offline.proof import others as other_methods
 from bench.campaigns.offline.proof.oracle import bounds, can_tell
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import page
-from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth
+from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth, wrong
 from bench.campaigns.offline.proof.seal import BrokenSealError, opened, seal
 from bench.worlds.folder import write_folder
 from tpmsd.car.config.load import load_config
@@ -166,3 +166,25 @@ def test_the_oracle_tells_a_larger_effect_and_not_a_smaller_one(tmp_path: Path) 
     large, small = (truth_of(case, make(case, tmp_path).windows).effects for case in made)
     assert can_tell(large)
     assert not can_tell(small)
+
+
+def test_the_oracle_knows_the_split_of_a_drive_as_rival_of_shifted_load(tmp_path: Path) -> None:
+    """On a car that drives all wheels both act alike; on others the drive has no split."""
+    case = draw_case("load_transfer_longitudinal", 1.0, 7)
+    for driven, split in (("all", True), ("front", False)):
+        made = make(replace(case, spec=replace(case.spec, driven=driven)), tmp_path)
+        (effect,) = truth_of(case, made.windows).effects
+        assert (effect.rival == "drive_split") is split
+        assert can_tell([effect]) is not split
+
+
+@pytest.mark.parametrize(
+    ("confidence", "beside", "judged"), [(0.95, ["x"], True), (0.6, ["x"], False), (0.6, ["z"], True)]
+)
+def test_an_unsure_name_is_not_wrong_beside_the_true_one(
+    confidence: float, beside: list[str], judged: bool
+) -> None:
+    """Above 0.9 a wrong name is wrong; below, where the true one is not listed beside it."""
+    effect = Concealed("x", "x", {}, 64.0, 8.0, "y", [], [], [], [])
+    finding = {"effect": "y", "confidence": confidence, "indistinguishable_from": beside}
+    assert wrong(finding, [effect]) is judged

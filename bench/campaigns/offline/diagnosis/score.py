@@ -60,6 +60,7 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
         "told_found": sum(k in right for k in told),
         "first": first,
         "false": [findings[n]["effect"] for n in strays],
+        "strays": strays,
         "sure_wrong": any(findings[n]["confidence"] > 0.9 for n in strays),
         "hedged": _hedged(truth, findings),
         "errors": parameter_errors(truth, findings, matched) if _clear(truth) else [],

@@ -157,6 +157,8 @@ def rivals(windows: Windows, base: Physics) -> list[tuple[str, Array]]:
         ("yaw_rate_bias", [column(yaw_rate_bias={"bias": 1e-3})]),
         ("yaw_rate_scale", [column(yaw_rate_scale={"scale": 1.01})]),
     ]
+    if windows.spec.driven == "all":
+        out.append(("drive_split", [column(drive_split={"difference": 1e-3})]))
     if windows.spec.hilly > 0.0:
         out.append(("road_grade", [windows.channels({}) - windows.channels({"no_shortening": {}})]))
     for tau in TIME_CONSTANTS_S:

@@ -44,6 +44,8 @@ from bench.worlds.folder import write_folder
 ORIGINS = ("kinematic", "receiver", "mems", "latched")
 """Worlds that need no package beyond the program's own."""
 DRIVES = 6
+SURE = 0.9
+"""Confidence above which a wrong name is wrong whatever stands beside it."""
 TYRES = frozenset(
     {"cornering_stiffness_error", "tyre_relaxation", "tyre_saturation", "load_dependent_stiffness"}
 )
@@ -181,10 +183,18 @@ def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str,
     row.located, row.value, row.residual = places(findings), numbers(findings), measured(answer.document)
     inherent = {k for k, each in enumerate(truth.effects) if each.inherent}
     own = [k for k in matched if k not in inherent]
-    row.wrong = bool(joined["false"])
+    row.wrong = any(wrong(findings[n], wanted) for n in joined["strays"])
     row.hit = not row.wrong and (not wanted or (bool(own) and own[0] is not None))
     row.others = {name: compared(one, wanted) for name, one in said.items()}
     return row
+
+
+def wrong(finding: Mapping[str, Any], wanted: Sequence[Concealed]) -> bool:
+    """Return True for a finding that the drive does not hold, unless it is unsure of its name and lists a
+    concealed effect among those that the drive cannot tell from it.
+    """
+    listed_too = {each.effect for each in wanted} & set(finding["indistinguishable_from"])
+    return finding["confidence"] > SURE or not listed_too
 
 
 def compared(said: Said, wanted: Sequence[Concealed]) -> str:

@@ -8,10 +8,11 @@ import numpy as np
 
 from tpmsd.car.physics.effect import ODD_SIGN, Effect, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
-from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2
+from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 USUAL_RADIUS_M = 0.31
+USUAL = Prior(0.0, 2e-3, "half of a slip of 4e-3 s2/m")
 
 
 @dataclass(frozen=True)
@@ -21,8 +22,8 @@ class DriveSplit(Effect):
     a_x is the specific force. An axle slips by c = (its share of the force) / (its share of the load) times
     that of both: 40 to 60 of the force on axles that carry 55 to 45 of the load make 0.73 and 1.33 of it, and
     of 4e-3 s2/m in the mean d is -2.4e-3. What both axles slip alike is `longitudinal_slip`. Over the same
-    acceleration load shifts between the axles: the two read the same, but load transfer is no greater than
-    3e-4 s2, d = -1.9e-3 s2/m. Source: linear slip stiffness (Gustafsson, Automatica 33(6), 1997), stiffness
+    acceleration load shifts between the axles: the two read the same, and no drive tells them apart. Beyond
+    3e-4 s2, d = -1.9e-3 s2/m, load transfer is the less likely one by its size. Source: linear slip stiffness (Gustafsson, Automatica 33(6), 1997), stiffness
     in proportion to load (Pacejka, Tyre and Vehicle Dynamics, ch. 4).
     """
 
@@ -44,7 +45,7 @@ class DriveSplit(Effect):
             0.1,
             "d, slip per m/s2 of the front wheels minus that of the rear ones",
             probe=1e-5,
-            prior=Prior(0.0, 2e-3, "half of a slip of 4e-3 s2/m"),
+            prior=USUAL,
         ),
     )
     difference: float
@@ -56,8 +57,9 @@ class DriveSplit(Effect):
 
     @classmethod
     def against(cls, value: float) -> float:
-        """What load transfer may be is that."""
-        return ODD_SIGN if -2.0 * MOST_LOAD_LONGITUDINAL_S2 / USUAL_RADIUS_M < value < 0.0 else 0.0
+        """Nats against what load transfer may be, and against a size by Student's distribution."""
+        load = -2.0 * MOST_LOAD_LONGITUDINAL_S2 / USUAL_RADIUS_M < value < 0.0
+        return tail_nats(value, USUAL) + (ODD_SIGN if load else 0.0)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) half of d * a_x, with the sign of the axle."""

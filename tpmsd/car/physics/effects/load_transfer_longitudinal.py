@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
-from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
+from tpmsd.car.physics.priors import tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 USUAL = Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N")
@@ -48,14 +47,6 @@ class LoadTransferLongitudinal(Effect):
         ),
     )
     coefficient: float
-
-    @classmethod
-    def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
-        """On a car that drives all wheels, what is more is the drive's."""
-        usual = super().limits(car)
-        if not car.driven.all():
-            return usual
-        return {"coefficient": (usual["coefficient"][0], MOST_LOAD_LONGITUDINAL_S2)}
 
     @classmethod
     def against(cls, value: float) -> float:
