@@ -32,8 +32,8 @@ def test_only_a_car_that_drives_all_wheels_splits_its_drive() -> None:
 
 
 def test_an_unusually_large_load_transfer_is_listed_beside_the_split_of_the_drive() -> None:
-    """Both read the same on a car that drives all wheels: 7.3e-4 s2, twelve times the usual load transfer, are
-    4.6e-3 s2/m. The size decides for the name, and the data for the list."""
+    """Both read the same on a car that drives all wheels: 7.3e-4 s2, twelve times the usual load transfer,
+    are 4.6e-3 s2/m. The size decides for the name, and the data for the list."""
     coefficient = 7.3e-4
     spec = Spec(
         duration_s=240.0, driven="all", physics={"load_transfer_longitudinal": {"coefficient": coefficient}}
@@ -41,7 +41,8 @@ def test_an_unusually_large_load_transfer_is_listed_beside_the_split_of_the_driv
     (finding,) = diagnose([recording_of(drive(spec, 12))]).findings
     value = finding.parameters["difference"]
 
-    assert ("drive_split", ("load_transfer_longitudinal",)) == (finding.effect, finding.indistinguishable_from)
+    assert finding.effect == "drive_split"
+    assert finding.indistinguishable_from == ("load_transfer_longitudinal",)
     assert finding.confidence < 0.9
     assert value.std is not None
     assert value.value == pytest.approx(-2.0 * coefficient / spec.radius_m, abs=4.0 * value.std)

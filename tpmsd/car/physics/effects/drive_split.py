@@ -23,8 +23,9 @@ class DriveSplit(Effect):
     that of both: 40 to 60 of the force on axles that carry 55 to 45 of the load make 0.73 and 1.33 of it, and
     of 4e-3 s2/m in the mean d is -2.4e-3. What both axles slip alike is `longitudinal_slip`. Over the same
     acceleration load shifts between the axles: the two read the same, and no drive tells them apart. Beyond
-    3e-4 s2, d = -1.9e-3 s2/m, load transfer is the less likely one by its size. Source: linear slip stiffness (Gustafsson, Automatica 33(6), 1997), stiffness
-    in proportion to load (Pacejka, Tyre and Vehicle Dynamics, ch. 4).
+    3e-4 s2, d = -1.9e-3 s2/m, load transfer is the less likely one by its size. Source: linear slip stiffness
+    (Gustafsson, Automatica 33(6), 1997), stiffness in proportion to load (Pacejka, Tyre and Vehicle Dynamics,
+    ch. 4).
     """
 
     name = "drive_split"
