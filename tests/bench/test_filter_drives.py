@@ -30,6 +30,16 @@ def test_late_and_wrong_announcements_do_not_count() -> None:
     assert "| `mpf-pn` | 0 of 0 seeds |  |" in text
 
 
+def test_a_recording_without_alarm_and_figure_is_in_a_sentence() -> None:
+    """One with a lost pose has a row."""
+    basis = {"what": "recording", "method": METHODS[0], "said": [], "steady": [], "hours": 0.05}
+    rows = [{**basis, "name": "oval", "lost_pose": 0}, {**basis, "name": "hills", "lost_pose": 2}]
+    text = filter_drives.markdown(rows)
+
+    assert "| hills | `gaussian-sum` | 3 | none | 2 | - |" in text
+    assert "No alarm, no pose lost: oval `gaussian-sum` 3 min." in text
+
+
 def test_an_announcement_before_the_puncture_is_a_wrong_one() -> None:
     """At 100 s nothing is soft yet; at 170 s it is, for 20 s; a malfunction names no tyre."""
     said = [("deflation", "rl", 100.0), ("malfunction", "", 120.0), ("deflation", "rl", 170.0)]

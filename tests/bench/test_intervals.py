@@ -53,12 +53,10 @@ def test_nees_is_per_radius() -> None:
     assert ((2, 3, 1.0), (4, 2, 1.0)) == tuple(
         (cell["wheels"], cell["drives"], cell["all"]["nees"][0]) for cell in (pair, four)
     )
-    text = intervals.markdown([pair, four])
-    assert "all hypotheses together: NEES per radius from 1.00 to 1.00, mean 1.00; 2 of 2 cells" in text
-    assert (
-        "as stated: NEES per radius from 2.00 to 2.00, mean 2.00; 0 of 2 cells are within 0.7 to 1.4." in text
-    )
-    assert "mean 85.0 %; 0 cells are within 90 to 98 %" in text
+    assert "| balanced | white | 2 |  |  | 2.00±0.00, 85 % | 2.00±0.00, 90 % |" in intervals.markdown([pair])
+    text = intervals.tables(rows)
+    assert "| `mpf-pn` | all hypotheses | 1.00, 1.00, 1.00 | 2 of 2 | " in text
+    assert "| `mpf-pn` | as stated | 2.00, 2.00, 2.00 | 0 of 2 | 85, 85.0, 85 | 0 of 2 |" in text
 
 
 def test_each_cell_is_played_by_both_filters() -> None:
@@ -74,8 +72,8 @@ def test_each_kind_of_drift_has_a_table_of_its_own() -> None:
     rows = [row("mpf-pn", k, 2.0) for k in range(2)] + [row("mpf-pn", k, 8.0, drift="none") for k in range(2)]
     drawn, none = intervals.tables(rows).split("## No drift")
     assert "## Drift drawn from the filter's prior" in drawn
-    assert "| 1.00 ± 0.00 |" in drawn and "| 4.00 ± 0.00 |" not in drawn
-    assert "| 4.00 ± 0.00 |" in none
+    assert "| 1.00, 1.00, 1.00 |" in drawn and "4.00" not in drawn
+    assert "| 4.00, 4.00, 4.00 |" in none
 
 
 def test_an_unknown_kind_of_drive_is_text(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def table(rows: Sequence[Row]) -> str:
     found = [each for row in those for each in errors(row)]
     for name in sorted({name for name, _ in found}):
         off = np.array([error for other, error in found if other == name])
-        lines.append(f"| {name} | {percent(count(np.abs(off) < WITHIN_STDS))} | {off.mean():+.2f} |")
+        lines.append(f"| {name} | {(np.abs(off) < WITHIN_STDS).sum()}/{len(off)} | {off.mean():+.2f} |")
     return "\n".join(lines) + "\n"
 
 

@@ -65,9 +65,9 @@ def _null_table(rows: Sequence[Row]) -> str:
     null = [row for row in rows if row["kind"] == "null"]
     judged = [row for row in null if row["verdict"] != "insufficient_data"]
     lines = [
-        "| null drives of | drives | too little data | with a finding | with a suspicion only "
-        "| differs from the others (p) | p-values uniform (p) | p-values below 0.05 | false names |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| null drives of | judged, of all | with a finding | with a suspicion only "
+        "| p-values uniform (p) | p-values below 0.05 | false names |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     simulated = [row for row in judged if row["origin"] != REAL]
     for origin in [*ORIGINS, REAL]:
@@ -75,23 +75,31 @@ def _null_table(rows: Sequence[Row]) -> str:
         all_of_it = [row for row in null if row["origin"] == origin]
         if not all_of_it:
             continue
-        others = [row for row in simulated if row["origin"] != origin]
-        differs = "-" if not others or not those else f"{apart(_found(those), _found(others)):.2g}"
-        lines.append(_null_row(origin, all_of_it, those, differs))
+        lines.append(_null_row(origin, all_of_it, those))
     all_null = [row for row in null if row["origin"] != REAL]
-    lines.append(_null_row("all simulated", all_null, simulated, ""))
-    return "\n".join(lines) + "\n"
+    lines.append(_null_row("all simulated", all_null, simulated))
+    return "\n".join([*lines, "", *_apart(simulated)])
 
 
-def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row], differs: str) -> str:
+def _apart(simulated: Sequence[Row]) -> list[str]:
+    """Return Fisher's exact test of each origin against the others in a line; none without findings."""
+    told = []
+    for origin in dict.fromkeys(row["origin"] for row in simulated):
+        parts = [[row for row in simulated if (row["origin"] == origin) == own] for own in (True, False)]
+        if parts[1] and any(_found(part)["hits"] for part in parts):
+            told.append(f"{origin} {apart(*map(_found, parts)):.2g}")
+    return [f"An origin against the others, p: {', '.join(told)}.\n"] if told else []
+
+
+def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row]) -> str:
     names = Counter(each["effect"] for row in judged for each in _false(row))
     told = ", ".join(f"{name} {number}" for name, number in names.most_common()) or "-"
     suspected = count(bool(row["suspicions"]) and not row["findings"] for row in judged)
     nothing = [row for row in judged if row["origin"] not in ACTING]
     known = [value for row in nothing if (value := p_of_the_rest(row)) is not None]
     tested = uniform(known)
-    cells = [name, str(len(null)), str(len(null) - len(judged)), percent(_found(judged)), percent(suspected)]
-    cells += [differs, "-" if tested is None else f"{tested:.2g} of {len(known)}"]
+    cells = [name, f"{len(judged)}/{len(null)}", percent(_found(judged)), f"{suspected['hits']}"]
+    cells += ["-" if tested is None else f"{tested:.2g} of {len(known)}"]
     cells += [str(sum(value < SMALL for value in known)), told]
     return f"| {' | '.join(cells)} |"
 
@@ -176,15 +184,21 @@ def _placed(row: Row, wanted: str) -> bool:
 
 
 def _conditions_table(rows: Sequence[Row]) -> str:
+    """Return a table of the conditions with findings on either side, and a sentence with the others."""
     lines = ["| null drives of | condition | with it | without it |", "| --- | --- | --- | --- |"]
+    quiet = []
     for origin in ("wheels", "awkward"):
         null = [row for row in rows if row["kind"] == "null" and row["origin"] == origin]
         judged = [row for row in null if row["verdict"] != "insufficient_data"]
         for tag in sorted({tag for row in judged for tag in row["tags"]}):
             having = [row for row in judged if tag in row["tags"]]
             lacking = [row for row in judged if tag not in row["tags"]]
-            lines.append(f"| {origin} | {tag} | {percent(_found(having))} | {percent(_found(lacking))} |")
-    return "\n".join(lines) + "\n" if len(lines) > 2 else ""
+            if _found(having)["hits"] or _found(lacking)["hits"]:
+                lines.append(f"| {origin} | {tag} | {percent(_found(having))} | {percent(_found(lacking))} |")
+            else:
+                quiet.append(f"{origin} {tag} {len(having)}")
+    table = "\n".join(lines) + "\n" if len(lines) > 2 else ""
+    return table + (f"No finding with or without, null drives of: {', '.join(quiet)}.\n" if quiet else "")
 
 
 def _speed(rows: Sequence[Row]) -> str:

@@ -185,24 +185,22 @@ def _demonstration(rows: Sequence[Row]) -> list[str]:
 
 
 def _recordings(rows: Sequence[Row], desk_rows: Sequence[Row]) -> list[str]:
-    """The table of the recordings."""
+    """Return the table of the recordings, and those that have neither an alarm nor a figure in a sentence."""
     lines = [
         "| recording | filter | minutes | alarms | poses lost | rl, rr above 20 m/s off `calibrate`, mm |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
+    quiet = []
     for row in rows:
-        off = ", ".join(f"{value:+.2f}" for value in off_mm(row, desk_rows)) or "-"
+        off = ", ".join(f"{value:+.2f}" for value in off_mm(row, desk_rows))
+        minutes = f"{60 * row['hours']:.0f}"
+        if not off and not row["said"] and not row["lost_pose"]:
+            quiet.append(f"{row['name']} `{row['method']}` {minutes} min")
+            continue
         said = ", ".join(f"{kind} {wheel} at {at_s:.0f} s" for kind, wheel, at_s in row["said"]) or "none"
-        told = [
-            row["name"],
-            f"`{row['method']}`",
-            f"{60 * row['hours']:.0f}",
-            said,
-            str(row["lost_pose"]),
-            off,
-        ]
+        told = [row["name"], f"`{row['method']}`", minutes, said, str(row["lost_pose"]), off or "-"]
         lines.append(f"| {' | '.join(told)} |")
-    return [*lines, ""]
+    return [*lines, "", *([f"No alarm, no pose lost: {', '.join(quiet)}.", ""] if quiet else [])]
 
 
 def _costs(rows: Sequence[Row]) -> list[str]:

@@ -135,62 +135,70 @@ def statement(rows: Sequence[Row], front: bool) -> Row:
     }
 
 
-def _told(value: tuple[float, float], factor: float = 1.0, digits: int = 2) -> str:
-    mean, half = (factor * part for part in value)
-    return f"{mean:.{digits}f}" + (f" ± {half:.{digits}f}" if math.isfinite(half) else "")
+def _told(said: Row) -> list[str]:
+    """Return the table's cells of one statement: NEES and coverage, of a radius and of left against right."""
+    cells = []
+    for nees, cover in (("nees", "cover_radius"), ("nees_difference", "cover_difference")):
+        mean, half = said[nees]
+        shown = f"{mean:.2f}" + (f"±{half:.2f}" if math.isfinite(half) else "")
+        cells.append(f"{shown}, {100 * said[cover][0]:.0f} %")
+    return cells
 
 
 def markdown(found: Sequence[Row]) -> str:
-    """The table of the cells, and how many stand within the bars."""
-    lines = [
-        "| drives | receiver | wheels | filter | n | NEES per radius | as stated | "
-        "coverage of a radius % | as stated | left-right: NEES | as stated | coverage % | as stated |",
-        "|" + 13 * " --- |",
-    ]
-    for one in found:
-        each = [one["all"], one["stated"]]
-        told = [
-            *(_told(said["nees"]) for said in each),
-            *(f"{100 * said['cover_radius'][0]:.0f}" for said in each),
-            *(_told(said["nees_difference"]) for said in each),
-            *(f"{100 * said['cover_difference'][0]:.0f}" for said in each),
-        ]
-        lines.append(
-            f"| {one['scenario']} | {one['receiver']} | {one['wheels']} | `{one['method']}` | "
-            f"{one['drives']} | {' | '.join(told)} |"
-        )
-    return "\n".join([*lines, "", *_within_bars(found)])
+    """Return a table of the cells with what each filter states."""
+    head = [f"`{method}`: {what}" for method in FOUR for what in ("NEES per radius, coverage", "left-right")]
+    lines = [f"| drives | receiver | wheels | {' | '.join(head)} |", f"|{(3 + len(head)) * ' --- |'}"]
+    for key in dict.fromkeys((one["scenario"], one["receiver"], one["wheels"]) for one in found):
+        own = {
+            one["method"]: _told(one["stated"])
+            for one in found
+            if (one["scenario"], one["receiver"], one["wheels"]) == key
+        }
+        told = [cell for method in FOUR for cell in own.get(method, ["", ""])]
+        lines.append(f"| {' | '.join([*map(str, key), *told])} |")
+    return "\n".join([*lines, ""])
 
 
 def _within_bars(found: Sequence[Row]) -> list[str]:
-    """Of each filter and statement, how many cells stand within the bars, and the worst ones."""
-    lines = []
+    """Return a table with the cells within the bars, and the extremes, of each filter and statement."""
+    lines = [
+        "| filter | statement | NEES per radius: least, mean, greatest | cells within "
+        f"{NEES_BAR[0]:g} to {NEES_BAR[1]:g} | coverage %: least, mean, greatest | cells within "
+        f"{100 * COVERAGE_BAR[0]:.0f} to {100 * COVERAGE_BAR[1]:.0f} % |",
+        "|" + 6 * " --- |",
+    ]
     for method in FOUR:
-        for key, title in (("all", "all hypotheses together"), ("stated", "as stated")):
+        for key, title in (("all", "all hypotheses"), ("stated", "as stated")):
             own = [one[key] for one in found if one["method"] == method]
             if not own:
                 continue
-            nees, cover = [said["nees"][0] for said in own], [said["cover_radius"][0] for said in own]
+            nees, cover = [said["nees"][0] for said in own], [100 * said["cover_radius"][0] for said in own]
             honest = sum(NEES_BAR[0] <= value <= NEES_BAR[1] for value in nees)
-            covered = sum(COVERAGE_BAR[0] <= value <= COVERAGE_BAR[1] for value in cover)
-            lines += [
-                f"`{method}`, {title}: NEES per radius from {min(nees):.2f} to {max(nees):.2f}, mean "
-                f"{np.mean(nees):.2f}; {honest} of {len(own)} cells are within {NEES_BAR[0]:g} to "
-                f"{NEES_BAR[1]:g}. Coverage of a radius from {100 * min(cover):.0f} to "
-                f"{100 * max(cover):.0f} %, mean {100 * np.mean(cover):.1f} %; {covered} cells are within "
-                f"{100 * COVERAGE_BAR[0]:.0f} to {100 * COVERAGE_BAR[1]:.0f} %.",
-                "",
+            covered = sum(100 * COVERAGE_BAR[0] <= value <= 100 * COVERAGE_BAR[1] for value in cover)
+            cells = [
+                f"`{method}` | {title}",
+                f"{min(nees):.2f}, {np.mean(nees):.2f}, {max(nees):.2f}",
+                f"{honest} of {len(own)}",
+                f"{min(cover):.0f}, {np.mean(cover):.1f}, {max(cover):.0f}",
+                f"{covered} of {len(own)}",
             ]
-    return lines
+            lines.append(f"| {' | '.join(cells)} |")
+    return [*lines, ""]
 
 
 def tables(rows: Sequence[Row]) -> str:
-    """A table for each kind of drift that was played."""
+    """Return a table for each kind of drift that was played, and how many cells stand within the bars.
+
+    Without a drift every interval is too wide, so there are the totals alone.
+    """
     parts = []
     for drift, title in TITLES.items():
-        own = [row for row in rows if row["drift"] == drift]
-        if own:
-            parts.append(f"## {title}\n\n{markdown(cells(own))}")
+        found = cells([row for row in rows if row["drift"] == drift])
+        if found:
+            parts += [f"## {title}", ""]
+            parts += [markdown(found)] if drift != NONE else []
+            parts += _within_bars(found)
     return "\n".join(parts)
 
 

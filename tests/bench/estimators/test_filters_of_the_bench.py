@@ -14,9 +14,18 @@ from bench.campaigns.onboard.estimators.batches import Radii, play_batch
 from bench.campaigns.onboard.estimators.kernel import Kernel, compile_kernel
 from bench.campaigns.onboard.estimators.library import LibraryAugPf
 from bench.campaigns.onboard.estimators.limit import limit
-from bench.campaigns.onboard.estimators.methods import INPUTS, SAMPLED, TEXTBOOK, WANTED, build, config_of
+from bench.campaigns.onboard.estimators.methods import (
+    INPUTS,
+    POSITIONS,
+    SAMPLED,
+    TEXTBOOK,
+    WANTED,
+    build,
+    config_of,
+)
 from bench.campaigns.onboard.estimators.play import difference, play
 from bench.campaigns.onboard.estimators.recordings import dropped, own_difference_m
+from bench.campaigns.onboard.estimators.report import _fig10
 from bench.campaigns.onboard.estimators.run import earlier, play_all
 from bench.campaigns.onboard.estimators.survive import legs
 from bench.campaigns.onboard.estimators.tasks import Task
@@ -169,6 +178,16 @@ def test_the_bench_writes_its_tables(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["run", "estimators", *arguments]) == 0
     assert "Commit " in capsys.readouterr().out
     assert (tmp_path / "results.md").exists()
+
+
+def test_methods_that_never_diverged_are_in_a_sentence() -> None:
+    """A method with a run that diverged has a row, by number of particles."""
+    run = {"scenario": "puncture", "receiver": "white", "front": False, "inputs": POSITIONS}
+    rows = [run | {"method": "mpf-mn", "particles": 500, "diverged": why} for why in ("", "place lost")]
+    text = "\n".join(_fig10([*rows, run | {"method": "aug-ekf", "particles": 0, "diverged": ""}]))
+
+    assert "| mpf-mn | white |  | 1/2 (place lost) |  |  |" in text
+    assert "No run diverged of aug-ekf (white)." in text
 
 
 def test_parts_of_another_state_of_the_program_are_not_kept(tmp_path: Path) -> None:

@@ -24,7 +24,6 @@ from bench.campaigns.onboard.estimators.summary import (
     bars,
     diverged,
     interval,
-    mean,
     paired,
     paper_claims,
     pick,
@@ -70,8 +69,6 @@ def markdown(result: dict[str, Any]) -> str:
         lines += _scenarios(rows, "correlated", ALL)
         lines += _inputs(rows)
         lines += _ratios(rows)
-    if batches:
-        lines += _batches(batches)
     if speed is not None:
         lines += _speed(speed)
     if result.get("recordings"):
@@ -86,7 +83,7 @@ def within(pair: tuple[float, float], digits: int = 3) -> str:
     middle, half = pair
     if not math.isfinite(half):
         return number(middle, digits)
-    return f"{middle:.{digits}f} +- {half:.{digits}f}"
+    return f"{middle:.{digits}f}±{half:.{digits}f}"
 
 
 def _claims(title: str, claims: list[Claim]) -> list[str]:
@@ -117,13 +114,14 @@ def _fig9(rows: list[Row], receiver: str) -> list[str]:
 
 
 def _fig10(rows: list[Row]) -> list[str]:
+    """Return a table of the methods that diverged, and a sentence with the others."""
     lines = [
         "## Runs that diverged (Fig 10), of the puncture",
         "",
         "Runs of 100 particles include the batches.",
         "",
     ]
-    body = []
+    body, sound = [], []
     for receiver in RECEIVERS:
         some = pick(rows, scenario="puncture", receiver=receiver, front=False, inputs=POSITIONS)
         for method in _order({row["method"] for row in some} - {"limit"}):
@@ -133,9 +131,12 @@ def _fig10(rows: list[Row]) -> list[str]:
                 bad, of = diverged(these)
                 why = ", ".join(sorted({row["diverged"] for row in these if row["diverged"]}))
                 cells.append((f"{bad}/{of}" + (f" ({why})" if why else "")) if of else "")
-            cells += [""] * (len(NUMBERS) - len(cells))
-            body.append((method, receiver, *cells))
-    return lines + table(("method", "receiver", *(f"N={n}" for n in NUMBERS)), body)
+            if diverged(pick(some, method=method))[0]:
+                body.append((method, receiver, *cells, *[""] * (len(NUMBERS) - len(cells))))
+            else:
+                sound.append(f"{method} ({receiver})")
+    lines += table(("method", "receiver", *(f"N={n}" for n in NUMBERS)), body)
+    return [*lines, f"No run diverged of {', '.join(sound)}.", ""] if sound else lines
 
 
 def _scenarios(rows: list[Row], receiver: str, inputs: str) -> list[str]:
@@ -197,25 +198,6 @@ def _ratios(rows: list[Row]) -> list[str]:
                     cells.append(f"{ratio:.2f} ({low:.2f} to {high:.2f})")
                 body.append((receiver, method, name, *cells))
     return lines + table(("receiver", "method", "against", "difference", "radius"), body)
-
-
-def _batches(rows: list[Row]) -> list[str]:
-    lines = ["## Many runs at once, slow puncture, positions alone", ""]
-    body = []
-    for key in sorted({(r["method"], r["receiver"], r["particles"]) for r in rows}):
-        some = pick(rows, method=key[0], receiver=key[1], particles=key[2])
-        bad, of = diverged(some)
-        body.append(
-            (
-                *(str(part) for part in key),
-                f"{bad}/{of}",
-                within(interval(some, "rmse_difference_m", 1e3)),
-                number(mean(some, "cpu_ms")),
-            )
-        )
-    return lines + table(
-        ("method", "receiver", "N", "diverged", "RMSE diff. mm", "ms per tick and run"), body
-    )
 
 
 def _speed(speed: dict[str, Any]) -> list[str]:
