@@ -96,25 +96,9 @@ def decide(
     roles = _wheel_roles(assignment, undecided, settings)
     name = None if car is None else car.name
     found = replace(nothing, kind=assignment.kind, roles=roles, assignment=assignment, car=name)
-    if assignment.kind == "counts":
-        teeth = _teeth(assignment, material, tyre, car, settings)
-        counts = Estimate(teeth.value, teeth.std)
-        found = replace(
-            found,
-            counts_per_rev=counts,
-            counts_probability=teeth.probability,
-            counts_rivals=teeth.rivals,
-            contradictions=_against_size(teeth, tyre, car),
-        )
-        radius = teeth.radius_m
-        radius_std = counts.std / max(counts.value, 1.0) * radius
-        if teeth.probability < settings.decided:
-            undecided.append(_unknown_teeth(teeth, tyre))
-    else:
-        radius = (tyre_radius_m(tyre, settings) if tyre else None) or settings.radius_m
-        radius_std = radius * settings.tyre_radius_std if tyre else settings.radius_std_m
+    found, radius = _ring_and_radius(found, assignment, material, tyre, car, undecided, settings)
     geometry = CarGeometry(assignment, reference, material.gyro, settings)
-    measures = {"wheel_radius_m": Estimate(radius, max(radius_std, 0.001)), **geometry.geometry}
+    measures = {"wheel_radius_m": Estimate(radius.value, max(radius.std, 0.001)), **geometry.geometry}
     axle = driven_axle(assignment)
     if axle is None or axle[1] < settings.decided:
         why = "the axles' slip does not differ clearly" if axle else "one axle alone is on the bus"
@@ -135,6 +119,35 @@ def decide(
             if one.probability < settings.decided
         ]
     return replace(found, driven_axle=axle, geometry=measures, gnss=geometry.gnss, undecided=tuple(undecided))
+
+
+def _ring_and_radius(
+    found: Discovery,
+    assignment: Assignment,
+    material: Material,
+    tyre: str | None,
+    car: Car | None,
+    undecided: list[Undecided],
+    settings: Settings,
+) -> tuple[Discovery, Estimate]:
+    """Return the result with the counts per revolution, where wheels are counted, and the rolling radius (m).
+
+    A number of counts that is not decided joins `undecided`.
+    """
+    if assignment.kind != "counts":
+        radius = (tyre_radius_m(tyre, settings) if tyre else None) or settings.radius_m
+        return found, Estimate(radius, radius * settings.tyre_radius_std if tyre else settings.radius_std_m)
+    teeth = _teeth(assignment, material, tyre, car, settings)
+    if teeth.probability < settings.decided:
+        undecided.append(_unknown_teeth(teeth, tyre))
+    counted = replace(
+        found,
+        counts_per_rev=Estimate(teeth.value, teeth.std),
+        counts_probability=teeth.probability,
+        counts_rivals=teeth.rivals,
+        contradictions=_against_size(teeth, tyre, car),
+    )
+    return counted, Estimate(teeth.radius_m, teeth.std / max(teeth.value, 1.0) * teeth.radius_m)
 
 
 def _teeth(

@@ -116,37 +116,18 @@ def _unit_kind(unit: str, role: str) -> bool | None:
 def _ranked(
     series: Sequence[Series], role: str, target: FloatArray, speed: FloatArray, taken: set[str]
 ) -> FoundRole | None:
-    scored: list[tuple[float, float, Series, float]] = []
     moving = np.isfinite(target) & (speed > 2.0)
     aim = smooth(target)
-    for one in series:
-        fits = _unit_kind(one.field.unit, role)
-        if one.kind != "value" or one.field.signal in taken or fits is False:
-            continue
-        word = role_evidence(one.field.signal, role)
-        if fits is None and word == 0.0:
-            continue  # a correlation alone names nothing
-        value = smooth(physical(one))
-        rows = moving & np.isfinite(value) & np.isfinite(aim)
-        if rows.sum() < 40 or not np.ptp(value[rows]) > 0:
-            continue
-        r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
-        if not abs(r) >= _LEAST_R[role]:
-            continue
-        effective = min(rows.sum() / (2 * SETTINGS.smooth_cells), 100.0)
-        evidence = (
-            -0.5 * effective * math.log(max(1 - r * r, 1e-4)) + word + (SETTINGS.unit_nats if fits else 0.0)
-        )
-        if role == "steering_wheel_angle" and fits:
-            evidence += _steering_scale(one, value, aim, rows)
-        scored.append((evidence, r, one, evidence))
+    free = [one for one in series if one.kind == "value" and one.field.signal not in taken]
+    judged = ((one, _scored(one, role, aim, moving)) for one in free)
+    scored = [(*score, one) for one, score in judged if score is not None]
     if not scored:
         return None
     scored.sort(key=lambda entry: -entry[0])
     weight = np.exp(np.array([entry[0] for entry in scored]) - scored[0][0])
     # The rival that is always there: none of these.
     share = weight / (weight.sum() + math.exp(-min(scored[0][0], 50.0)))
-    _, r, one, _ = scored[0]
+    _, r, one = scored[0]
     rivals = tuple(
         (entry[2].field.signal, float(p))
         for entry, p in zip(scored[1:4], share[1:4], strict=True)
@@ -157,6 +138,29 @@ def _ranked(
         return None
     unit = None if _unit_kind(one.field.unit, role) else assumed_unit(role)
     return FoundRole(role, one.field, min(float(share[0]), 0.999), rivals, unit=unit, sign=sign)
+
+
+def _scored(one: Series, role: str, aim: FloatArray, moving: np.ndarray) -> tuple[float, float] | None:
+    """Return the evidence (nats) for a signal in a role and its correlation with the role's target `aim`;
+    None where neither unit nor name fits, or it does not follow."""
+    fits = _unit_kind(one.field.unit, role)
+    word = role_evidence(one.field.signal, role)
+    if fits is False or (fits is None and word == 0.0):  # a correlation alone names nothing
+        return None
+    value = smooth(physical(one))
+    rows = moving & np.isfinite(value) & np.isfinite(aim)
+    if rows.sum() < 40 or not np.ptp(value[rows]) > 0:
+        return None
+    r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
+    if not abs(r) >= _LEAST_R[role]:
+        return None
+    effective = min(rows.sum() / (2 * SETTINGS.smooth_cells), 100.0)
+    evidence = (
+        -0.5 * effective * math.log(max(1 - r * r, 1e-4)) + word + (SETTINGS.unit_nats if fits else 0.0)
+    )
+    if role == "steering_wheel_angle" and fits:
+        evidence += _steering_scale(one, value, aim, rows)
+    return evidence, r
 
 
 def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows: np.ndarray) -> float:

@@ -254,25 +254,37 @@ def _take(
         for k, one in enumerate(common):
             common[k] = Common(replace(one.term, design=widened(one.term.design, study.width)))
     for term in wanted:
-        if exact[term]:
-            both = [[evidence.unit(next(places)) for _ in ("tied", "alone")] for _ in exact[term]]
-            design, alone = (np.concatenate(each, axis=1) for each in zip(*both, strict=True))
-            joint.catalogue.append(replace(term, design=alone, drive=0))
-        elif term.drive is None:
-            design = widened(term.design, study.width)
-        else:
-            design = widened(term.design, study.width)
-            mirror = joint.mirrored(design, term.drive, 1 - term.drive)
-            if mirror is None:
-                silent.add(key_of(term))
-                continue
-            design = design + mirror
-        if _told(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent:
+        design = _shared(
+            term,
+            study,
+            joint,
+            [[evidence.unit(next(places)) for _ in ("tied", "alone")] for _ in exact[term]],
+        )
+        if design is None or _told(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent:
             silent.add(key_of(term))
             continue
         common[:] = [one for one in common if one.key != key_of(term)]
         common.append(Common(replace(term, design=design, drive=None)))
     return evidence
+
+
+def _shared(
+    term: Term, study: Study, joint: JointHypotheses, columns: list[list[FloatArray]]
+) -> FloatArray | None:
+    """Return the design of a term as what both drives hold; None where the simulation has no column of it.
+
+    `columns` are its exact columns, of both drives tied and of the recording alone; the latter become a
+    hypothesis.
+    """
+    if columns:
+        design, alone = (np.concatenate(each, axis=1) for each in zip(*columns, strict=True))
+        joint.catalogue.append(replace(term, design=alone, drive=0))
+        return design
+    design = widened(term.design, study.width)
+    if term.drive is None:
+        return design
+    mirror = joint.mirrored(design, term.drive, 1 - term.drive)
+    return None if mirror is None else design + mirror
 
 
 def _refined(term: Term) -> tuple[Refined, ...]:

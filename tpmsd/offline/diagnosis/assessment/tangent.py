@@ -39,6 +39,24 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     if not tangents:
         return out
     first = selection.fit.design.shape[1]
+    std = _joint_stds(study, selection, tangents)
+    whole_s = max(d.reader.recording.ticks * d.reader.recording.dt_s for d in study.drives) / math.sqrt(12.0)
+    for j, (k, name, reach_s) in enumerate(owner):
+        # A slope that lets an onset be outside the drive says nothing: there the likelihood alone does.
+        by_slope = float(std[first + j])
+        out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
+    start = study.hypotheses.nuisance.shape[1]
+    for k, one in enumerate(selection.chosen):
+        if any(owned == k for owned, *_ in owner):
+            out[k][one.term.parameters[0]] = float(std[start])
+        start += one.term.design.shape[1]
+    return out
+
+
+def _joint_stds(study: Study, selection: Selection, tangents: list[dict[int, FloatArray]]) -> FloatArray:
+    """(f + t,) standard deviations of the f values of a fit and of t tangents (by drive), all fitted
+    jointly."""
+    first = selection.fit.design.shape[1]
     gram = np.zeros((first + len(tangents), first + len(tangents)))
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
@@ -51,18 +69,7 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
         gram += flat.T @ flat
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     A = gram / np.outer(scale, scale) + 1e-7 * np.eye(len(gram))
-    std = np.sqrt(np.diag(np.linalg.inv(A))) / scale
-    whole_s = max(d.reader.recording.ticks * d.reader.recording.dt_s for d in study.drives) / math.sqrt(12.0)
-    for j, (k, name, reach_s) in enumerate(owner):
-        # A slope that lets an onset be outside the drive says nothing: there the likelihood alone does.
-        by_slope = float(std[first + j])
-        out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
-    start = study.hypotheses.nuisance.shape[1]
-    for k, one in enumerate(selection.chosen):
-        if any(owned == k for owned, *_ in owner):
-            out[k][one.term.parameters[0]] = float(std[start])
-        start += one.term.design.shape[1]
-    return out
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(A))) / scale)
 
 
 def _of_grid(
