@@ -478,7 +478,8 @@ TERMS_DONE = (
         for room in ("calibration", "discovery", "drives", "fleet", "inference", "rings")
     ),
     *(f"tpmsd/offline/{room}" for room in ("planning", "signals", "simulator", "tables")),
-    "tpmsd/interfaces/bridges",
+    "tpmsd/offline/report",
+    *("tpmsd/interfaces/bridges", "tpmsd/interfaces/cli"),
 )
 """Rooms whose docstrings and identifiers are in terms of the field; grows until it holds every room."""
 TERMS_OPEN = {
@@ -509,6 +510,7 @@ TERMS: dict[str, str] = {
 """Words of identifiers, and the terms that stand for them."""
 _TERMS_KEPT = {
     "tpmsd/offline/rings/settings.py": {"even_count", "odd_count"},  # parity of a number of teeth
+    "tpmsd/offline/report/mpl_style.py": {"place_labels"},  # to place, a verb
     "tpmsd/offline/planning/search.py": {"told"},  # a key of tpmsd.plan/1
     "tpmsd/offline/tables/from_file.py": {"names_told"},  # used by the API
 }

@@ -142,14 +142,14 @@ def run(args: argparse.Namespace) -> int:
         stopped = threading.Event()
         port, end = serve(path, args.listen, args.port, log)
         log.info("serving http://%s:%d/metrics", args.listen, port)
-        with _until_told(stopped):
+        with _until_signalled(stopped):
             stopped.wait()
         end()
         return 0
     from tpmsd.interfaces.bridges.watching import documents
 
     bridge = _bridge(args, log)
-    with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
+    with contextlib.suppress(_Stop, KeyboardInterrupt), _until_signalled(None):
         bridge.run(documents(path, log))
     return 0
 
@@ -178,7 +178,7 @@ def _vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
     from tpmsd.interfaces.bridges.vss_input import VssInput
 
     source = VssInput(_databroker_settings(args), CanWire(args.interface, args.input, log), log)
-    with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
+    with contextlib.suppress(_Stop, KeyboardInterrupt), _until_signalled(None):
         source.run()
     return 0
 
@@ -201,7 +201,7 @@ class _Stop(Exception):  # noqa: N818 -- no error
 
 
 @contextlib.contextmanager
-def _until_told(stopped: threading.Event | None) -> Iterator[None]:
+def _until_signalled(stopped: threading.Event | None) -> Iterator[None]:
     """Within it SIGTERM and SIGINT set the event, or raise where there is none."""
 
     def handle(number: int, _: object) -> None:

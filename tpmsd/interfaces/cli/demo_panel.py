@@ -93,13 +93,13 @@ class Panel:
         if since_s >= 0.0:
             what += f", {since_s:.0f} s after the puncture began"
         verb = "ALARM" if raised else "cleared"
-        self._in_place("")
+        self._overwrite("")
         for number, line in enumerate(self._wrapped(f"{verb:<11} {what}")):
             margin = f"{drive_time(heard.time_s):>6}  " if number == 0 else " " * MARGIN
             self._print(margin + self.paint(line, RED if raised else GREEN))
         self._print(f"{'':8}frame       {frame}")
-        told = [f"{k}={v}" for k, v in words.items() if k not in _UNSPOKEN and v not in _NOTHING]
-        for line in self._wrapped(f"{'decoded':<11} {'  '.join(told)}"):
+        words_shown = [f"{k}={v}" for k, v in words.items() if k not in _UNSPOKEN and v not in _NOTHING]
+        for line in self._wrapped(f"{'decoded':<11} {'  '.join(words_shown)}"):
             self._print(" " * MARGIN + line)
 
     def show(self) -> None:
@@ -115,16 +115,16 @@ class Panel:
             style = RED if states[wheel] == "alarm" else GREEN if learned else DIM
             tyres.append(self.paint(text, style))
         if learned and not self._learned:
-            self._in_place("")
-            told = self._wrapped(f"{'monitoring':<11} the radii of all four wheels are learned")
-            self._print(f"{drive_time(self.now()):>6}  " + f"\n{'':{MARGIN}}".join(told))
+            self._overwrite("")
+            words_shown = self._wrapped(f"{'monitoring':<11} the radii of all four wheels are learned")
+            self._print(f"{drive_time(self.now()):>6}  " + f"\n{'':{MARGIN}}".join(words_shown))
             self._learned = True
         word = "ALARM" if "alarm" in states.values() else "monitoring" if learned else "learning"
         against = "  mm since learned" if learned else "  mm from nominal"
         room = self._columns() - (MARGIN + INDENT + 9 * len(tyres))
         gap = "  " if room >= 2 * (len(tyres) - 1) else " "
         unit = against if room >= len(gap) * (len(tyres) - 1) + len(against) else ""
-        self._in_place(f"{drive_time(self.now()):>6}  {word:<11} {gap.join(tyres)}{unit}")
+        self._overwrite(f"{drive_time(self.now()):>6}  {word:<11} {gap.join(tyres)}{unit}")
 
     def paint(self, text: str, style: str) -> str:
         """Coloured where that is wanted."""
@@ -140,7 +140,7 @@ class Panel:
             text, width, subsequent_indent=" " * INDENT, drop_whitespace=True, break_on_hyphens=False
         )
 
-    def _in_place(self, text: str) -> None:
+    def _overwrite(self, text: str) -> None:
         """Show a line that the next one replaces; where there is no terminal, a line like others."""
         if can_move(self._out):
             self._out.write("\r\x1b[K" + text)

@@ -185,8 +185,8 @@ def summary(found: Discovery) -> list[str]:
         lines.append(f"  {role:{width}}  {_role(found, one)}")
     if found.counts_per_rev is not None:
         counts = found.counts_per_rev
-        sure = found.counts_probability
-        by = f"{sure:.2f}" if sure > 0.0 else "by the rolling radius alone"
+        probability = found.counts_probability
+        by = f"{probability:.2f}" if probability > 0.0 else "by the rolling radius alone"
         lines.append(f"  counts per revolution {counts.value:g} +- {counts.std:.2g} ({by})")
     axle = found.driven_axle
     if axle is not None:

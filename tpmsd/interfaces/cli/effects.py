@@ -60,15 +60,15 @@ def run(args: argparse.Namespace) -> int:
         print(effects_page(), end="")
         return 0
     drive = ""
-    told: tuple[Telling, ...] = ()
+    identifiable: tuple[Telling, ...] = ()
     if args.drive is not None:
         from tpmsd.interfaces.cli.diagnose import read_recording
         from tpmsd.offline.diagnosis.diagnose import told_by
 
         drive = args.drive.resolve().name
-        told = told_by(read_recording(args.drive, args.config))
+        identifiable = told_by(read_recording(args.drive, args.config))
     if args.json is not None:
-        write_json(effects_document(names, drive, told), args.json)
+        write_json(effects_document(names, drive, identifiable), args.json)
     if args.json != "-":
-        print(effects_summary(names, drive, told))
+        print(effects_summary(names, drive, identifiable))
     return 0

@@ -197,8 +197,8 @@ def _run(args: argparse.Namespace) -> int:
         **status_document(store),
     }
     if not outputs.fill_stdout:
-        told = ", ".join(f"{count} {name}" for name, count in sorted(tally.outcomes.items()))
-        print(f"{tally.done} drives worked on in {tally.elapsed_s:.0f} s{': ' if told else ''}{told}")
+        outcomes = ", ".join(f"{count} {name}" for name, count in sorted(tally.outcomes.items()))
+        print(f"{tally.done} drives worked on in {tally.elapsed_s:.0f} s{': ' if outcomes else ''}{outcomes}")
         print(_summary(document))
     outputs.write({"--json": lambda: json_text(document)})
     return 0

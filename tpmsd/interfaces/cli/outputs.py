@@ -49,10 +49,10 @@ class Outputs:
         ]
         seen: dict[str, str] = {}
         for option, target in self._targets.items():
-            place = STDOUT if target == STDOUT else str(Path(target).resolve())
-            if place in seen:
-                problems.append(f"{option} {target}: {seen[place]} goes there already")
-            seen.setdefault(place, option)
+            destination = STDOUT if target == STDOUT else str(Path(target).resolve())
+            if destination in seen:
+                problems.append(f"{option} {target}: {seen[destination]} goes there already")
+            seen.setdefault(destination, option)
         if problems:
             raise OutputError("\n".join(problems))
 

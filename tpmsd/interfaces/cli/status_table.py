@@ -167,8 +167,8 @@ def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
         # As odds, for few people think in natural logarithms.
         odds = "" if ratio is None or learned is None else f"  {math.exp(min(ratio, 50.0)):.2g} to 1"
         reason = _text(wheel, "reason")
-        told = f"{wheel_name(name):<13} {_text(wheel, 'state')[:15]:<15} {text:>15}  {before:>15}{odds}"
-        lines.append(told + (f"  ({reason})" if reason else ""))
+        row = f"{wheel_name(name):<13} {_text(wheel, 'state')[:15]:<15} {text:>15}  {before:>15}{odds}"
+        lines.append(row + (f"  ({reason})" if reason else ""))
     return [*lines, ""]
 
 

@@ -35,8 +35,8 @@ from tpmsd.offline.report.diagnosis_summary import (
     CHANNELS,
     diagnosis_summary,
     left_over,
+    location_text,
     p_text,
-    place,
     quantity_text,
 )
 from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
@@ -210,7 +210,7 @@ def _sentences(finding: Finding) -> tuple[str, ...]:
         certainty += f" (p {p_text(finding.p_value, finding.p_value_is_bound)})"
     out = [
         f"{_capital(sentence_of(finding.effect))}.",
-        f"{certainty}. Located in {place(finding.where)}.",
+        f"{certainty}. Located in {location_text(finding.where)}.",
         *(f"{_capital(line)}." for line in held_lines(finding)),
     ]
     if finding.drives:

@@ -41,7 +41,7 @@ CHANNELS: dict[str, str] = {
 }
 UNITS = {**COVARIATES, "wheel_angle": "rad"}
 SLIPS: dict[str, str] = {"wheel_slip": "Wheel slip", "side_slip": "Side slip"}
-WORTH_TELLING = 10.0
+REPORTED_FROM_NATS = 10.0
 """Nats, in sample, from which it is told what a slip would explain beyond the findings."""
 
 
@@ -114,7 +114,7 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
     out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
     if diagnosis.unexplained is not None:
         but = "One more term alone would" if out and not _structured(diagnosis) else "One more term would"
-        out.append(f"{but} still explain structure: {place(diagnosis.unexplained)}.")
+        out.append(f"{but} still explain structure: {location_text(diagnosis.unexplained)}.")
     if (drift := diagnosis.drift) is not None:
         of = f" of {drift.drive}" if drift.drive else ""
         out.append(
@@ -145,12 +145,12 @@ def reached(reach: Reach) -> str:
 
 
 def _paragraph(number: int, finding: Finding) -> list[str]:
-    sure = f"confidence {finding.confidence:.2f}"
+    confidence = f"confidence {finding.confidence:.2f}"
     if finding.p_value is not None:
-        sure += f", p {p_text(finding.p_value, finding.p_value_is_bound)}"
+        confidence += f", p {p_text(finding.p_value, finding.p_value_is_bound)}"
     if finding.status != FINDING:
-        sure = f"a suspicion, {sure}"
-    lines = [f"{number}. {finding.effect} ({sure}): {sentence_of(finding.effect)}."]
+        confidence = f"a suspicion, {confidence}"
+    lines = [f"{number}. {finding.effect} ({confidence}): {sentence_of(finding.effect)}."]
     if finding.parameters:
         lines.append(
             "   " + ", ".join(f"{name} = {quantity_text(q)}" for name, q in finding.parameters.items())
@@ -160,7 +160,7 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
     lines += [f"   {line}" for line in held_lines(finding)]
     if finding.drives:
         lines.append(f"   only in {', '.join(finding.drives)}")
-    lines.append(f"   seen in {place(finding.where)}; held-out gain {finding.gain:.0f} nats")
+    lines.append(f"   seen in {location_text(finding.where)}; held-out gain {finding.gain:.0f} nats")
     if finding.told_by:
         lines.append(f"   {finding.told_by}")
     if finding.indistinguishable_from:
@@ -171,7 +171,7 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
 
 def explained(one: Explanatory) -> str:
     """Return what a slip would gain, as a sentence; empty where that is nothing beyond what was found."""
-    if one.beyond < WORTH_TELLING:
+    if one.beyond < REPORTED_FROM_NATS:
         return ""
     text = (
         f"{SLIPS[one.variable]} by the tyre model of a typical car, over {one.covariate}, would gain"
@@ -205,8 +205,8 @@ def shape_text(finding: Finding) -> str:
     of = UNITS[covariate]
 
     def height(value: float, std: float, at: float) -> str:
-        sure = f" +- {scale * std:.1g}" if std > 0.0 else ""
-        return f"{scale * value:.3g}{sure} {unit} at {_short(at)} {of}"
+        spread = f" +- {scale * std:.1g}" if std > 0.0 else ""
+        return f"{scale * value:.3g}{spread} {unit} at {_short(at)} {of}"
 
     return f"from {height(low, low_std, low_at)} to {height(high, high_std, high_at)}"
 
@@ -216,7 +216,7 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
-def place(where: Where) -> str:
+def location_text(where: Where) -> str:
     """Return where a mismatch is, in words."""
     text = CHANNELS[where.channel] + (f" ({' '.join(where.wheels)})" if where.wheels else "")
     if where.covariate is not None:

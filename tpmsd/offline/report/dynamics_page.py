@@ -134,10 +134,10 @@ def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
     effect = DYNAMICS_EFFECTS[finding.effect]
     where = OUTPUT_NAMES[finding.where.channel]
     over = finding.where.covariate
-    place = f"It shows most in the {where}" + (f", over {covariate_name(over)}" if over else "")
+    location = f"It shows most in the {where}" + (f", over {covariate_name(over)}" if over else "")
     if finding.where.range is not None:
-        place += f" from {finding.where.range[0]:.3g} to {finding.where.range[1]:.3g}"
-    out = [f"{effect.formula}." if effect.formula else "", f"{place}."]
+        location += f" from {finding.where.range[0]:.3g} to {finding.where.range[1]:.3g}"
+    out = [f"{effect.formula}." if effect.formula else "", f"{location}."]
     for start, end in finding.where.time_spans:
         out.append(f"It acts from {start:.0f} to {end:.0f} s.")
     if finding.stand_in:

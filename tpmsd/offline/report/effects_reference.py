@@ -17,15 +17,17 @@ from tpmsd.car.physics.effect import AnyParameter, Effect, Kind, Parameter, Vect
 from tpmsd.offline.diagnosis.assessment.identifiability import Telling
 
 
-def effects_document(names: Sequence[str], drive: str = "", told: Sequence[Telling] = ()) -> dict[str, Any]:
+def effects_document(
+    names: Sequence[str], drive: str = "", identifiable: Sequence[Telling] = ()
+) -> dict[str, Any]:
     """Return the effects of these names; with a drive also what it tells of each."""
-    by_name = {one.effect: one for one in told}
+    by_name = {one.effect: one for one in identifiable}
     out: dict[str, Any] = {"effects": [_entry(name, EFFECTS[name]) for name in names]}
     if drive:
         out["drive"] = drive
         for entry in out["effects"]:
             one = by_name.get(entry["name"])
-            entry["drive"] = None if one is None else _telling(one)
+            entry["drive"] = None if one is None else _identifiability(one)
     return out
 
 
@@ -59,7 +61,7 @@ def _prior(parameter: object) -> dict[str, Any] | None:
     return None if prior is None else {"mean": prior.mean, "std": prior.std, "source": prior.source}
 
 
-def _telling(one: Telling) -> dict[str, Any]:
+def _identifiability(one: Telling) -> dict[str, Any]:
     return {
         "expected_gain_nats": one.expected_gain,
         "told": one.told,
@@ -75,10 +77,10 @@ def source_of(effect: type[Effect]) -> str:
     return found[1] if found else ""
 
 
-def effects_summary(names: Sequence[str], drive: str = "", told: Sequence[Telling] = ()) -> str:
+def effects_summary(names: Sequence[str], drive: str = "", identifiable: Sequence[Telling] = ()) -> str:
     """For the terminal: one line per effect, or all of one."""
     if drive:
-        return _drive_summary(names, drive, told)
+        return _drive_summary(names, drive, identifiable)
     if len(names) > 1:
         width = max(len(name) for name in names)
         return "\n".join(
@@ -133,9 +135,9 @@ def _usual_text(parameter: AnyParameter) -> str:
     return f"{min(max(parameter.neutral + size, parameter.lower), parameter.upper):.3g}"
 
 
-def _drive_summary(names: Sequence[str], drive: str, told: Sequence[Telling]) -> str:
+def _drive_summary(names: Sequence[str], drive: str, identifiable: Sequence[Telling]) -> str:
     lines = [f"What {drive} tells, at the usual size of each effect (nats of log-likelihood):"]
-    for one in told:
+    for one in identifiable:
         if one.effect not in names:
             continue
         near = ", ".join(f"{name} ({cosine:.2f})" for name, cosine in one.confounded_with)
@@ -143,7 +145,7 @@ def _drive_summary(names: Sequence[str], drive: str, told: Sequence[Telling]) ->
         lines.append(f"  {one.effect:28} {one.expected_gain:9.1f}{near}")
         if one.drive:
             lines.append(f"      {one.drive}")
-    silent = [name for name in names if name not in {one.effect for one in told}]
+    silent = [name for name in names if name not in {one.effect for one in identifiable}]
     if silent:
         lines.append(f"  without the readings for, or looked for apart: {' '.join(silent)}")
     return "\n".join(lines)

@@ -29,7 +29,7 @@ def figure_json(figure: Figure, picture: Picture | None) -> str:
         return _json(_chart(figure))
     if picture is None or figure.time_s is None:
         return ""
-    x, y = picture.places.T
+    x, y = picture.points.T
     return _json(
         {
             "kind": "track",

@@ -85,7 +85,7 @@ def _width_px(text: str, fontsize: float, renderer: RendererBase | None, dpi: fl
 
 
 def name_points(
-    axes: Axes, places: Sequence[tuple[float, float]], texts: Sequence[tuple[str, str]], fontsize: float = 9.0
+    axes: Axes, points: Sequence[tuple[float, float]], texts: Sequence[tuple[str, str]], fontsize: float = 9.0
 ) -> None:
     """Write texts, each with its colour, beside points given in the axes' data."""
     canvas = axes.figure.get_figure(root=True)
@@ -93,17 +93,17 @@ def name_points(
     canvas.draw_without_rendering()  # the layout decides how large the axes are
     box = axes.get_window_extent()
     names = []
-    for place, (text, _) in zip(places, texts, strict=True):
-        x, y = axes.transData.transform(place) * 72.0 / canvas.dpi
+    for point, (text, _) in zip(points, texts, strict=True):
+        x, y = axes.transData.transform(point) * 72.0 / canvas.dpi
         lines = text.split("\n")
         width = 0.6 * fontsize * max(map(len, lines))
         at = (x - box.x0 * 72.0 / canvas.dpi, y - box.y0 * 72.0 / canvas.dpi)
         names.append(Name(*at, width, 1.25 * fontsize * len(lines)))
     chosen = corners(names, box.width * 72.0 / canvas.dpi, box.height * 72.0 / canvas.dpi)
-    for place, (text, colour), (right, up) in zip(places, texts, chosen, strict=True):
+    for point, (text, colour), (right, up) in zip(points, texts, chosen, strict=True):
         axes.annotate(
             text,
-            place,
+            point,
             (GAP_PT * right, GAP_PT * up),
             textcoords="offset points",
             ha="left" if right > 0 else "right",

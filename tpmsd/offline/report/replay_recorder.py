@@ -89,8 +89,8 @@ class ReplayRecorder:
             tick, estimate, report = self._last
             duration = max(0.0, tick.time_s - self._start_s)
             # The end of the drive is always shown, if need be in place of the newest row.
-            spare = self._filled < len(self._rows) and tick.time_s != table[-1, _TIME]
-            table = np.vstack([table if spare else table[:-1], self._row(tick, estimate, report)])
+            room_left = self._filled < len(self._rows) and tick.time_s != table[-1, _TIME]
+            table = np.vstack([table if room_left else table[:-1], self._row(tick, estimate, report)])
         gnss = self._gnss
         return ReplayResult(
             drive=self._drive,

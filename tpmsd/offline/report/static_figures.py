@@ -65,13 +65,13 @@ class Picture:
     """A figure as an `<svg>` element."""
 
     svg: str
-    places: FloatArray
+    points: FloatArray
     """(n, 2) of a `Track`: its points in the coordinates of the element, y downwards; (0, 2) of others."""
 
 
 def draw_static(figure: Figure, key: str) -> Picture:
     """Return the picture; `key` is unique on its page."""
-    places = np.empty((0, 2))
+    points = np.empty((0, 2))
     with mpl.rc_context(_RC):
         if isinstance(figure, Chart):
             canvas = _chart(figure)
@@ -82,9 +82,9 @@ def draw_static(figure: Figure, key: str) -> Picture:
         buffer = io.StringIO()
         canvas.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
         if isinstance(figure, Track):
-            places = canvas.axes[0].transData.transform(np.column_stack([figure.east_m, figure.north_m]))
-            places[:, 1] = DPI * canvas.get_figheight() - places[:, 1]
-    return Picture(_for_page(buffer.getvalue(), key, figure.title), places)
+            points = canvas.axes[0].transData.transform(np.column_stack([figure.east_m, figure.north_m]))
+            points[:, 1] = DPI * canvas.get_figheight() - points[:, 1]
+    return Picture(_for_page(buffer.getvalue(), key, figure.title), points)
 
 
 def _canvas(height_in: float) -> tuple[Canvas, Axes]:
@@ -237,16 +237,16 @@ def _track(track: Track) -> Canvas:
     axes.locator_params(nbins=5)
     axes.set(xlabel="east (m)", ylabel="north (m)")
     marks = [(0, "start", "o", "plain", 5), (-1, "end", "s", "plain", 5)]
-    marks += [(k, "\n".join(names), "D", "bad", 6) for k, names in _places(track)]
-    places = [(float(track.east_m[k]), float(track.north_m[k])) for k, *_ in marks]
-    for at, (_, _, marker, style, size) in zip(places, marks, strict=True):
+    marks += [(k, "\n".join(names), "D", "bad", 6) for k, names in _marked_rows(track)]
+    at_points = [(float(track.east_m[k]), float(track.north_m[k])) for k, *_ in marks]
+    for at, (_, _, marker, style, size) in zip(at_points, marks, strict=True):
         axes.plot(*at, marker, color=STYLES[style].colour, markersize=size)
     _colour_scale(axes, low, high, track.colour_label)
-    name_points(axes, places, [(text, STYLES[style].colour) for _, text, _, style, _ in marks])
+    name_points(axes, at_points, [(text, STYLES[style].colour) for _, text, _, style, _ in marks])
     return canvas
 
 
-def _places(track: Track) -> list[tuple[int, list[str]]]:
+def _marked_rows(track: Track) -> list[tuple[int, list[str]]]:
     """(row, names) of the moments; those nearer than a tenth of the track's width share a place."""
     near_m = 0.1 * max(float(np.ptp(track.east_m)), float(np.ptp(track.north_m)))
     out: list[tuple[int, list[str]]] = []

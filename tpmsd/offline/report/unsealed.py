@@ -14,7 +14,7 @@ from typing import Any
 
 SIGMAS = 1.96
 """Standard deviations to either end of a 95 % interval."""
-SURE = 0.9
+CONFIDENT = 0.9
 """Confidence from which a name that was not concealed is plainly wrong."""
 _WHEEL = ("wheel", "wheels", "on")
 
@@ -34,10 +34,12 @@ def score(
     new = [rank for rank in range(len(findings)) if rank not in own]
     concealed = []
     for number, effect in enumerate(truth["effects"]):
-        place = matched.get(number)
+        rank_found = matched.get(number)
         other = next((one for one in before if _same(effect, one)), None)
-        found = None if place is None else findings[place]
-        concealed.append(_entry(effect, found, None if place is None else new.index(place) + 1, other))
+        found = None if rank_found is None else findings[rank_found]
+        concealed.append(
+            _entry(effect, found, None if rank_found is None else new.index(rank_found) + 1, other)
+        )
     others = [
         _other(findings[rank], rank in own) for rank in range(len(findings)) if rank not in matched.values()
     ]
@@ -163,8 +165,8 @@ def _word(finding: Mapping[str, Any] | None, name: str) -> str | None:
 
 def _other(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
     confidence = finding.get("confidence")
-    sure = isinstance(confidence, (int, float)) and confidence > SURE
-    wrong = not own and sure and finding.get("status", "finding") == "finding"
+    confident = isinstance(confidence, (int, float)) and confidence > CONFIDENT
+    wrong = not own and confident and finding.get("status", "finding") == "finding"
     return {
         "effect": finding.get("effect"),
         "status": finding.get("status"),
@@ -186,8 +188,8 @@ def unsealed_summary(document: Mapping[str, Any]) -> str:
     count = document["named"] + document["missed"]
     lines.append(
         f"{document['named']} of {count} named, {document['missed']} missed,"
-        f" {document['wrong']} wrong above {SURE:g}; {document['values_within']} of {document['values']}"
-        " values in their 95 % interval"
+        f" {document['wrong']} wrong above {CONFIDENT:g};"
+        f" {document['values_within']} of {document['values']} values in their 95 % interval"
     )
     return "\n".join(lines)
 
