@@ -19,7 +19,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Proposal
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
-from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.diagnosis.proposal.search import Sums, judged
 
 REPO = Path(__file__).resolve().parents[3]
@@ -37,9 +37,18 @@ LAWS: dict[str, tuple[Law, set[str]]] = {
         law_of(lambda way: 6e-5 * way.speed * way.force, 0.0, 0.0, 1.0, 0.0),
         {"speed", "accel_long"},
     ),
-    "size": (law_of(lambda way: 6e-4 * np.abs(way.a_lat), 0.0, 1.0, 0.0, 0.0), {"accel_lat"}),
-    "square": (law_of(lambda way: 9e-4 * way.force**2, 0.0, 0.0, 1.0, 1.0), {"accel_long"}),
+    "step": (
+        law_of(lambda way: 2e-3 / (1.0 + np.exp(-(way.speed - 16.0))), 0.0, 0.0, 1.0, 1.0),
+        {"speed"},
+    ),
+    "threshold": (
+        law_of(lambda way: 3e-3 * np.where(way.a_lat > 1.0, way.a_lat - 1.0, 0.0), 0.0, 1.0, 0.0, 0.0),
+        {"accel_lat"},
+    ),
 }
+
+FORMS = {"product": "speed * ", "step": "np.tanh((speed - ", "threshold": "np.maximum(accel_lat - "}
+"""Part of the formula that is wanted; a logistic step is a tanh of half the argument."""
 
 
 def diagnosed(law: Law, seed: int, propose: bool) -> Diagnosis:
@@ -69,6 +78,7 @@ def test_what_nobody_listed_is_proposed_and_then_found_by_name(kind: str, tmp_pa
     best = found.proposals[0]
     assert covariates == set(best.covariates)
     assert best.heldout_gain > 10.0
+    assert FORMS[kind] in best.formula
     name, text = effect_file(best, "the drive")
     (tmp_path / f"{name}.py").write_text(text)
     done = subprocess.run(
@@ -138,3 +148,17 @@ def test_a_file_acts_on_its_reading(tmp_path: Path) -> None:
     )
 
     assert 0.0005 == float(done.stdout)
+
+
+def test_forms_with_numbers_of_their_own_are_what_their_formula_says() -> None:
+    """Steps, saturation, thresholds and dead zones; of a covariate of one sign only steps and thresholds."""
+    values = np.linspace(-3.0, 5.0, 81)
+    forms = shaped_expressions("accel_lat", values)
+
+    assert {"step", "above", "saturated", "dead_zone"} == {form.form for form in forms}
+    assert {"step", "above"} == {form.form for form in shaped_expressions("speed", values + 10.0)}
+    assert [] == shaped_expressions("time", values) == shaped_expressions("speed", np.full(9, 20.0))
+    for form in forms:
+        told = eval(form.formula, {"np": np, "accel_lat": values})
+        assert told == pytest.approx(form.values({"accel_lat": values}))
+    assert {"1", "m/s2"} == {form.unit for form in forms}

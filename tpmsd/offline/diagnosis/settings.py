@@ -303,6 +303,10 @@ class ReportSettings:
     """Standard deviations within which a ring's ripple is the known one: one of 370 is farther by chance."""
     proposals: int = 3
     """Closed forms that are proposed for what has no name."""
+    shape_quantiles: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+    """Quantiles of a covariate at which the centre of a step and a threshold are tried."""
+    shape_widths: tuple[float, ...] = (0.1, 0.2, 0.4, 0.8)
+    """Widths of a step or saturation that are tried, as fractions of the covariate's standard deviation."""
     folds: int = 5
     """Shares of the blocks that are held out in turn when a closed form is judged."""
     speeds_mps: tuple[float, ...] = (0.0, 2.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)

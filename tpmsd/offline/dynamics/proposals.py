@@ -14,7 +14,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, Unknown
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
@@ -37,27 +37,35 @@ def proposals(search: Search) -> tuple[Proposal, ...]:
     unnamed = [k for k, term in enumerate(search.terms) if isinstance(term.effect, Unknown)]
     if not unnamed:
         return ()
-    found = [one for on in _places(search, unnamed) for one in _forms_on(search, unnamed, on)]
+    forms = _forms(search, unnamed)
+    found = [
+        (NATS_PER_COVARIATE * (len(form.covariates) + len(form.numbers)) - one.heldout_gain, one)
+        for on in _places(search, unnamed)
+        for form, one in _forms_on(search, unnamed, forms, on)
+    ]
     best: list[Proposal] = []
-    for one in sorted(found, key=_order):
+    for _, one in sorted(found, key=lambda each: each[0]):
         new = all(set(one.covariates) != set(other.covariates) for other in best)
         if new and one.heldout_gain > 0.0 and len(best) < MOST:
             best.append(one)
     return tuple(best)
 
 
-def _order(one: Proposal) -> float:
-    """Return the more, the later: each covariate has its penalty."""
-    return NATS_PER_COVARIATE * len(one.covariates) - one.heldout_gain
+def _forms(search: Search, unnamed: Sequence[int]) -> list[Expression]:
+    """Return the plain forms of all covariates, and over those of the unnamed terms the shaped ones too."""
+    over = sorted({str(getattr(search.terms[k].effect, "over", "")) for k in unnamed} & {*COVARIATES})
+    forms = expressions([name for name in COVARIATES if name != "time"])
+    return forms + [form for name in over for form in shaped_expressions(name, search.covariates[name])]
 
 
-def _forms_on(search: Search, unnamed: Sequence[int], on: str) -> list[Proposal]:
+def _forms_on(
+    search: Search, unnamed: Sequence[int], forms: Sequence[Expression], on: str
+) -> list[tuple[Expression, Proposal]]:
     """Return every form on one equation or output, fitted in the place of the terms without a name."""
     columns, probes = search.own(0)
     held = tuple(index for k in unnamed for index in columns[k].index)
     values = tuple(-float(v) for k in unnamed for v in search.terms[k].values())
     stay = joined([one for k, one in enumerate(columns) if k not in unnamed])
-    forms = expressions([name for name in COVARIATES if name != "time"])
     covariates = search.covariates
     weights = [np.asarray(form.values(covariates)) for form in forms]
     probes += _probes(search, on, weights)
@@ -68,7 +76,7 @@ def _forms_on(search: Search, unnamed: Sequence[int], on: str) -> list[Proposal]
         if size > 0.0:
             index = (len(probes) - len(forms) + k,)
             added = Columns(index, np.zeros(1), np.array([(size / 10.0) ** 2]))
-            out.append(_judged(statistics, stay, added, held, values, form, on))
+            out.append((form, _judged(statistics, stay, added, held, values, form, on)))
     return out
 
 
@@ -203,7 +211,7 @@ def dynamics_effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
         covariates=" and ".join(word.replace("_", " ") for word in proposal.covariates),
         channel=channel,
         covariate=proposal.covariates[0],
-        unit=f"{proposal.on_unit}/({proposal.unit})",
+        unit=proposal.on_unit if proposal.unit == "1" else f"{proposal.on_unit}/({proposal.unit})",
         value=value,
         lower=-20.0 * abs(value),
         upper=20.0 * abs(value),

@@ -89,7 +89,7 @@ def effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
         heldout=proposal.heldout_gain,
         channel=channel,
         covariate=proposal.covariates[0],
-        unit=f"{unit}/({proposal.unit})",
+        unit=unit if proposal.unit == "1" else f"{unit}/({proposal.unit})",
         value=value,
         lower=-10.0 * abs(value),
         upper=10.0 * abs(value),

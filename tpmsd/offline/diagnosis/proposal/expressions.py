@@ -1,8 +1,10 @@
 """Small closed forms over covariates.
 
-In: names of covariates. Out: `Expression`s, each of one number: powers, sizes and one-sided parts of one
-covariate, and products of two. All of them are tried; there are few enough (exhaustive search instead of
-sparse regression: Brunton, Proctor and Kutz, PNAS 113, 2016, look for the same kind of terms).
+In: names of covariates. Out: `Expression`s, each of one coefficient: powers, sizes and one-sided parts of one
+covariate, products of two, and of one covariate with its values also steps, saturation and thresholds, whose
+own one or two numbers are written into the formula. All of them are tried; there are few enough (exhaustive
+search instead of sparse regression: Brunton, Proctor and Kutz, PNAS 113, 2016, look for the same kind of
+terms).
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 
 from tpmsd.car.physics.covariates import COVARIATES
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 OVER_TIME = ("time", "distance")
 """Covariates of one drive, over which a closed form is no physics of the car."""
@@ -31,6 +34,14 @@ PAIRED: Mapping[str, tuple[str, Callable[[FloatArray, FloatArray], FloatArray]]]
     "times": ("{x} * {y}", lambda x, y: x * y),
     "times_size_of": ("{x} * np.abs({y})", lambda x, y: x * np.abs(y)),
 }
+SHAPED: Mapping[str, tuple[str, Callable[..., FloatArray]]] = {
+    "saturated": ("np.tanh({x} / {0!r})", lambda x, width: np.tanh(x / width)),
+    "step": ("np.tanh(({x} - {0!r}) / {1!r})", lambda x, centre, width: np.tanh((x - centre) / width)),
+    "above": ("np.maximum({x} - {0!r}, 0.0)", lambda x, least: np.maximum(x - least, 0.0)),
+    "dead_zone": ("{x} - np.clip({x}, -{0!r}, {0!r})", lambda x, least: x - np.clip(x, -least, least)),
+}
+"""Forms with numbers of their own: widths and thresholds in the covariate's unit."""
+UNITLESS = ("saturated", "step")
 
 
 @dataclass(frozen=True)
@@ -39,6 +50,8 @@ class Expression:
 
     form: str
     covariates: tuple[str, ...]
+    numbers: tuple[float, ...] = ()
+    """Numbers of the form itself, beside its coefficient."""
 
     @property
     def name(self) -> str:
@@ -50,6 +63,8 @@ class Expression:
     @property
     def formula(self) -> str:
         """In Python, of variables that are called as the covariates are."""
+        if self.numbers:
+            return SHAPED[self.form][0].format(*self.numbers, x=self.covariates[0])
         if len(self.covariates) == 1:
             return SINGLE[self.form][0].format(x=self.covariates[0])
         return PAIRED[self.form][0].format(x=self.covariates[0], y=self.covariates[1])
@@ -57,12 +72,16 @@ class Expression:
     @property
     def unit(self) -> str:
         """Return the standard deviation of its value."""
+        if self.form in UNITLESS:
+            return "1"
         units = [COVARIATES[name] for name in self.covariates]
         return ".".join(units * 2 if self.form in ("squared", "signed_square") else units)
 
     def values(self, covariates: Mapping[str, FloatArray]) -> FloatArray:
         """(n,) of covariates (n,) each."""
         known = [covariates[name] for name in self.covariates]
+        if self.numbers:
+            return SHAPED[self.form][1](known[0], *self.numbers)
         if len(known) == 1:
             return SINGLE[self.form][1](known[0])
         return PAIRED[self.form][1](known[0], known[1])
@@ -76,3 +95,28 @@ def expressions(names: Sequence[str]) -> list[Expression]:
         out += [Expression("times", (x, y))]
         out += [Expression("times_size_of", pair) for pair in ((x, y), (y, x))]
     return out
+
+
+def shaped_expressions(name: str, values: FloatArray) -> list[Expression]:
+    """Return the forms with numbers of their own over a covariate with these values; none over time.
+
+    Centres and thresholds lie at quantiles of the values, widths are shares of their standard deviation.
+    """
+    known = values[np.isfinite(values)]
+    if name in OVER_TIME or not len(known) or float(known.std()) == 0.0:
+        return []
+    places = [_short(float(one)) for one in np.quantile(known, SETTINGS.report.shape_quantiles)]
+    widths = [_short(share * float(known.std())) for share in SETTINGS.report.shape_widths]
+    sizes = [_short(float(one)) for one in np.quantile(np.abs(known), SETTINGS.report.shape_quantiles)]
+    both = min(float((known > 0.0).mean()), float((known < 0.0).mean())) > SETTINGS.report.shape_quantiles[0]
+    out = [Expression("step", (name,), (centre, width)) for centre in places for width in widths]
+    out += [Expression("above", (name,), (least,)) for least in places]
+    if both:
+        out += [Expression("saturated", (name,), (width,)) for width in widths]
+        out += [Expression("dead_zone", (name,), (least,)) for least in sizes if least > 0.0]
+    return out
+
+
+def _short(value: float) -> float:
+    """Three digits: a number that stands in a formula."""
+    return float(f"{value:.3g}")

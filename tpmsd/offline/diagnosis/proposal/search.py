@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.hypotheses.response import READINGS, response_at
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.empirical import place_of
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -43,18 +43,28 @@ def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
     stay = [one.term.design for one in selection.chosen if one.term not in unnamed]
     design = np.concatenate([study.hypotheses.nuisance, *stay], axis=1)
     best: list[Proposal] = []
-    for one in sorted(_found(study, design, _places(unnamed, study)), key=_order):
+    over = sorted({term.covariate for term in unnamed})
+    for _, one in sorted(_found(study, design, _places(unnamed, study), over), key=lambda each: each[0]):
         if all(set(one.covariates) != set(other.covariates) for other in best):
             best.append(one)
     return tuple(best[: SETTINGS.report.proposals])
 
 
-def _found(study: Study, design: FloatArray, places: Sequence[str]) -> list[Proposal]:
-    """Every closed form at every place that predicts what was held out, beside a design."""
+def _found(
+    study: Study, design: FloatArray, places: Sequence[str], over: Sequence[str]
+) -> list[tuple[float, Proposal]]:
+    """Every closed form at every place that predicts what was held out, beside a design, with its sort key.
+
+    Forms with numbers of their own are tried over the covariates of the unnamed terms.
+    """
     drives = study.examined
     names = set.intersection(*(set(drive.reader.windows.covariates) for drive in drives))
     forms = expressions(sorted(names))
-    found: list[Proposal] = []
+    for name in over:
+        if name in names:
+            values = [drive.reader.windows.covariates[name] for drive in drives]
+            forms += shaped_expressions(name, np.concatenate(values))
+    found: list[tuple[float, Proposal]] = []
     for place in places:
         sums = [_sums(drive, design, place, forms) for drive in drives]
         total = Sums(
@@ -62,13 +72,19 @@ def _found(study: Study, design: FloatArray, places: Sequence[str]) -> list[Prop
             sum((one.cross for one in sums[1:]), sums[0].cross),
             sum((one.size for one in sums[1:]), sums[0].size),
         )
-        found += [judged(total, k, form, place) for k, form in enumerate(forms) if total.size[:, k].all()]
-    return [one for one in found if one.heldout_gain > 0.0]
+        found += [
+            (key(form, one), one)
+            for k, form in enumerate(forms)
+            if total.size[:, k].all() and (one := judged(total, k, form, place)).heldout_gain > 0.0
+        ]
+    return found
 
 
-def _order(one: Proposal) -> float:
-    """Return the sort key of a proposal: the penalty of its covariates less its held-out gain, nats."""
-    return SETTINGS.hypotheses.per_value_nats * len(one.covariates) - one.heldout_gain
+def key(form: Expression, one: Proposal) -> float:
+    """Return the sort key of a proposal: the penalty of its covariates and numbers less its held-out gain,
+    nats."""
+    values = len(form.covariates) + len(form.numbers)
+    return SETTINGS.hypotheses.per_value_nats * values - one.heldout_gain
 
 
 def _places(unnamed: list[Term], study: Study) -> list[str]:
