@@ -38,7 +38,8 @@ WITHIN: dict[str, set[str]] = {
     "planning": {"diagnosis", "inference", "simulator"},
     "drives": {"discovery", "inference", "report", "tables"},
     "report": {"diagnosis", "dynamics"},
-    "diagnosis": {"inference", "rings"},
+    "diagnosis": {"drive_checks", "inference", "rings"},
+    "drive_checks": {"discovery", "inference"},
     "calibration": {"inference"},
     "inference": set(),
     "discovery": {"rings"},
@@ -70,6 +71,7 @@ PURE_ROOMS = {
         "vehicle_state",
         "resonance",
         "rings",
+        "drive_checks",
         "diagnosis",
         "bounds",
         "errors",
@@ -152,8 +154,6 @@ BRANCHY = {
     "tpmsd.foundation.plain.plain": 16,
     "tpmsd.interfaces.cli.check.summary": 16,
     "tpmsd.offline.calibration.vehicle_file.calibrated_toml": 16,
-    "tpmsd.offline.discovery.suspicions._aligned": 17,
-    "tpmsd.offline.discovery.suspicions._car": 16,
     "tpmsd.offline.fleet.report.report_document": 17,
     "tpmsd.offline.report.diagnosis_document.diagnosis_document": 18,
     "tpmsd.offline.report.static_figures._for_page": 18,
@@ -475,7 +475,7 @@ TERMS_DONE = (
     *(f"tpmsd/onboard/{room}" for room in ("daemon", "monitor", "resonance", "sinks", "sources", "timeline")),
     *(
         f"tpmsd/offline/{room}"
-        for room in ("calibration", "discovery", "drives", "fleet", "inference", "rings")
+        for room in ("calibration", "discovery", "drive_checks", "drives", "fleet", "inference", "rings")
     ),
     *(f"tpmsd/offline/{room}" for room in ("planning", "signals", "simulator", "tables")),
     "tpmsd/offline/report",

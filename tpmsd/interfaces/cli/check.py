@@ -122,7 +122,7 @@ def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
     """Return what the drive says against the configuration, with the line of each key."""
     from tpmsd.car.config.document import read_document
     from tpmsd.interfaces.cli.drive_reading import say
-    from tpmsd.offline.discovery.suspicions import suspicions
+    from tpmsd.offline.drive_checks.suspicions import suspicions
     from tpmsd.offline.drives.bus_fixes import BusFixes, is_on_bus
     from tpmsd.offline.drives.raw_drive import read_drive
     from tpmsd.onboard.sources.can.databases import load_databases

@@ -65,8 +65,6 @@ class PreparationSettings:
     near_share: float = 0.03
     """Two paths are beside each other within this, and this share of the way from the start: the receiver's
     slow error, and dead reckoning."""
-    same_length_m: float = 1e-4
-    """Configured lengths that differ by less are the same: a file's rounding."""
     block_s: float = 30.0
     """Blocks of cross-validation and of the sandwich variance: longer than the receiver's errors are
     correlated."""

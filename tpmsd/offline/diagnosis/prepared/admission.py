@@ -11,8 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.foundation.wheels import RL, RR, WHEELS
+from tpmsd.foundation.wheels import RL, RR
 from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.drive_checks.same_car import differing, same_car
 from tpmsd.offline.inference.count_age import without_common_age
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
@@ -133,31 +134,6 @@ def fair_shares(wanted: Sequence[int], total: int) -> list[int]:
         shares[k] = min(wanted[k], left // (len(order) - position))
         left -= shares[k]
     return shares
-
-
-def same_car(recordings: Sequence[Recording]) -> None:
-    """ConfigError unless all recordings are configured as one car."""
-    for other in recordings[1:]:
-        difference = differing(recordings[0], other)
-        if difference:
-            raise ConfigError(
-                f"{recordings[0].name} and {other.name} are drives of different cars: {difference}"
-            )
-
-
-def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
-    """Return what in the configurations tells two cars apart; empty if nothing does."""
-    a, b = one.car, other.car
-    for name in ("wheelbase_m", "track_front_m", "track_rear_m"):
-        left, right = getattr(a.geometry, name), getattr(b.geometry, name)
-        if abs(left - right) > SETTINGS.preparation.same_length_m:
-            return f"{name} = {left:g} and {right:g}"
-    if teeth and a.teeth_per_rev != b.teeth_per_rev:
-        return f"teeth_per_rev = {a.teeth_per_rev:g} and {b.teeth_per_rev:g}"
-    if not np.array_equal(a.driven, b.driven):
-        names = [" ".join(w for k, w in enumerate(WHEELS) if car.driven[k]) for car in (a, b)]
-        return f"driven wheels {names[0]} and {names[1]}"
-    return ""
 
 
 def unfit(recording: Recording) -> str:

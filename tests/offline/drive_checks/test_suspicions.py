@@ -16,7 +16,8 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.discovery.material import prepare
 from tpmsd.offline.discovery.other_roles import find_gyro
-from tpmsd.offline.discovery.suspicions import Suspicion, suspicions
+from tpmsd.offline.drive_checks.suspicion import Suspicion
+from tpmsd.offline.drive_checks.suspicions import suspicions
 from tpmsd.onboard.sources.events import GnssFix
 
 _DRAWN: dict[str, DrawnBus] = {}

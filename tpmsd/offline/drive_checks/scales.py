@@ -1,0 +1,73 @@
+"""Scales of the wheels' signals: teeth and radius, units, and the modulus of a counter.
+
+In: wheel signals as a configuration reads them, compared with the receiver. Out: suspicions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from scipy.stats import norm
+
+from tpmsd.car.config.model import Config
+from tpmsd.car.config.units import UNITS, canonical_unit
+from tpmsd.car.rings.ring import counts_of, radius_of
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.discovery.series import Series
+from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.offline.discovery.wheels import Follower
+from tpmsd.offline.drive_checks.suspicion import Suspicion
+
+_UNITS = ("km/h", "m/s", "mph", "knots")
+
+
+def wrong_moduli(series: Mapping[str, Series]) -> list[Suspicion]:
+    """Return the counters that roll over at another number than is stated."""
+    found = []
+    for role, made in series.items():
+        stated = int(made.field.unit.split()[1]) if made.kind == "count" else 0
+        if made.modulus_seen and made.modulus != stated:
+            suggest = f"modulus = {made.modulus}: a step over the end falls short by that, not {stated}"
+            found.append(Suspicion(f"can.signals.{role}", "wrong_modulus", 0.99, suggest))
+    return found
+
+
+def wrong_scale(config: Config, role: str, one: Follower) -> Suspicion | None:
+    """Return counts per metre against teeth and radius; a speed against its unit."""
+    wheel = WHEELS.index(role[-2:])
+    radius = config.vehicle.wheel_radius_m[wheel]
+    if one.series.kind == "count":
+        per_metre = one.per_mps * abs(one.series.field.scale)
+        teeth = config.vehicle.teeth(wheel)
+        error = math.log(teeth / counts_of(per_metre, radius))
+        probability = _against(error, SETTINGS.right_radius_std)
+        fitting = round(counts_of(per_metre, radius))
+        if probability < SETTINGS.decided or fitting == teeth:
+            return None
+        suggest = f"{fitting} counts per revolution go with a radius of {radius:g} m; {teeth:g} would need "
+        suggest += f"{radius_of(teeth, per_metre):.3f} m"
+        return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", probability, suggest)
+    unit = canonical_unit(one.series.field.unit) or "km/h"
+    kind, factor, _ = UNITS[unit]
+    mps = factor * (radius if kind == "angular speed" else 1.0)
+    error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
+    probability = _against(error, SETTINGS.right_speed_std)
+    if probability < SETTINGS.decided or abs(error) < 0.05:
+        return None
+    key = f"can.signals.{role}"
+    seen = 1.0 / (one.per_mps * abs(one.series.field.scale))
+    for other in _UNITS:
+        if other != unit and abs(math.log(seen / UNITS[other][1])) < 0.05:
+            suggest = f'unit = "{other}": the receiver sees {seen / mps:.3f} times the speed'
+            return Suspicion(key, "wrong_unit", probability, suggest)
+    scale = one.series.field.scale * seen / mps
+    suggest = f"scale = {scale:.6g}: the receiver sees {seen / mps:.3f} times the speed"
+    return Suspicion(key, "wrong_scale", probability, suggest)
+
+
+def _against(error: float, std: float) -> float:
+    """Return the probability that an error is not one of a right file."""
+    right = norm.logpdf(error, 0.0, std)
+    wrong = norm.logpdf(error, 0.0, SETTINGS.wrong_scale_std) if abs(error) < 0.3 else 0.0
+    return min(0.999, float(1.0 / (1.0 + 9.0 * math.exp(min(right - wrong, 50.0)))))
