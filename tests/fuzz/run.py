@@ -131,7 +131,9 @@ def main() -> int:
             largest_mb = max(seen["peak_mb"], seen["child_mb"])
             added_mb[name], longest_s[name] = largest_mb - seen["began_mb"], seen["longest_s"]
     most, slow = (max(figures, key=figures.__getitem__) for figures in (added_mb, longest_s))
-    print(f"\nMost memory beyond the imports, of the process or its readers': {added_mb[most]:.0f} MB ({most}).")
+    print(
+        f"\nMost memory beyond the imports, of the process or its readers': {added_mb[most]:.0f} MB ({most})."
+    )
     print(f"Longest case: {longest_s[slow]:.2f} s ({slow}).")
     return 1 if failed else 0
 

@@ -41,8 +41,8 @@ def _modules(folder: str, *left_out: str) -> tuple[str, ...]:
 def _daemon_tests() -> tuple[str, ...]:
     """The tests of the daemon that run it in their own process."""
     names = (
-        *("can_errors", "health", "inputs", "link_ends", "links", "loop", "notify", "obd"),
-        *("record", "recorder", "reset", "state_keeper", "state_lock", "time"),
+        *("can_errors", "descriptors", "feeder", "health", "inputs", "link_ends", "links", "loop", "notify"),
+        *("obd", "record", "recorder", "reset", "state_keeper", "state_lock", "time"),
     )
     own = tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
     return (*own, "tests/car/config/test_signal_table.py")
@@ -100,8 +100,18 @@ _SIGNALS, _LEARNS = (
     "tests/onboard/monitor/test_learns_in_order.py",
 )
 _OFFSET, _OFFSET_TEST = "tpmsd/onboard/timeline/utc_offset.py", "tests/onboard/gnss/test_utc_offset.py"
+_TREND = "test_a_lone_early_fix_is_enough_for_the_trend"
+_LOOPS = "tests/onboard/daemon/test_loop.py"
 _LOOP, _RESET = "tpmsd/onboard/daemon/loop.py", "tests/onboard/daemon/test_reset.py"
 _QUEUE, _INPUTS = "tpmsd/onboard/daemon/input_queue.py", "tests/onboard/daemon/test_inputs.py"
+_WHEEL_COUNTER = "tpmsd/onboard/sources/wheel_counter.py"
+_AHEAD = (
+    "tests/onboard/sources_can/test_wheel_reach.py::test_a_reading_ahead_is_regular_up_to_the_last_bit",
+)
+_STEADY = ("tests/onboard/sources_can/test_regular_readings.py::test_a_steady_drive_is_regular",)
+_SLACK = "slack = 0.5 * self._accel * interval * (span + interval) + SLACK_BITS + interval / span"
+_POLLED = "test_a_bus_without_a_descriptor_is_polled_every_few_milliseconds"
+_ADAPTER = "test_stamps_of_an_adapters_own_clock_are_brought_onto_the_hosts"
 _STEPPED = "heapq.heapify(self._heap)\n        self._released_until_s = -math.inf"
 _SETTINGS = "tpmsd/onboard/monitor/settings.py"
 _LATE, _BACK = "time_s > self.deadline_s", "time_s < burst.last_s - self._interval.gap_s"
@@ -197,14 +207,16 @@ NAMED = (
         (_EPOCH,),
     ),
     # A counter that fell to near zero was reset, one that leapt elsewhere jumped.
-    Named("tpmsd/onboard/sources/wheel_counter.py", "min(way, self._modulus / 4)", "way", (_COUNTER,)),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py", "min(distance, self._modulus / 4)", "distance", (_COUNTER,)
+    ),
     Named(
         "tpmsd/onboard/sources/wheel_counter.py",
-        "min(way, self._modulus / 4)",
+        "min(distance, self._modulus / 4)",
         "self._modulus / 4",
         (_COUNTER,),
     ),
-    Named("tpmsd/onboard/sources/wheel_counter.py", "min(way, self._modulus / 4)", "0", (_COUNTER,)),
+    Named("tpmsd/onboard/sources/wheel_counter.py", "min(distance, self._modulus / 4)", "0", (_COUNTER,)),
     Named(_SETTINGS, "gnss_fresh_s: float = 10.0", "gnss_fresh_s: float = 5.0", (_SIGNALS,)),
     Named(_SETTINGS, "gnss_fresh_s: float = 10.0", "gnss_fresh_s: float = 20.0", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_mps: float = 3.0", "disagree_mps: float = 6.0", (_SIGNALS,)),
@@ -212,6 +224,58 @@ NAMED = (
     Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.4", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.1", (_SIGNALS,)),
     Named("tpmsd/onboard/monitor/health/signal_watch.py", "fix.quality == _ESTIMATED", "False", (_SIGNALS,)),
+    # Readings taken at once keep to the bounds of readings one by one, and a steady drive is regular.
+    Named(_WHEEL_COUNTER, _SLACK, _SLACK.replace("0.5 *", "0.5 +"), _AHEAD),
+    Named(_WHEEL_COUNTER, _SLACK, _SLACK.replace("interval /", "interval +"), _AHEAD),
+    Named(_WHEEL_COUNTER, "np.where(period_s > 0.0, period_s", "np.where(period_s < 0.0, period_s", _AHEAD),
+    Named(_WHEEL_COUNTER, "(step + modulus // 4)", "(step ^ modulus // 4)", _STEADY),
+    # Trend of the offset, heights of roads, a gap, a block without a tick.
+    Named(_OFFSET, "if ages[0] > _TREND", "if ages[1] > _TREND", (f"{_OFFSET_TEST}::{_TREND}",)),
+    Named(
+        "tpmsd/onboard/timeline/local_plane.py",
+        "= -500.0, 9000.0",
+        "= -499.0, 9000.0",
+        ("tests/onboard/gnss/test_local_plane.py::test_heights_of_no_road_leave_the_scale",),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/compensation.py",
+        "if tick.gap_s > 0.0:",
+        "if tick.gap_s > 1.0:",
+        ("tests/onboard/timeline/test_compensation.py::test_a_grade_is_forgotten_in_a_gap",),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/timeline.py",
+        "if last_s > begin_s else 0",
+        "if last_s != begin_s else 0",
+        ("tests/onboard/timeline/test_tick_plan.py::test_a_block_without_a_wheel_is_no_plan",),
+    ),
+    # Descriptors, the recording's marks, an adapter's stamps, polling, the car that is asked, the log.
+    Named(
+        "tpmsd/onboard/daemon/descriptors.py",
+        "if watched is not None:",
+        "if watched is None:",
+        ("tests/onboard/daemon/test_descriptors.py",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/feeder.py",
+        "until_s - self._written_s < MARK_S",
+        "until_s - self._written_s is not MARK_S",
+        ("tests/onboard/daemon/test_feeder.py",),
+    ),
+    Named(
+        _LOOP,
+        "if frame_time is None and not",
+        "if frame_time is not None and not",
+        (f"{_LOOPS}::{_ADAPTER}",),
+    ),
+    Named(_LOOP, "POLL_S = 0.004", "POLL_S = -0.996", (f"{_LOOPS}::{_POLLED}",)),
+    Named(_LOOP, '"" if tyres is None else', '"" if tyres is not None else', (_RESET,)),
+    Named(
+        "tpmsd/onboard/daemon/obd_asker.py",
+        "or now_s > min(self._until_s",
+        "or now_s >= min(self._until_s",
+        ("tests/onboard/daemon/test_obd.py::test_the_minute_ends_with_its_last_instant",),
+    ),
     # A baseline does not learn while an alarm stands, or while a loss is likelier than none.
     Named(
         "tpmsd/onboard/monitor/monitor.py",

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from tests.mutation.run import REPO, behaviour, page, printed
+from tests.mutation.run import REPO, behaviour, named, page, printed
 from tests.mutation.table import NAMED, ROOMS
 
 
 def test_modules_and_tests_of_the_rooms_exist() -> None:
     """Every path that the table names is there."""
-    named = [path for room in ROOMS.values() for path in (*room.modules, *room.tests)]
-    named += [path for one in NAMED for path in one.tests]
-    assert [] == [path for path in named if not (REPO / path).exists()]
+    paths = [path for room in ROOMS.values() for path in (*room.modules, *room.tests)]
+    paths += [path.partition("::")[0] for one in NAMED for path in one.tests]
+    assert [] == [path for path in paths if not (REPO / path).exists()]
+
+
+def test_mutations_by_name_are_of_the_program_as_it_is() -> None:
+    """Each changes text that its module holds once, and what is left is a program that acts otherwise."""
+    mutants = named()
+    assert len(NAMED) == len(mutants)
+    for module, text, _ in mutants:
+        assert behaviour(text) not in ("", behaviour((REPO / module).read_text("utf-8")))
 
 
 def test_what_is_no_behaviour_makes_no_mutant() -> None:

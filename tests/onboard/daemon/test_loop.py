@@ -20,6 +20,8 @@ from tests.onboard.daemon.fakes import DrivingBus, FakeBus, LeapingClock, Servic
 from tpmsd.car.config.model import CanConfig, Config
 from tpmsd.onboard.daemon.bus_link import Bus
 from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.descriptors import Descriptors
+from tpmsd.onboard.daemon.frame_stamps import TOLERANCE_S
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.daemon.state_keeper import fingerprint
 from tpmsd.onboard.monitor.records import AlarmEvent
@@ -354,6 +356,60 @@ def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bo
     # An adapter's own clock is brought onto the host's to within what reading may take; its very first frames
     # are placed before a quick reading has been seen.
     assert np.all(off_s <= 1e-3) if not own_stamps else np.mean(off_s > 0.06) <= 0.01
+
+
+class AdapterBus(DrivingBus):
+    """An adapter that stamps frames with the time since it was plugged in."""
+
+    def __init__(self, clock: LeapingClock) -> None:
+        super().__init__(clock.now)
+        self.began_s = clock.now()
+
+    def read(self, limit: int = 1000) -> list[CanFrame]:
+        return [frame._replace(time_s=frame.time_s - self.began_s) for frame in super().read(limit)]
+
+
+def test_stamps_of_an_adapters_own_clock_are_brought_onto_the_hosts(tmp_path: Path) -> None:
+    """Frames every 20 ms by an adapter that counts from its start come to the pipeline 20 ms apart, at the
+    host's time to within what is tolerated."""
+    config, database = car(tmp_path)
+    clock, taken = LeapingClock(), list[float]()
+    bus = AdapterBus(clock)
+
+    class Taking(Pipeline):
+        def on_frame(
+            self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
+        ) -> list[Step]:
+            taken.append(time_s - 0.02 * len(taken))
+            return super().on_frame(time_s, arbitration_id, is_extended, data, bus)
+
+    daemon = run(config, database, clock, bus, 5.0, make_pipeline=Taking, grace_s=0.06, own_stamps=True)
+
+    assert len(taken) >= 240
+    assert abs(np.median(taken) - bus.began_s) <= TOLERANCE_S + 1e-3
+    assert np.ptp(taken[len(taken) // 2 :]) <= 1e-3
+    assert 0 == daemon.document()["can"]["faults"].get("bad_stamp", 0)
+
+
+def test_a_bus_without_a_descriptor_is_polled_every_few_milliseconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop sleeps 4 ms at most between looks at such a bus, and does sleep."""
+    waits: list[float] = []
+
+    def wait(_: Descriptors, seconds: float) -> list[Any]:
+        waits.append(seconds)
+        return []
+
+    monkeypatch.setattr(Descriptors, "wait", wait)
+    now_s = iter(np.arange(1000.0, 1002.0, 1e-3).tolist())
+    clock = Clock(wall=lambda: 1.7e9, monotonic=lambda: next(now_s))
+    config, database = car(tmp_path)
+    run(config, database, clock, FakeBus(), 0.5)
+
+    assert len(waits) > 50
+    assert 0.0 <= min(waits)
+    assert 0.004 == max(waits)
 
 
 HELD_UP_S = 0.05

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import re
 from itertools import pairwise
 from pathlib import Path
@@ -142,6 +143,14 @@ def test_a_parked_car_is_left_alone() -> None:
     )
     assert 1000.0 + LISTEN_S == pytest.approx(min(t for t in asked if t >= 1000.0), abs=1.1)
     assert 1000.0 + AWAKE_S == pytest.approx(asked[-1], abs=1.1)
+
+
+@pytest.mark.parametrize(("later_s", "asked"), [(AWAKE_S, 1), (math.nextafter(AWAKE_S, math.inf), 0)])
+def test_the_minute_ends_with_its_last_instant(later_s: float, asked: int) -> None:
+    """A minute after the bus woke up the car is asked for the last time."""
+    asker = ObdAsker(ObdConfig(speed=True))
+    asker.heard(0x0B0, False, bytes(8), 0.0)
+    assert asked == len(asker.frames(later_s, False))
 
 
 def test_a_car_whose_wheels_are_frozen_is_asked_on() -> None:

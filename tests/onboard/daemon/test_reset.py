@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import logging
 import os
 import time
 from pathlib import Path
+
+import pytest
 
 from tests.onboard.daemon.fakes import DrivingBus, FakeBus, car, listening
 from tpmsd.car.config.model import AlarmsConfig
@@ -18,6 +21,7 @@ from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Drive
 
 SCALE = 20.0
+LOG = logging.getLogger("tests.reset")
 
 
 def test_a_reset_is_recorded_and_its_replay_resets_at_the_same_tick(tmp_path: Path) -> None:
@@ -165,3 +169,18 @@ def test_the_socket_may_ask_again_after_five_seconds(tmp_path: Path) -> None:
 
     moment = "a reset was asked for a moment ago"
     assert ["", moment, "", moment, ""] == refused
+
+
+def test_the_log_names_the_set_that_is_learned_again(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A request that names a set of tyres is logged with its name, one without is not."""
+    config, database = car(tmp_path)
+    clock = HandClock()
+    daemon = listening(config, database, clock, FakeBus().opener(), lambda _: None, log=LOG)
+    caplog.set_level(logging.INFO)
+    daemon.reset("winter")
+    clock.at_s += 6.0
+    daemon.reset(None)
+    told = [text for text in caplog.messages if text.startswith("asked to learn")]
+    assert ["asked to learn the tyres anew (winter)", "asked to learn the tyres anew"] == told

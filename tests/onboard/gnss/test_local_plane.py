@@ -187,3 +187,14 @@ def test_a_wrong_fix_leaves_no_trace(away: tuple[float, float]):
         assert pytest.approx(home, abs=20.0 if away[0] == 90.0 else 0.02) == plane.to_plane(
             48.001, 11.001, 500.0
         )
+
+
+@pytest.mark.parametrize(
+    ("height", "is_road"), [(-499.9, True), (-500.1, False), (8999.9, True), (9000.1, False)]
+)
+def test_heights_of_no_road_leave_the_scale(height: float, is_road: bool):
+    """From 500 m below the ellipsoid to 9000 m above it a height sets the scale: arc = angle (a + h)."""
+    plane = LocalPlane()
+    plane.to_plane(0.0, 0.0, height)
+    arc_m = math.radians(0.01) * (A_M + (height if is_road else 0.0))
+    assert pytest.approx((arc_m, 0.0), abs=1e-3) == plane.to_plane(0.0, 0.01, height)

@@ -120,6 +120,15 @@ def test_a_drift_is_followed_as_far_as_clocks_drift():
     assert lags[1] < -0.010
 
 
+def test_a_lone_early_fix_is_enough_for_the_trend():
+    """A first fix 17 s ago and a second of fixes 10 s ago tell the drift: 1 ms/s is followed to 7 ms within
+    3 s, where the low quantile of the last ten seconds alone stays 8.5 ms behind, and its smoothing 2 ms."""
+    tracker, valid = UtcOffsetTracker(), math.nan
+    for utc in (T, *(T + np.arange(6.0, 20.0, 0.05)).tolist()):
+        valid = tracker.update(utc + 1e-3 * (utc - T), utc)
+    assert -0.007 < valid - (utc + 1e-3 * (utc - T)) <= 0.0
+
+
 def test_no_utc():
     """A fix without UTC is placed by its arrival and the usual lag."""
     tracker = UtcOffsetTracker(latency_s=0.1)

@@ -130,12 +130,13 @@ def test_speeds(
     assert_alike(tracker, taken, later.tolist(), values.tolist(), period_s)
 
 
-@pytest.mark.parametrize("period_s", [0.01, 0.02, 0.05])
-def test_a_steady_drive_is_regular(period_s: float) -> None:
-    """At a steady speed on a steady clock no reading is irregular."""
-    time_s, way_m = drive(period_s, 20.0, 0.0, [0.0] * 100)
-    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % 65536
-    tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
+@pytest.mark.parametrize("modulus", [256, 1001, 65536])
+@pytest.mark.parametrize(("period_s", "speed_mps"), [(0.01, 20.0), (0.02, 20.0), (0.05, 20.0), (0.02, -5.0)])
+def test_a_steady_drive_is_regular(period_s: float, speed_mps: float, modulus: int) -> None:
+    """At a steady speed, forward or back, on a steady clock no reading is irregular."""
+    time_s, way_m = drive(period_s, speed_mps, 0.0, [0.0] * 100)
+    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % modulus
+    tracker = WheelCounter(0, modulus, 1.0, 48.0, 0.316, FaultLog())
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
     assert 100 == tracker.regular_readings(time_s[KNOWN:], raw[KNOWN:], np.full(100, period_s)).regular

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
@@ -73,6 +74,26 @@ def test_a_reading_is_taken_up_to_the_last_bit_that_the_wheel_can_have_turned(
     }
 
     assert {least - 1: False, least: True, most: True, most + 1: False} == taken
+
+
+@pytest.mark.parametrize("period_s", [PERIOD_S, 0.0], ids=["periodic", "on event"])
+@pytest.mark.parametrize("periods", [1, 4, 64, 4096])
+@pytest.mark.parametrize("bits_per_period", [300, 1500, -100])
+def test_a_reading_ahead_is_regular_up_to_the_last_bit(
+    bits_per_period: int, periods: int, period_s: float
+) -> None:
+    """Readings taken at once keep to the same bounds, forward and backward, with and without a period."""
+    wheel, interval_s = Fine(bits_per_period), periods * PERIOD_S
+    least, most = bounds(bits_per_period, interval_s, period_s)
+    at = np.array([wheel.time_s + interval_s])
+    regular = {
+        bits: wheel.counter.regular_readings(
+            at, np.array([(wheel.raw + bits) % MODULUS]), np.array([period_s])
+        ).regular
+        for bits in (least - 1, least, most, most + 1)
+    }
+
+    assert {least - 1: 0, least: 1, most: 1, most + 1: 0} == regular
 
 
 @pytest.mark.parametrize(("interval_s", "taken"), [(60.0, True), (60.0 + PERIOD_S, False)])

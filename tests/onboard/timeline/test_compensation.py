@@ -13,6 +13,7 @@ from tpmsd.car.config.model import CanConfig, Config, GnssConfig, VehicleConfig
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.onboard.timeline.compensation import Compensation, adjusted, left_alone
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
@@ -199,3 +200,19 @@ def test_missing_readings_stay_missing() -> None:
     out = compensation.apply(gone)
     assert np.isnan(out.rotation_rad).tolist() == [True, False, True, False]
     assert np.all(np.isfinite(compensation.apply(ticks[-1]).rotation_rad))
+
+
+@pytest.mark.parametrize("gap_s", [0.0, 0.5])
+def test_a_grade_is_forgotten_in_a_gap(gap_s: float) -> None:
+    """On 5 % the rear wheels shrink by c g sin(slope); behind a gap the slope, and that, is not known."""
+    coefficient, sine = 1e-4, 0.05
+    compensation = Compensation(
+        CONFIG, ExtendedModel((make_effect("load_transfer_longitudinal", coefficient=coefficient),))
+    )
+    for tick in _ticks(20.0, 12.0)[:-1]:
+        fix = Fix(tick.time_s, 1.0, 0.0, 0.0, 1.0, up_m=sine * 20.0 * tick.time_s)
+        compensation.apply(dataclasses.replace(tick, fixes=(fix,)))
+    later = dataclasses.replace(tick, index=999, time_s=tick.time_s + 0.1, fixes=(), gap_s=gap_s)
+    ratio = compensation.apply(later).rotation_rad / later.rotation_rad
+    change = 0.0 if gap_s else coefficient * GRAVITY_MPS2 * sine / RADIUS
+    assert ratio == pytest.approx([1.0 + change, 1.0 + change, 1.0 - change, 1.0 - change], abs=1e-6)

@@ -8,12 +8,14 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.onboard.timeline.events import START_S, rotations
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.sources.ahead.decoded_block import Angles, DecodedBlock, Frames, Values
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.onboard.timeline.tick_plan import planned
+from tpmsd.onboard.timeline.timeline import Timeline
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=100)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -131,3 +133,14 @@ def test_a_wheel_that_falls_silent_is_not_planned() -> None:
     decoded = DecodedBlock(0, 12, (Frames(np.arange(12), times_s),), wheels, (), lambda: None)
     tracks = [track, *(RotationTrack() for _ in range(3))]
     assert planned(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None
+
+
+def test_a_block_without_a_wheel_is_no_plan() -> None:
+    """Frames of other messages alone, or none behind the last tick, give no tick ahead."""
+    timeline = Timeline(10.0)
+    for event in rotations(20.0, 2.0, 0.01):
+        timeline.add(event)
+    old_s = np.arange(40) * 0.01 + START_S
+    wheels = tuple(Angles(0, old_s, wheel, 0, 0.1) for wheel in range(4))
+    for groups, angles in (((), ()), ((Frames(np.arange(40), old_s),), wheels)):
+        assert timeline.plan(DecodedBlock(0, 40, groups, angles, (), lambda: None)) is None
