@@ -102,6 +102,7 @@ CAMPAIGNS = {
             "sixteen realistic cases, for any system on a CAN bus",
             "realistic.run",
         ),
+        _campaign("onboard", "masking", "losses beside wheels of another size, on cars of four generators"),
         _campaign(
             "onboard",
             "filters",
