@@ -25,6 +25,7 @@ from tpmsd.onboard.estimators.gates.guarded import GuardedEstimator
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import MonitorReport
 from tpmsd.onboard.resonance.watch import ResonanceWatch
+from tpmsd.onboard.sinks.explanation import Explanation
 from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
 from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
 from tpmsd.onboard.sources.can.signal_plan import EXTENDED
@@ -88,6 +89,7 @@ class Pipeline:
         self.vehicle_state = _vehicle_state(config)
         """None where it is not asked for."""
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
+        self._explanation = Explanation(monitored_wheels(config), config.monitor)
         self.resonance: ResonanceWatch | None = None
         if config.monitor.resonance:
             self.resonance = ResonanceWatch(config.vehicle.wheel_radius_m)
@@ -177,6 +179,8 @@ class Pipeline:
             tick, estimate, agreement = self.estimator.step(tick)
             heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
             report = self.monitor.update(tick, estimate, heard, agreement)
+            judged = self.monitor.judgement
+            self._explanation.update(tick, estimate, agreement, heard, judged, report)
             state = None if self.vehicle_state is None else self._state(self.vehicle_state, tick, estimate)
             steps.append(Step(tick, estimate, report, state))
         return steps
@@ -195,6 +199,10 @@ class Pipeline:
         steer = tick.steering_wheel_angle_rad / (vehicle.steering_ratio or math.nan)
         signals = tick.accel_long_mps2, tick.accel_lat_mps2, tick.yaw_rate_radps
         return estimator.step(tick.dt_s, *signals, steer, speed)
+
+    def explain(self) -> dict[str, Any]:
+        """Return the reasons of the alarms, or of there being none, up to the last tick."""
+        return self._explanation.document(self.monitor)
 
     def snapshot(self) -> dict[str, Any]:
         """Return what was learned, as plain numbers for the state file."""

@@ -6,29 +6,70 @@ import json
 import math
 from datetime import timedelta, timezone
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tests.onboard.monitor.drives import ALL, RADIUS_M, Player, monitor, one
+from tests.onboard.monitor.drives import ALL, RADIUS_M, VEHICLE, Player, one
+from tpmsd.car.config.model import MonitorConfig
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.report.explanation_text import explanation_text
-from tpmsd.onboard.monitor.settings import EXPLANATION
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import MonitorReport
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.sinks.explanation import EXPLANATION, Explanation
 from tpmsd.onboard.sinks.status_server import StatusServer
+from tpmsd.onboard.timeline.tick import Tick
 
 
-def explained(player: Player) -> dict[str, object]:
-    document = player.monitor.explain(player.last if player.reports else None)
-    json.dumps(document, allow_nan=False)
-    return document
+class Explained(Monitor):
+    """A monitor whose ticks go to an explanation as well, as the pipeline does it."""
+
+    def __init__(self) -> None:
+        config = MonitorConfig()
+        super().__init__(VEHICLE, config, ALL)
+        self.explanation = Explanation(ALL, config)
+
+    def update(
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        resonance: ResonanceEvidence | None = None,
+        agreement: Agreement = AGREED,
+    ) -> MonitorReport:
+        """The report, explained."""
+        report = super().update(tick, estimate, resonance, agreement)
+        self.explanation.update(tick, estimate, agreement, resonance, self.judgement, report)
+        return report
+
+    def explain(self) -> dict[str, Any]:
+        """The document, which is JSON."""
+        document = self.explanation.document(self)
+        json.dumps(document, allow_nan=False)
+        return document
+
+
+class Explainer(Player):
+    """Plays driving into a monitor that explains."""
+
+    def __init__(self, dt_s: float = 0.1) -> None:
+        super().__init__(Explained(), dt_s)
+
+    def explain(self) -> dict[str, Any]:
+        """The document now."""
+        assert isinstance(self.monitor, Explained)
+        return self.monitor.explain()
 
 
 def test_an_alarm_states_what_was_believed_and_by_whom_it_was_seen() -> None:
     """A loss of 1 % of fr: the radius before is the learned one; front against rear and fl against fr moved,
     the rear pair did not, and the alternatives lost for reasons that are said."""
-    player = Player(monitor(ALL))
+    player = Explainer()
     player.play(200.0)
     player.play(60.0, one(1, -0.01))
-    document = player.monitor.explain(player.last)
+    document = player.explain()
     alarm = next(a for a in document["alarms"] if a["kind"] == "deflation")
     assert ("fr", "raised") == (alarm["wheel"], alarm["state"])
     assert -0.5 == pytest.approx(alarm["before_mm"], abs=0.15)
@@ -58,28 +99,28 @@ def test_an_alarm_states_what_was_believed_and_by_whom_it_was_seen() -> None:
 
 def test_without_an_alarm_it_states_what_is_missing() -> None:
     """Learning, motion, sky and a small change have a sentence each; the smallest loss seen is a number."""
-    player = Player(monitor(ALL))
-    assert "nothing was judged yet" == player.monitor.explain(None)["wheels"]["fl"]["why_no_alarm"]
+    player = Explainer()
+    assert "nothing was judged yet" == player.explain()["wheels"]["fl"]["why_no_alarm"]
     player.play(20.0)
-    assert any(line.startswith("learning: ") for line in player.monitor.explain(player.last)["why_no_alarm"])
+    assert any(line.startswith("learning: ") for line in player.explain()["why_no_alarm"])
     player.play(200.0)
-    settled = player.monitor.explain(player.last)
+    settled = player.explain()
     assert [] == settled["why_no_alarm"]
     assert 0.25 / 100 * RADIUS_M * 1e3 < settled["wheels"]["rl"]["smallest_loss_seen_mm"] < 2.5
     assert "no tyre has changed" == settled["alternatives"][0]["what"]
     player.play(120.0, informative=False, speed_mps=10.0, gnss_age_s=60.0)
-    lines = player.monitor.explain(player.last)["why_no_alarm"]
+    lines = player.explain()["why_no_alarm"]
     assert [True, True] == [any(line.startswith(word) for line in lines) for word in ("motion: ", "sky: ")]
     player.play(600.0, informative=False, speed_mps=0.0)
-    lines = player.monitor.explain(player.last)["why_no_alarm"]
+    lines = player.explain()["why_no_alarm"]
     assert any("standstill" in line for line in lines)
 
 
 def test_what_is_kept_is_bounded() -> None:
     """An hour of driving leaves ten minutes of moments, and a document of less than 100 kB."""
-    player = Player(monitor(ALL), dt_s=1.0)
+    player = Explainer(1.0)
     player.play(3600.0)
-    document = player.monitor.explain(player.last)
+    document = player.explain()
     assert EXPLANATION.kept == len(document["evidence"])
     assert len(json.dumps(document)) < 100_000
 

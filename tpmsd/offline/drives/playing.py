@@ -90,11 +90,10 @@ def explained(
     config = drive.config
     stream, database = drive.recording.open(config, note)
     pipeline = Pipeline(config, database, known_effects([drive], model))
-    report, start_s = None, None
+    start_s = None
     for step in play(stream, pipeline, progress, note):
-        report = step.report
-        start_s = report.time_s if start_s is None else start_s
-    return {"drive": drive.name, "start_time": start_s, **pipeline.monitor.explain(report)}
+        start_s = step.report.time_s if start_s is None else start_s
+    return {"drive": drive.name, "start_time": start_s, **pipeline.explain()}
 
 
 def recording_of(drive: Drive, name: str | None = None) -> Recording:

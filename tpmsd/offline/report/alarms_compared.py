@@ -19,8 +19,8 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.assessment.result import Finding
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.wording import drive_time, wheel_name
-from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.sinks.alarm_entry import alarm_entry
 
 SETTLED_S = 120.0
 """Before, the radii have not been learned yet."""

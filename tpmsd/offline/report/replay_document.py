@@ -11,7 +11,7 @@ from typing import Any
 from tpmsd.foundation.plain import finite, millimetres
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
-from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
+from tpmsd.onboard.sinks.alarm_entry import alarm_entry
 
 
 def replay_document(result: ReplayResult) -> dict[str, Any]:

@@ -187,9 +187,7 @@ class Daemon:
 
     def explain(self) -> dict[str, Any]:
         """Return the reasons for which alarms stand, or for which none does."""
-        last = self._health.last
-        explained = self._pipeline.monitor.explain(None if last is None else last.report)
-        return {"version": DOCUMENT_VERSION, **explained}
+        return {"version": DOCUMENT_VERSION, **self._pipeline.explain()}
 
     def reset(self, tyres: str | None) -> str:
         """Let the pipeline learn the tyres again with its next inputs; return the reason if it cannot, or

@@ -19,7 +19,6 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
 from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
-from tpmsd.onboard.monitor.alarms.explanation import Explanation
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
 from tpmsd.onboard.monitor.alarms.questions import Question, Questions
 from tpmsd.onboard.monitor.alarms.saved_alarms import alarm_from_json, alarm_to_json
@@ -88,7 +87,6 @@ class Monitor:
         self._first = FirstStart(self._wheels, nominal, hysteresis)
         self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
-        self._why = Explanation(self._wheels, settings, self._judge.threshold_m)
         self._signals = SignalWatch(settings, self._wheels)
         self._configuration = ConfigurationWatch(vehicle, self._wheels)
         self._encoders = EncoderWatch(vehicle, self._wheels)
@@ -101,6 +99,16 @@ class Monitor:
     def baseline(self) -> Baseline:
         """The baseline that counts."""
         return self._sets.baseline
+
+    @property
+    def sets(self) -> TyreSets:
+        """The sets of tyres, each with its baseline."""
+        return self._sets
+
+    @property
+    def judgement(self) -> Judgement:
+        """The last judgement of the wheels."""
+        return self._judged
 
     @property
     def questions(self) -> tuple[Question, ...]:
@@ -125,7 +133,6 @@ class Monitor:
         self._resonance = resonance
         if (mounted := self._sets.mounted.update(tick)) not in (None, self._sets.name):
             self.reset(mounted)
-        self._why.tick(tick, estimate, agreement)
         known_wrong = bool(self._configuration.contradiction)
         contradicted = bool(self._configuration.update(tick))
         if contradicted and not known_wrong and not self._restored:
@@ -145,8 +152,6 @@ class Monitor:
                 events += self._judge_now(tick, estimate, self._since_judged_s)
                 self._since_judged_s = 0.0
         events += self._leaks.update(tick, estimate, self.baseline, self._sets.name, self._trusted)
-        for event in events:
-            self._why.alarm(event)
         return MonitorReport(
             time_s=tick.host_time_s,
             wheels=self._wheel_reports(tick, estimate),
@@ -185,7 +190,6 @@ class Monitor:
             drive = judging.change_hypotheses(alarm_stands=bool(self._standing))
             self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, drive)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
-            self._why.judged(estimate, self._judged, self._resonance)
             trusted = self._judged.trusted(judging.settled) and not self._standing
             before, least_hold_s = self._first.standing, self._judged.least_hold_s
             for (kind, wheel), alarm in self._alarms.items():
@@ -314,10 +318,6 @@ class Monitor:
             events.append(self._event(tick, estimate, kind, wheel, "cleared", 0.0, reason))
         self._taken_back.clear()
         return events
-
-    def explain(self, report: MonitorReport | None) -> dict[str, Any]:
-        """Return the reasons of the alarms, or of there being none; `report`: the last one."""
-        return self._why.document(report, self._signals.standing, self._sets)
 
     # -- reports ---------------------------------------------------------------------------------------------
 

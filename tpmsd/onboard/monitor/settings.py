@@ -276,24 +276,6 @@ class ConfigurationSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class ExplanationSettings:
-    """Settings of what is kept so that an alarm can be explained."""
-
-    keep_every_s: float = 10.0
-    """Driving time between two moments that are kept, s."""
-    kept: int = 60
-    """Moments: the last ten minutes."""
-    kept_alarms: int = 16
-    """Alarms whose moments are kept: what a workshop may ask for, in bounded memory."""
-    around: int = 12
-    """Moments that are kept with an alarm."""
-    best: int = 6
-    """Alternatives that are listed."""
-    recent_s: float = 60.0
-    """Time constant of the shares of driving."""
-
-
-@dataclass(frozen=True, slots=True)
 class TyreSetSettings:
     """Sets of tyres, and the resets that a driver may ask for."""
 
@@ -343,7 +325,6 @@ class MonitorSettings:
     signals: SignalSettings = SignalSettings()
     configuration: ConfigurationSettings = ConfigurationSettings()
     encoders: EncoderSettings = field(default_factory=EncoderSettings)
-    explanation: ExplanationSettings = ExplanationSettings()
     tyre_sets: TyreSetSettings = TyreSetSettings()
     readings: ReadingSettings = field(default_factory=ReadingSettings)
     trend: TrendSettings = field(default_factory=TrendSettings)
@@ -363,7 +344,6 @@ FIRST_START = SETTINGS.first_start
 SIGNALS = SETTINGS.signals
 CONFIGURATION = SETTINGS.configuration
 ENCODERS = SETTINGS.encoders
-EXPLANATION = SETTINGS.explanation
 TYRE_SETS = SETTINGS.tyre_sets
 READINGS = SETTINGS.readings
 TREND = SETTINGS.trend

@@ -18,7 +18,6 @@ from tpmsd.foundation.plain import finite, millimetres
 from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
-from tpmsd.onboard.monitor.alarms.alarm_entry import alarm_entry
 from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss
 from tpmsd.onboard.monitor.records import (
     AlarmKind,
@@ -28,6 +27,7 @@ from tpmsd.onboard.monitor.records import (
     WheelState,
 )
 from tpmsd.onboard.resonance.watch import ResonanceStatus
+from tpmsd.onboard.sinks.alarm_entry import alarm_entry
 from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 
 

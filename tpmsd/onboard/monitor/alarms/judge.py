@@ -224,7 +224,7 @@ class Judge:
             now=now,
             finding=finding,
             change_index=change_index,
-            detectable=self._detectable(mean, mean_m2, alike),
+            detectable=self._detectable(lately.covariance_m2, mean, mean_m2, alike),
             drive_models=models,
             unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.low(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
@@ -302,14 +302,17 @@ class Judge:
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
-    def _detectable(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> DetectableLoss:
-        """Return the minimum detectable losses: one tyre by the mean over minutes, all alike and axles by the
-        drive as a whole, or if there is none by a mean that is long enough.
+    def _detectable(
+        self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]
+    ) -> DetectableLoss:
+        """Return the minimum detectable losses: one tyre by the mean over minutes under its likeliest sizes
+        and slip (d, d), all alike and axles by the drive as a whole, or if there is none by a mean that is
+        long enough.
         """
         if not alike and mean.samples >= JUDGE.full_samples:
             alike = self._alike(mean.change_m[None], mean_m2[None], np.zeros(1))
         whole, axles = (alike[0], alike[1:]) if alike else (None, ())
-        return detectable(mean_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
+        return detectable(likeliest_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
 
     def _alike(
         self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray

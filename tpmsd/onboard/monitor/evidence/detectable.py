@@ -34,6 +34,8 @@ class DetectableLoss:
     all_tyres: float
     one_axle: float = 1.0
     """Smallest loss on both tyres of the axle that is known worse."""
+    each_m: tuple[float, ...] = ()
+    """Minimum detectable loss of radius of each monitored wheel, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,14 +77,16 @@ def detectable(
     priors = JUDGE.prior_by_size
     # The information of a loss of one wheel alone is an element of the diagonal.
     of_each = radius_m**2 * np.linalg.inv(one_m2).diagonal()
-    one = Alike(np.array([of_each.min()]), np.ones(1))
-    single = _pressure(_smallest(one, threshold, probability, priors[0]), radius_m, tyres)
+    alone = [Alike(np.array([known]), np.ones(1)) for known in of_each]
+    smallest = [_smallest(one, threshold, probability, priors[0]) for one in alone]
+    each_m = tuple((np.array(smallest) * radius_m).tolist())
+    single = _pressure(max(smallest), radius_m, tyres)
     if alike is None:
-        return DetectableLoss(single, 1.0)
+        return DetectableLoss(single, 1.0, each_m=each_m)
     all_alike = _smallest(alike, threshold, probability, priors[radius_m.size - 1])
     pairs = [_smallest(axle, threshold, probability, priors[1]) for axle in axles]
     worst = _pressure(max(pairs), radius_m, tyres) if pairs else 1.0
-    return DetectableLoss(single, _pressure(all_alike, radius_m, tyres), worst)
+    return DetectableLoss(single, _pressure(all_alike, radius_m, tyres), worst, each_m)
 
 
 def _smallest(known: Alike, threshold: float, probability: float, prior: float) -> float:

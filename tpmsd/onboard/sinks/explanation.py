@@ -1,6 +1,6 @@
 """Reasons why an alarm stands and why none does: the posterior, the evidence, the alternatives.
 
-In: every judgement of the monitor, and the ticks between. Out: a document of plain JSON types, for
+In: every tick with its estimate, the monitor and its report. Out: a document of plain JSON types, for
 `tpmsd explain`. Nothing here decides anything; what is kept is bounded.
 """
 
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,14 +20,37 @@ from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import Agreement
 from tpmsd.onboard.monitor.alarms.judge import Finding, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.baseline.tyre_sets import TyreSets
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
 from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets
 from tpmsd.onboard.monitor.evidence.witnesses import contrasts, gains
+from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
-from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 from tpmsd.onboard.timeline.tick import Tick
+
+
+@dataclass(frozen=True, slots=True)
+class ExplanationSettings:
+    """Settings of what is kept so that an alarm can be explained."""
+
+    keep_every_s: float = 10.0
+    """Driving time between two moments that are kept, s."""
+    kept: int = 60
+    """Moments: the last ten minutes."""
+    kept_alarms: int = 16
+    """Alarms whose moments are kept: what a workshop may ask for, in bounded memory."""
+    around: int = 12
+    """Moments that are kept with an alarm."""
+    best: int = 6
+    """Alternatives that are listed."""
+    recent_s: float = 60.0
+    """Time constant of the shares of driving."""
+    moving_mps: float = 2.0
+    """Speed from which the car moves."""
+
+
+EXPLANATION = ExplanationSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +68,13 @@ class _Judged:
 class Explanation:
     """Record of the evidence of one monitor."""
 
-    def __init__(self, wheels: list[int], settings: MonitorConfig, threshold_m: float) -> None:
-        """`threshold_m`: the loss from which a tyre counts as deflated."""
-        self._wheels = wheels
+    def __init__(self, wheels: Sequence[int], settings: MonitorConfig) -> None:
+        """`wheels`: indices of the monitored ones."""
+        self._wheels = list(wheels)
         self._settings = settings
-        self._threshold_m = threshold_m
         self._moments: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept)
         self._alarms: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept_alarms)
+        self._latest: Judgement | None = None
         self._judged: _Judged | None = None
         self._cached: tuple[_Judged, dict[str, Any]] | None = None
         """The last judgement that was put into words."""
@@ -60,21 +83,33 @@ class Explanation:
         self._moving = self._taught = 0.0
         self._gnss_age_s = math.inf
         self._agreement: Agreement | None = None
+        self._report: MonitorReport | None = None
 
-    def tick(self, tick: Tick, estimate: RadiusEstimate, agreement: Agreement) -> None:
-        """Take every tick: motion and sky."""
+    def update(
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        agreement: Agreement,
+        resonance: ResonanceEvidence | None,
+        judgement: Judgement,
+        report: MonitorReport,
+    ) -> None:
+        """Take a tick with all that the monitor was given, its present judgement, and its report."""
         share = 1.0 - math.exp(-tick.dt_s / EXPLANATION.recent_s)
-        self._moving += share * (float(estimate.speed_mps > 2.0) - self._moving)
+        self._moving += share * (float(estimate.speed_mps > EXPLANATION.moving_mps) - self._moving)
         self._taught += share * (float(estimate.informative) - self._taught)
         self._time_s, self._gnss_age_s, self._agreement = tick.host_time_s, estimate.gnss_age_s, agreement
+        self._report = report
+        if judgement is not self._latest:
+            self._latest = judgement
+            self._keep(estimate, judgement, resonance)
+        for event in report.events:
+            self._alarm(event)
 
-    def judged(
-        self,
-        estimate: RadiusEstimate,
-        judgement: Judgement,
-        resonance: ResonanceEvidence | None,
+    def _keep(
+        self, estimate: RadiusEstimate, judgement: Judgement, resonance: ResonanceEvidence | None
     ) -> None:
-        """Take a judgement of the wheels."""
+        """Keep a judgement of the wheels, in words from time to time."""
         if judgement.now is None or judgement.finding is None:
             return
         self._judged = _Judged(self._time_s, estimate, judgement.now, judgement.finding, judgement, resonance)
@@ -82,7 +117,7 @@ class Explanation:
             self._kept_s = self._time_s
             self._moments.append(self._in_words(self._judged))
 
-    def alarm(self, event: AlarmEvent) -> None:
+    def _alarm(self, event: AlarmEvent) -> None:
         """Keep the evidence of an alarm that was raised or cleared."""
         evidence = list(self._moments)[-EXPLANATION.around :]
         before = None
@@ -120,14 +155,15 @@ class Explanation:
             f"(it was {event.probability:.3f}), or a reset is accepted"
         )
 
-    def document(
-        self, report: MonitorReport | None, malfunctions: Iterable[AlarmEvent], sets: TyreSets
-    ) -> dict[str, Any]:
-        """Return the document in JSON's types. `report`: the last one; `malfunctions`: those that stand."""
+    def document(self, monitor: Monitor) -> dict[str, Any]:
+        """Return the document in JSON's types; `monitor`: the one that is explained."""
         states = {WHEELS[w]: "unavailable" for w in self._wheels}
+        report, sets = self._report, monitor.sets
         if report is not None:
             states |= {wheel.wheel: str(wheel.state) for wheel in report.wheels if wheel.wheel in states}
-        baseline, missing = sets.baseline, [alarm.reason for alarm in malfunctions]
+        standing = () if report is None else report.active
+        baseline = sets.baseline
+        missing = [alarm.reason for alarm in standing if alarm.kind is AlarmKind.MALFUNCTION]
         if not baseline.ready:
             missing.append(
                 f"learning: {100 * baseline.fraction:.0f} % of the first baseline; before it "
@@ -198,13 +234,14 @@ class Explanation:
             return {"why_no_alarm": "nothing was judged yet"}
         judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
         std = float(judged.change_std_m[wheel])
-        seen = self._threshold_m + 2.0 * JUDGE.sight_stds * math.hypot(std, 3e-4 * 0.3)
+        detectable = judged.detectable
+        smallest = math.nan if detectable is None else detectable.each_m[self._wheels.index(wheel)]
         return {
             **now,
-            "smallest_loss_seen_mm": _mm(seen),
+            "smallest_loss_seen_mm": _mm(smallest),
             "why_no_alarm": (
-                f"changed by {1e3 * float(judged.change_m[wheel]):+.2f} +- {1e3 * std:.2f} mm; a loss beyond "
-                f"{1e3 * self._threshold_m:.2f} mm has probability {float(judged.deflated[wheel]):.3f}"
+                f"changed by {1e3 * float(judged.change_m[wheel]):+.2f} +- {1e3 * std:.2f} mm since learned; "
+                f"it has lost air with probability {float(judged.deflated[wheel]):.3f}"
             ),
         }
 
