@@ -76,7 +76,8 @@ class Judgement:
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
     unusual: float = 0.0
-    """Probability that this drive is not as learned or a tyre has changed, and that no wheel slips."""
+    """Probability that this drive is not as learned or a tyre has changed, and that no wheel slips now more,
+    now less: even slip of the driven wheels looks like a loss of both."""
     all_larger: float = 0.0
     """Probability that all wheels are larger alike."""
     posterior: Posterior | None = None
@@ -226,7 +227,7 @@ class Judge:
             change_index=change_index,
             detectable=self._detectable(lately.covariance_m2, mean, mean_m2, alike),
             drive_models=models,
-            unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.low(models), 0.0),
+            unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.uneven(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
             posterior=bank,
         )

@@ -11,8 +11,8 @@ drive: of probabilities that are calibrated, those whose prior is q exceed p at 
 inequality).
 
 Another load or a trailer looks like both tyres of an axle that were soft when the drive began, and is far
-more frequent. Where it is as certain as an alarm has to be that something is other than learned, and no wheel
-slips, the driver is asked whether it is the load.
+more frequent; so does a road on which driven wheels slip evenly. Where it is as certain as an alarm has to be that
+something is other than learned, the driver is asked whether it is one of these.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ class Questions:
         if self._of_tyres.active:
             return [(*self._words(bank, found.drive_models), bank.changed)]
         if self._of_load.active and self._axles:
-            return [(*self._of_axle(bank), found.unusual)]
+            return [(*self._of_axle(bank, found.drive_models), found.unusual)]
         return []
 
     def at_first(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
@@ -127,13 +127,14 @@ class Questions:
             asked.active, asked.held_s = False, 0.0
         self.standing = ()
 
-    def _of_axle(self, found: Posterior) -> tuple[tuple[str, ...], str]:
+    def _of_axle(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
         """Return the axle of which a loss would look the same, and the question."""
         index = max(self._axles, key=lambda one: float(found.subsets[one]))
         names = self._names(self._subsets[index])
+        even = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.by_slope)
+        cause = "a slippery road" if even > JUDGE.undecided else "another load than usual, or a trailer"
         return names, (
-            f"another load than usual, or a trailer? If not, look at {' '.join(names)}: both tyres soft "
-            "since the drive began look the same"
+            f"{cause}? If not, look at {' '.join(names)}: both tyres soft since the drive began look the same"
         )
 
     def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:

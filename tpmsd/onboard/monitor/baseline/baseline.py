@@ -201,6 +201,8 @@ class Baseline:
             return
         if self._recent and self._jumped(now, nuisance_m2):
             self._recent.clear()
+            if self._evidence is not None:
+                self._evidence.jumped()
         if self._evidence is None and not self._closed:
             self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
             self._first_drive = not self.settled

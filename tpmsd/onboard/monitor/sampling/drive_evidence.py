@@ -3,12 +3,17 @@
 In: the `Reference` as the drive began and a sample every 20 s. Out: `ChangeHypotheses`: change hypotheses
 with their covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every
 loss: what it explains better is no loss.
+
+Wheels of another size since before the drive are a row of every bank. Where the radii jump on the way, a
+second set of banks begins with the reference that the first began with. Of it the rows of another size count,
+with the likelihood that the first set gave to what was before the jump: so a size that came on the way (a
+receiver that scales, chains without a stop) is a row of the same posterior, and no drive model takes it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +68,24 @@ class ChangeHypotheses:
         most = self.log_weight + 0.5 * np.einsum("nd,nd->n", self.change_m, solved)
         return np.flatnonzero(most > log_weight.max() - DRIVE_EVIDENCE.negligible_nats)
 
+    @property
+    def log_marginal(self) -> float:
+        """Log-likelihood of the drive with no loss, over all models and rows."""
+        return float(np.logaddexp.reduce(self.log_weight))
+
+    def resized(self, log_before: float) -> ChangeHypotheses:
+        """Return those with wheels of another size, after a beginning of this log-likelihood."""
+        kept = self.row > 0
+        values = {part.name: getattr(self, part.name)[kept] for part in fields(self)}
+        values["log_weight"] = values["log_weight"] + log_before
+        return ChangeHypotheses(**values)
+
+    def beside(self, other: ChangeHypotheses) -> ChangeHypotheses:
+        """Return these and, behind them, the others."""
+        return ChangeHypotheses(
+            *(np.concatenate([getattr(one, part.name) for one in (self, other)]) for part in fields(self))
+        )
+
     def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
         """Return the probability of each drive model by the posterior probabilities (n,) of the changes."""
         return {
@@ -72,6 +95,65 @@ class ChangeHypotheses:
 
 class DriveEvidence:
     """One drive."""
+
+    def __init__(self, reference: Reference, wheels: list[int], radius_m: FloatArray) -> None:
+        """`radius_m` (d,) nominal, of the monitored wheels."""
+        self._begin = reference.copy(), wheels, radius_m
+        self._whole = _Banks(*self._begin)
+        self._since_jump: _Banks | None = None
+        self._log_before = 0.0
+        """Log-likelihood of what was before the jump."""
+        self.change_hypotheses: ChangeHypotheses | None = None
+        """Changes by the samples so far; None as long as they are too few."""
+
+    def jumped(self) -> None:
+        """Note that the radii have jumped: wheels may be of another size since now. A jump of which enough
+        was seen stays."""
+        young = self._since_jump is None or self._since_jump.samples < JUDGE.full_samples
+        if young and self._whole.samples:
+            self._since_jump = _Banks(*self._begin)
+            self._log_before = self._whole.log_likelihood
+
+    def take(
+        self,
+        deviation_m: FloatArray,
+        estimate_m2: FloatArray,
+        unsettled_m2: FloatArray,
+        features: FloatArray,
+        elapsed_s: float,
+        slip: Slope | None = None,
+    ) -> None:
+        """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
+        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
+        the slip slope since then."""
+        sample = deviation_m, estimate_m2, unsettled_m2, features, elapsed_s, slip
+        found = self.change_hypotheses = self._whole.take(*sample)
+        if self._since_jump is None:
+            return
+        young = self._since_jump.take(*sample)
+        if found is None or young is None or not np.any(young.row > 0):
+            return
+        young = young.resized(self._log_before)
+        if young.log_marginal < found.log_marginal - DRIVE_EVIDENCE.negligible_nats:
+            self._since_jump = None
+        else:
+            self.change_hypotheses = found.beside(young)
+
+    def reference_fitted_jointly(self, change_index: int) -> Reference:
+        """Return the reference by the drive, fitted jointly with the change of this one of
+        `change_hypotheses`.
+        """
+        assert self.change_hypotheses is not None
+        kept, banks = self.change_hypotheses, self._whole
+        if change_index >= banks.hypotheses:
+            assert self._since_jump is not None
+            banks = self._since_jump
+        model, row, index = (int(part[change_index]) for part in (kept.model, kept.row, kept.index))
+        return banks.reference_fitted_jointly(model, row, index)
+
+
+class _Banks:
+    """A bank for each drive model, since the drive began or since a jump."""
 
     def __init__(self, reference: Reference, wheels: list[int], radius_m: FloatArray) -> None:
         """`radius_m` (d,) nominal, of the monitored wheels."""
@@ -89,8 +171,9 @@ class DriveEvidence:
         self._level = LevelNoise(reference)
         self._slopes = 0
         """Slip slopes that were taken."""
-        self.change_hypotheses: ChangeHypotheses | None = None
-        """Changes by the samples so far; None as long as they are too few."""
+        self.samples = 0
+        self.hypotheses = 0
+        """Number of the changes that were returned last."""
 
     def take(
         self,
@@ -99,11 +182,10 @@ class DriveEvidence:
         unsettled_m2: FloatArray,
         features: FloatArray,
         elapsed_s: float,
-        slip: Slope | None = None,
-    ) -> None:
-        """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
-        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
-        the slip slope since then."""
+        slip: Slope | None,
+    ) -> ChangeHypotheses | None:
+        """Take a sample as `DriveEvidence.take`; the changes by now, None as long as there are too few."""
+        self.samples += 1
         scale = np.outer(self._radius, self._radius)
         noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
         own = estimate_m2 / scale
@@ -115,7 +197,8 @@ class DriveEvidence:
                 bank.take_slip(slip)
         found = [bank.changes(self._sizes) for bank in self._banks]
         if not found[0].log_weight.size:
-            return
+            return None
+        self.hypotheses = len(found) * found[0].log_weight.size
         log_weight = np.stack(
             [
                 self._log_prior(model) + bank.log_likelihood + one.log_weight
@@ -126,7 +209,7 @@ class DriveEvidence:
         size, variance = (
             np.stack([getattr(one, name) for one in found])[model, row] for name in ("size", "size_variance")
         )
-        self.change_hypotheses = ChangeHypotheses(
+        return ChangeHypotheses(
             change_m=np.stack([one.change for one in found]).reshape(-1, self._radius.size) * self._radius,
             covariance_m2=np.stack([one.covariance for one in found]).reshape(-1, *scale.shape) * scale,
             log_weight=log_weight.ravel(),
@@ -137,17 +220,19 @@ class DriveEvidence:
             size_std=np.sqrt(variance),
         )
 
+    @property
+    def log_likelihood(self) -> float:
+        """Log-likelihood of the samples over all drive models if no tyre has changed."""
+        logs = [
+            self._log_prior(model) + bank.log_likelihood
+            for model, bank in zip(DRIVE_EVIDENCE.models, self._banks, strict=True)
+        ]
+        return float(np.logaddexp.reduce(logs))
+
     def _log_prior(self, model: DriveModel) -> float:
         known = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
         return math.log(model.prior) if known else -math.inf
 
-    def reference_fitted_jointly(self, change_index: int) -> Reference:
-        """Return the reference by the drive, fitted jointly with the change of this one of
-        `change_hypotheses`.
-        """
-        assert self.change_hypotheses is not None
-        kept = self.change_hypotheses
-        bank = self._banks[int(kept.model[change_index])]
-        return bank.reference_fitted_jointly(
-            int(kept.row[change_index]), int(kept.index[change_index]), self._sizes
-        )
+    def reference_fitted_jointly(self, model: int, row: int, index: int) -> Reference:
+        """Return the reference fitted jointly with a change, by its place."""
+        return self._banks[model].reference_fitted_jointly(row, index, self._sizes)
