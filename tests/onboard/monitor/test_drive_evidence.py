@@ -217,7 +217,7 @@ def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:
     nuisance = np.diag([3e-4, 4e-4, 5e-4, 6e-4]) ** 2
     _, log_weight = change_hypotheses.allowing(nuisance * RADIUS_M**2)
     h, off = np.vstack(rows), np.concatenate(seen) - np.vstack(rows) @ mean
-    own = DRIVE_EVIDENCE.estimate_share * noise + evidence._quick
+    own = DRIVE_EVIDENCE.estimate_share * noise + evidence._whole._quick
     design = np.tile(np.eye(4), (9, 1))
     likelihood = []
     for more in (np.zeros((4, 4)), nuisance):

@@ -102,6 +102,17 @@ def test_what_is_certainly_other_than_learned_is_asked_and_names_the_axle_that_i
         assert all("trailer" in one.question for one in questions.standing)
 
 
+def test_even_slip_of_driven_wheels_is_asked_about_as_slip() -> None:
+    """A drive that even slip explains for certain, or another load: the question names the likelier cause,
+    and the axle of which a loss would look the same."""
+    for models, cause in (({"evenly low grip": 0.99}, "a slippery road"), ({"a trailer": 0.99}, "trailer")):
+        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        for second in range(200):
+            questions.update(found(0.01, 0.995, **models), 1.0, float(second), said=False)
+        assert ("fl", "fr") == questions.standing[0].wheels
+        assert cause in questions.standing[0].question
+
+
 def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() -> None:
     """Too little for an alarm and too much for a set of tyres: asked, also after the first minutes, until an
     alarm of a tyre or a reset; what a set has is not."""

