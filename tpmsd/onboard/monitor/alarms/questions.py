@@ -11,8 +11,8 @@ drive: of probabilities that are calibrated, those whose prior is q exceed p at 
 inequality).
 
 Another load or a trailer looks like both tyres of an axle that were soft when the drive began, and is far
-more frequent; so does a road on which driven wheels slip evenly. Where it is as certain as an alarm has to be that
-something is other than learned, the driver is asked whether it is one of these.
+more frequent; so does a road on which driven wheels slip evenly. Where it is as certain as an alarm has to
+be that something is other than learned, the driver is asked whether it is one of these.
 """
 
 from __future__ import annotations

@@ -102,7 +102,7 @@ class DriveEvidence:
         self._whole = _Banks(*self._begin)
         self._since_jump: _Banks | None = None
         self._log_before = 0.0
-        """Log-likelihood of what was before the jump."""
+        """Log-likelihood of what was before the jump, and log prior of a size that comes on the way."""
         self.change_hypotheses: ChangeHypotheses | None = None
         """Changes by the samples so far; None as long as they are too few."""
 
@@ -112,7 +112,7 @@ class DriveEvidence:
         young = self._since_jump is None or self._since_jump.samples < JUDGE.full_samples
         if young and self._whole.samples:
             self._since_jump = _Banks(*self._begin)
-            self._log_before = self._whole.log_likelihood
+            self._log_before = self._whole.log_likelihood + math.log(DRIVE_EVIDENCE.on_the_way)
 
     def take(
         self,
