@@ -124,9 +124,9 @@ class DriveEvidenceSettings:
     """Onsets in doubt of each shape, besides the start and the last ones; the likeliest are kept."""
     start_prior: float = 0.5
     """That a tyre which lost air had lost it when the drive began; else any onset is as likely."""
-    on_the_way: float = 1e-3
-    """Of drives on which wheels are of another size, share on which that came while driving: chains without
-    a stop, a receiver that scales (assumed). Nobody changes a wheel then."""
+    resized_while_driving: float = 1e-3
+    """Fraction of the drives with wheels of another size on which that came while driving: chains without a
+    stop, a receiver that scales (assumed). Nobody changes a wheel then."""
     negligible_nats: float = 12.0
     """Behind the best, from which an change hypothesis is left out: 6e-6 of it at most."""
     least_std: float = 1e-9

@@ -131,8 +131,8 @@ class Questions:
         """Return the axle of which a loss would look the same, and the question."""
         index = max(self._axles, key=lambda one: float(found.subsets[one]))
         names = self._names(self._subsets[index])
-        even = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.by_slope)
-        cause = "a slippery road" if even > JUDGE.undecided else "another load than usual, or a trailer"
+        slips = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.by_slope)
+        cause = "a slippery road" if slips > JUDGE.undecided else "another load than usual, or a trailer"
         return names, (
             f"{cause}? If not, look at {' '.join(names)}: both tyres soft since the drive began look the same"
         )

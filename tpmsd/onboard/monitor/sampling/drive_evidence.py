@@ -112,7 +112,7 @@ class DriveEvidence:
         young = self._since_jump is None or self._since_jump.samples < JUDGE.full_samples
         if young and self._whole.samples:
             self._since_jump = _Banks(*self._begin)
-            self._log_before = self._whole.log_likelihood + math.log(DRIVE_EVIDENCE.on_the_way)
+            self._log_before = self._whole.log_likelihood + math.log(DRIVE_EVIDENCE.resized_while_driving)
 
     def take(
         self,
