@@ -21,6 +21,7 @@ from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import page
 from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth, wrong
 from bench.campaigns.offline.proof.seal import BrokenSealError, opened, seal
+from bench.worlds import receiver_residuals
 from bench.worlds.folder import write_folder
 from tpmsd.car.config.load import load_config
 
@@ -60,7 +61,7 @@ def test_an_age_that_all_counts_share_makes_no_wrong_name(tmp_path: Path) -> Non
     """Seed 1 has a control unit that latches its counts every 16.5 ms, and warm-up: that alone is named.
 
     Such an age once passed for a receiver whose speed is half a second old."""
-    case = next(case for case in drawn(1) if case.kind == "latched/thermal_growth")
+    case = next(case for case in drawn(1, tmp_path) if case.kind == "latched/thermal_growth")
     assert case.spec.latch_period_s == pytest.approx(0.0165, rel=0.01)
     made, drive = make(case, tmp_path), tmp_path / "drive"
     write_folder(made.drive, drive)
@@ -80,12 +81,28 @@ def test_the_lag_of_a_drawn_receiver_is_sealed_and_not_asked_for(tmp_path: Path)
     assert match(truth, [{"effect": "velocity_lag", "parameters": {}}]) == [0]
 
 
-def test_a_seed_draws_the_same_cases_again() -> None:
+def recorded(folder: Path) -> Path:
+    """Make a folder with the names of the recordings that an origin draws errors from."""
+    for name in receiver_residuals.DEVELOPMENT:
+        (folder / name).mkdir(parents=True)
+    return folder
+
+
+def test_a_seed_draws_the_same_cases_again(tmp_path: Path) -> None:
     """A seed draws distinct effects and one null drive, and the same ones every time."""
-    kinds = [case.kind.rpartition("/")[2] for case in drawn(3)]
-    assert [case.key for case in drawn(3)] == [case.key for case in drawn(3)]
+    kinds = [case.kind.rpartition("/")[2] for case in drawn(3, tmp_path)]
+    assert [case.key for case in drawn(3, tmp_path)] == [case.key for case in drawn(3, tmp_path)]
     assert len(set(kinds)) == len(kinds) and "nothing" in kinds
-    assert [case.key for case in drawn(3)] != [case.key for case in drawn(4)]
+    assert [case.key for case in drawn(3, tmp_path)] != [case.key for case in drawn(4, tmp_path)]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_no_recordings_are_needed(seed: int, tmp_path: Path) -> None:
+    """Without recordings a road and a receiver that are made up replace recorded errors, and nothing else."""
+    with_them = [case.kind for case in drawn(seed, recorded(tmp_path / "recordings"))]
+    without = [case.kind for case in drawn(seed, tmp_path / "none")]
+
+    assert [kind.removeprefix("receiver/") for kind in with_them] == without
 
 
 def test_another_method_is_right_where_residual_and_covariate_are() -> None:

@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.sensors.unusual import deviations_beyond, unusual
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
-from tpmsd.offline.report.diagnosis_summary import CHANNELS, place
+from tpmsd.offline.report.diagnosis_summary import CHANNELS, location_text
 
 SPEC = Spec(duration_s=400.0, road="mixed", hilly=0.02)
 SEED = 3
@@ -106,7 +106,7 @@ def test_a_report_can_say_where(sound: Drive) -> None:
     off = replace(steered(sound, 1.0, 0.1, 0.0), accel_lat=sound.accel_lat + 0.5)
     recording = recording_of(replace(off, accel_long=sound.accel_long + 0.5))
     drifting = replace(recording, host_minus_utc_s=5e-4 * recording.fix_time_s)
-    places = [place(one.where) for one in unusual([reader_of(drifting)], 400.0, False)]
+    places = [location_text(one.where) for one in unusual([reader_of(drifting)], 400.0, False)]
 
     assert 3 == len(places)
     assert any(text.startswith("the host's clock against UTC") for text in places)

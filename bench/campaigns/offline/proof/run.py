@@ -5,8 +5,9 @@
 
 Out: a table in the terminal and PAGE. Exit code 1 where a name is wrong. The truth of every drive is written
 first and its SHA-256 printed; a process of its own then diagnoses the drive's folder, and only then is the
-truth read. An `oracle` says which of the effects their drives can tell: these must be named first. PySINDy
-and gplearn are given the same folders (`pip install -e '.[proof]'`).
+truth read. The origin `receiver` draws from errors of recorded receivers; without recordings `kinematic`
+stands in its place. An `oracle` says which of the effects their drives can tell: these must be named first.
+PySINDy and gplearn are given the same folders (`pip install -e '.[proof]'`).
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import headline, page
 from bench.campaigns.offline.proof.seal import opened, seal
 from bench.places import OUT, RECORDINGS, REPO
-from bench.worlds import real_drives
+from bench.worlds import real_drives, receiver_residuals
 from bench.worlds.folder import write_folder
 
 ORIGINS = ("kinematic", "receiver", "mems", "latched")
@@ -86,15 +87,20 @@ class Row:
         return "miss" if self.tellable else "miss (this drive cannot tell it)"
 
 
-def drawn(seed: int) -> list[Case]:
-    """Return the cases: distinct effects of the public table at strength 1, and a null drive."""
+def drawn(seed: int, recordings: Path) -> list[Case]:
+    """Return the cases: distinct effects of the public table at strength 1, and a null drive.
+
+    Without all of `receiver_residuals.DEVELOPMENT` in the folder `recordings`, `kinematic` takes the place of
+    the origin `receiver`; all else is drawn alike."""
+    at_hand = all((recordings / name).is_dir() for name in receiver_residuals.DEVELOPMENT)
     rng = np.random.default_rng([seed, 45])
     effects = rng.choice(EFFECTS, DRIVES - 1, replace=False)
     kinds = rng.permutation(["nothing", *effects])
     worlds = rng.choice(ORIGINS, DRIVES)
     cases = []
     for kind, world, at in zip(kinds, worlds, rng.integers(1, 50_000, DRIVES), strict=True):
-        name = str(kind) if world == "kinematic" else f"{world}/{kind}"
+        plain = world == "kinematic" or (world == "receiver" and not at_hand)
+        name = str(kind) if plain else f"{world}/{kind}"
         cases.append(draw_case(name, 0.0 if kind == "nothing" else 1.0, int(at)))
     return cases
 
@@ -208,7 +214,7 @@ def compared(said: Said, wanted: Sequence[Concealed]) -> str:
 
 def worlds(seed: int, folder: Path, jobs: int, with_others: bool = True) -> list[Row]:
     """Seal all truths, diagnose all drives, then open and score."""
-    cases, made, seals, drives = drawn(seed), [], [], []
+    cases, made, seals, drives = drawn(seed, RECORDINGS), [], [], []
     nonce = np.random.default_rng([seed, 46])
     for number, case in enumerate(cases, 1):
         made.append(make(case, folder / "memory"))
