@@ -163,6 +163,11 @@ CAMPAIGNS = {
         ),
         _campaign("offline", "dynamics", "baselines of vehicle dynamics: null drives, single effects, pairs"),
         _campaign(
+            "offline",
+            "dynamics-cars",
+            "vehicle dynamics on cars of every size, other tyres, nameless physics",
+        ),
+        _campaign(
             "offline", "dynamics-proof", "a multi-body car and a real one: errors after each effect found"
         ),
     )
