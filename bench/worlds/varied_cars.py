@@ -316,7 +316,7 @@ class _Fleet:
         )
 
     def _control(self, delta: Array, u: Array, r: Array) -> Array:
-        """Return the yaw acceleration by which a stability control works against what leaves the linear car's."""
+        """Return the yaw acceleration of a stability control against what leaves the linear car's."""
         gain, beyond = self.control
         mass, front, rear, cf, cr = self.stated
         base = front + rear
@@ -382,7 +382,7 @@ def _recorded(
     }
     if case.forces:
         columns |= {"drive_force_n": truth["drive"][rows], "brake_force_n": truth["brake"][rows]}
-    return columns
+    return {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
 
 
 def _toml(car: Car) -> str:

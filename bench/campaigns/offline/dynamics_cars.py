@@ -3,11 +3,11 @@ that its catalogue does not have.
 
     python -m bench run dynamics-cars [--kinds null,single,tyres,outside] [--seeds 1] [--duration 150]
 
-The world is `bench/worlds/varied_cars.py`: another car in each drive (900 to 3,500 kg, 2.3 to 4 m, understeer
-and oversteer), four styles of driving, loggers of 20, 50 and 100 Hz. Kinds: `null`, linear tyres and nothing
-concealed; `single`, one effect of the catalogue each; `tyres`, one effect beside brush or Magic Formula tyres,
-whose saturation the linear car leaves out; `outside`, physics of no name in the catalogue. A wrong name is
-one with a confidence above 0.9 that was not concealed.
+The world is `bench/worlds/varied_cars.py`: another car in each drive (900 to 3,500 kg, 2.3 to 4 m,
+understeer and oversteer), four styles of driving, loggers of 20, 50 and 100 Hz. Kinds: `null`, linear tyres
+and nothing concealed; `single`, one effect of the catalogue each; `tyres`, one effect beside brush or Magic
+Formula tyres, whose saturation the linear car leaves out; `outside`, physics of no name in the catalogue. A
+wrong name is one with a confidence above 0.9 that was not concealed.
 """
 
 from __future__ import annotations
@@ -92,8 +92,9 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         rows.append(row)
         said = ", ".join(f"{name} {sure:.2f}" for name, sure in row["named"]) or "-"
         print(
-            f"{one.kind:8}{one.baseline:13}{one.name:26}{one.case.tyres:7}{one.case.style:9}{made.car.mass:5.0f} kg"
-            f" {one.case.sensors.rate_hz:4.0f} Hz  {'WRONG ' if row['wrong'] else ''}{said}  ({row['cpu_s']:.1f} s)",
+            f"{one.kind:8}{one.baseline:13}{one.name:26}{one.case.tyres:7}{one.case.style:9}"
+            f"{made.car.mass:5.0f} kg {one.case.sensors.rate_hz:4.0f} Hz  {'WRONG ' if row['wrong'] else ''}"
+            f"{said}  ({row['cpu_s']:.1f} s)",
             flush=True,
         )
     summary = summarised(rows)
