@@ -1,6 +1,8 @@
 """The diagnosis of vehicle dynamics on drives of an independent world: null drives, single effects, pairs.
 
-In: number of seeds. Out: what was named, how often the truth lies in the 95 % interval, the time.
+In: number of seeds. Out: what was named, how often the truth lies in the 95 % interval, the time. With
+`--certify N` the p-value of the best hypothesis that a null drive leaves out is counted in N replicates, and
+all of them are compared with the uniform distribution (Kolmogorov and Smirnov).
 `bench/worlds/lively_car.py` is the world: the same equations in other code, with the sensors' noise.
 """
 
@@ -9,14 +11,17 @@ from __future__ import annotations
 import argparse
 import tempfile
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import kstest
 
 from bench.worlds.lively_car import CarSpec, Concealed, drive, vehicle_tables
 from tpmsd.car.config.dynamics import load_car
+from tpmsd.offline.dynamics.certify import Replicates
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.result import DynamicsDiagnosis
 from tpmsd.offline.signals.drive import make_drive
@@ -76,11 +81,17 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--only", default="", metavar="NAMES", help="effects, with commas between; null, pairs"
     )
+    parser.add_argument(
+        "--outputs", default="", metavar="NAMES", help="outputs compared, with commas between (default: all)"
+    )
+    parser.add_argument(
+        "--certify", type=int, default=0, metavar="N", help="replicates for p-values of null drives"
+    )
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
     """Run and print."""
-    only = set(filter(None, args.only.split(",")))
+    only, outputs = (set(filter(None, names.split(","))) for names in (args.only, args.outputs))
     rows: list[dict[str, Any]] = []
     for model, forces in (("single-track", False), ("three-dof", True)):
         if args.baseline not in (None, model):
@@ -95,7 +106,8 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         if not only or "pairs" in only:
             cases += [("+".join(p), {n: SINGLE[n] for n in p}) for p in PAIRS for _ in range(args.seeds)]
         for number, (name, effects) in enumerate(cases):
-            row = case(name, effects, model, forces, args.first_seed + number, args.duration)
+            asked = Asked(model, forces, args.first_seed + number, args.duration, args.certify, outputs)
+            row = case(name, effects, asked)
             rows.append(row)
             print(f"{model:13}{name:46}{row['named']!s:60}{row['cpu_s']:6.1f} s  {row['sizes']}", flush=True)
     summary = summarised(rows)
@@ -104,21 +116,44 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     return {"rows": rows, "summary": summary}
 
 
-def case(
-    name: str, effects: Effects, model: str, forces: bool, seed: int, duration_s: float
-) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Asked:
+    """How a drive is made and looked at."""
+
+    model: str
+    forces: bool
+    seed: int
+    duration_s: float
+    replicates: int = 0
+    """For the p-value of a null drive."""
+    outputs: Collection[str] = ()
+    """Compared; all of the baseline unless given."""
+
+
+def case(name: str, effects: Effects, asked: Asked) -> dict[str, Any]:
     """Return what was found on one drive."""
-    spec = CarSpec()
-    made = drive(spec, Concealed(effects), np.random.default_rng(seed), model, duration_s, forces=forces)
+    spec, model = CarSpec(), asked.model
+    rng = np.random.default_rng(asked.seed)
+    made = drive(spec, Concealed(effects), rng, model, asked.duration_s, forces=asked.forces)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "signals.csv").write_text(signals_text(made.columns), encoding="utf-8")
         (folder / "vehicle.toml").write_text(vehicle_tables(spec), encoding="utf-8")
         baseline, loaded = make_drive(read_signals(folder), load_car(folder), model, name)
+    if asked.outputs:
+        kept = {key: values for key, values in loaded.outputs.items() if key in asked.outputs}
+        loaded = replace(loaded, outputs=kept)
     began = time.process_time()
     found = diagnose_dynamics(baseline, loaded)
     took = time.process_time() - began
+    p_value = None
+    if asked.replicates and not effects:
+        replicates = Replicates(asked.replicates, np.random.default_rng(asked.seed))
+        certificate = diagnose_dynamics(baseline, loaded, replicates=replicates).certificate
+        p_value = None if certificate is None else certificate.remaining_p_value
     return {
+        "p_value": p_value,
+        "outputs": list(loaded.outputs),
         "baseline": model,
         "concealed": name,
         "named": [one.effect for one in found.findings],
@@ -164,10 +199,24 @@ def summarised(rows: list[dict[str, Any]]) -> dict[str, Any]:
     pairs = [row for row in rows if "+" in row["concealed"]]
     single = [row for row in rows if row not in nulls and row not in pairs]
     inside = [one for row in rows for one in row["inside"]]
+    chances = [row["p_value"] for row in nulls if row["p_value"] is not None]
     return {
+        "p-values of null drives": uniform(chances) if chances else None,
+        "outputs": sorted({name for row in rows for name in row["outputs"]}),
         "null drives with a finding": f"{sum(bool(row['named']) for row in nulls)} of {len(nulls)}",
         "single effects right": f"{sum(row['right'] for row in single)} of {len(single)}",
         "pairs right": f"{sum(row['right'] for row in pairs)} of {len(pairs)}",
         "truth in the 95 % interval": f"{sum(inside)} of {len(inside)}",
         "median CPU, s": float(np.median([row["cpu_s"] for row in rows])) if rows else None,
     }
+
+
+def uniform(p_values: Sequence[float]) -> str:
+    """Return how p-values lie against the uniform distribution."""
+    test = kstest(p_values, "uniform")
+    quarters = np.histogram(p_values, np.linspace(0.0, 1.0, 5))[0].tolist()
+    at_most = sum(one <= 0.05 for one in p_values)
+    return (
+        f"{len(p_values)}, quarters {quarters}, {at_most} at most 0.05,"
+        f" Kolmogorov-Smirnov D {test.statistic:.2f}, p {test.pvalue:.2f}"
+    )

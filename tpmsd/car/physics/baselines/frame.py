@@ -49,6 +49,8 @@ class Frame:
     longitudinal: Real
     friction: Real | None
     """None where the tyres have no limit."""
+    tyre_shape: Real = field(default=0.0, kw_only=True)
+    """Law between linear and sliding: 0 Dugoff's, 1 the brush model's."""
     drive_front_share: Real
     brake_front_share: Real
     drag_area: Real

@@ -43,7 +43,9 @@ class SingleTrack(Baseline):
         """Forces proportional to the slip angles, less where an effect sets a limit."""
         frame.side = like(frame.stiffness, frame.angle) * frame.angle
         if frame.friction is not None:
-            frame.side = frame.side * grip_share(np.abs(frame.side), 1.0, frame.friction, frame.load)
+            linear = np.abs(frame.side)
+            share = grip_share(linear, 1.0, frame.friction, frame.load, frame.tyre_shape)
+            frame.side = frame.side * share
         frame.along = np.zeros_like(frame.side)
         frame.force_y = frame.side[0] + frame.side[1]
         frame.moment = frame.front * frame.side[0] - frame.rear * frame.side[1]

@@ -69,7 +69,8 @@ class ThreeDof(Baseline):
         linear_along = frame.longitudinal * slip
         lengthened = 1.0 + slip
         assert frame.friction is not None
-        share = grip_share(np.hypot(linear_along, linear_side), lengthened, frame.friction, load)
+        linear = np.hypot(linear_along, linear_side)
+        share = grip_share(linear, lengthened, frame.friction, load, frame.tyre_shape)
         share = share / lengthened
         frame.side, frame.along = linear_side * share, linear_along * share
         cos, sin = np.cos(frame.steer), np.sin(frame.steer)

@@ -13,10 +13,11 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 @dataclass(frozen=True)
 class TyreSaturation(DynamicsEffect):
     """F = f * F_linear with f = (2 - l) l below l = 1, l = mu F_z / (2 F_linear): Dugoff's law with this
-    friction.
+    friction; with a shape of 1 the brush model's f = 1 - x + x^2 / 3, x = F_linear / (3 mu F_z), a mean of
+    both between.
 
     Where the baseline's tyres are linear there is no limit without it. Source: [Liu 2022], eqs (9)-(12); mu
-    of 0.7 to 1.1 on dry asphalt, racing tyres to 1.6 ([Pacejka 2012], section 4.3).
+    of 0.7 to 1.1 on dry asphalt, racing tyres to 1.6 ([Pacejka 2012], sections 3.2 and 4.3).
     """
 
     name = "tyre_saturation"
@@ -27,7 +28,10 @@ class TyreSaturation(DynamicsEffect):
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("load_dependent_stiffness", "cg_height_error")
-    grid = tuple({"friction": mu} for mu in (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5))
+    grid = (
+        *({"friction": mu, "shape": 0.0} for mu in (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5)),
+        *({"friction": mu, "shape": 1.0} for mu in (0.6, 0.9, 1.2, 1.6)),
+    )
     parameters = (
         Parameter(
             "friction",
@@ -40,14 +44,26 @@ class TyreSaturation(DynamicsEffect):
             prior=Prior(1.0, 0.25, "0.7 to 1.1: Pacejka, section 4.3"),
             neutral=1.0,
         ),
+        Parameter(
+            "shape",
+            "1",
+            0.5,
+            -0.5,
+            1.5,
+            "law between linear and sliding: 0 Dugoff, 1 brush model",
+            probe=0.001,
+            prior=Prior(0.5, 0.5, "Magic Formula tyres lie between both: Pacejka, sections 3.2 and 4.3"),
+        ),
     )
     friction: float = 1.0
+    shape: float = 0.0
 
     @classmethod
     def neutral_values(cls, car: DynamicCar, nonlinear: bool) -> dict[str, float]:
         """Return the configured friction."""
-        return {"friction": car.friction}
+        return {"friction": car.friction, "shape": 0.0}
 
     def adapt_car(self, frame: Frame) -> None:
         """Set the limit."""
         frame.friction = self.friction
+        frame.tyre_shape = self.shape

@@ -1,0 +1,64 @@
+"""Angles are not small: forces of steered wheels turn with them, and slip angles are arcs of a tangent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class LargeAngles(DynamicsEffect):
+    """F_y = F_f cos(delta) + F_x sin(delta) + F_r, alpha = delta - atan(v_y / u) at the front.
+
+    F_x is the front axle's share of drive and brake force, with a_x of the recording. The coefficient is 1 in
+    every car; the linear single-track car takes angles as small and has 0. Source: [Rajamani 2012], ch. 2.
+    """
+
+    name = "large_angles"
+    kind = PHYSICS
+    formula = "F_y = F_f * cos(delta) + F_x * sin(delta) + F_r, alpha = delta - atan(v_y / u)"
+    sentence = "the angles of steering and slip are not small"
+    telling_drive = "drive tight bends slowly, accelerate and brake in them"
+    channel = "accel_lat"
+    covariate = "steering"
+    twins = ("steering_ratio_error", "yaw_moment")
+    grid = ({"coefficient": 1.0},)
+    parameters = (
+        Parameter(
+            "coefficient",
+            "1",
+            1.0,
+            -1.0,
+            3.0,
+            "share of the difference between finite and small angles",
+            probe=0.001,
+            prior=Prior(
+                1.0, 0.3, "1 by geometry; the shares of the forces at the front are known to a third"
+            ),
+        ),
+    )
+    coefficient: float = 0.0
+
+    @classmethod
+    def applies(cls, nonlinear: bool, forces: bool) -> bool:
+        """Return True if the baseline takes angles as small."""
+        return not nonlinear
+
+    def adapt_angles(self, frame: Frame) -> None:
+        """Take the arcs in the place of the tangents."""
+        front = (frame.v + frame.front * frame.r) / frame.u
+        rear = (frame.v - frame.rear * frame.r) / frame.u
+        less = np.stack(np.broadcast_arrays(front - np.arctan(front), rear - np.arctan(rear)))
+        frame.angle = frame.angle + self.coefficient * less
+
+    def add_forces(self, frame: Frame) -> None:
+        """Turn the forces of the front wheels."""
+        along = frame.drive_front_share * frame.drive - frame.brake_front_share * frame.brake
+        turned = frame.side[0] * (np.cos(frame.steer) - 1.0) + along * np.sin(frame.steer)
+        frame.force_y = frame.force_y + self.coefficient * turned
+        frame.moment = frame.moment + self.coefficient * frame.front * turned
