@@ -13,6 +13,7 @@ import pytest
 from tests.offline.dynamics.test_baselines import CAR, held, settled
 from tpmsd.car.physics import dynamics_effects
 from tpmsd.car.physics.baselines.base import Baseline
+from tpmsd.car.physics.baselines.dugoff import grip_share
 from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
 from tpmsd.car.physics.baselines.single_track import SingleTrack
 from tpmsd.car.physics.baselines.table import BASELINES
@@ -293,3 +294,45 @@ def test_what_is_no_effect_is_refused(name: str, values: dict[str, object]) -> N
     """A wrong name, parameter, value, place or order of knots is one line."""
     with pytest.raises(ConfigError, match="effect"):
         make_dynamics_effect(name, **values)
+
+
+def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:
+    """Brush: F / L = 1 - (1 - C t / 3 L)^3, L = mu F_z ([Pacejka 2012], eq. 3.11); 1 once all slides."""
+    limit = 2000.0
+    for slope in (600.0, 3000.0, 5900.0, 9000.0):
+        share = grip_share(np.array([slope]), 1.0, 1.0, np.array([limit]), 1.0)
+        x = min(slope / (3.0 * limit), 1.0)
+        assert share[0] * slope == pytest.approx(limit * (1.0 - (1.0 - x) ** 3))
+    plain = grip_share(np.array([3000.0]), 1.0, 1.0, np.array([limit]))
+    brush = grip_share(np.array([3000.0]), 1.0, 1.0, np.array([limit]), 1.0)
+    between = grip_share(np.array([3000.0]), 1.0, 1.0, np.array([limit]), 0.5)
+    assert between[0] == pytest.approx(0.5 * (plain[0] + brush[0]))
+
+
+def test_finite_angles_turn_the_forces_of_the_front_wheels() -> None:
+    """F_y = F_f cos(d) + F_x sin(d) + F_r with F_f = C_f (d - atan((v + a r) / u)); the coefficient is 1."""
+    steer, speed, ax, v, r = 0.2, 8.0, -2.0, -0.1, 0.5
+    found = SingleTrack(CAR).rates(
+        np.array([[v, r]]), held(steer, speed, ax), (make_dynamics_effect("large_angles", coefficient=1.0),)
+    )[0]
+    front = CAR.cornering_front_n * (steer - math.atan((v + CAR.front_m * r) / speed))
+    rear = -CAR.cornering_rear_n * math.atan((v - CAR.rear_m * r) / speed)
+    along = CAR.brake_front_share * CAR.mass_kg * ax
+    turned = front * math.cos(steer) + along * math.sin(steer)
+
+    assert found[0] == pytest.approx((turned + rear) / CAR.mass_kg - speed * r)
+    moment = CAR.front_m * turned - CAR.rear_m * rear
+    assert found[1] == pytest.approx(moment / CAR.yaw_inertia_kgm2)
+    assert not DYNAMICS_EFFECTS["large_angles"].applies(nonlinear=True, forces=False)
+
+
+def test_an_error_of_the_drive_slip_is_one_of_the_longitudinal_stiffness() -> None:
+    """Twice the slip of a force is half the stiffness."""
+    hard = replace(held(0.12, 22.0, 3.0), drive_n=np.array([4000.0]))
+    soft = replace(CAR, longitudinal_n=0.5 * CAR.longitudinal_n)
+    moved = ThreeDof(CAR, forces=True).frame(
+        FORCED, hard, (make_dynamics_effect("drive_slip_error", relative=1.0),)
+    )
+
+    assert moved.rates["r"] == pytest.approx(ThreeDof(soft, forces=True).frame(FORCED, hard, ()).rates["r"])
+    assert not DYNAMICS_EFFECTS["drive_slip_error"].applies(nonlinear=False, forces=True)
