@@ -96,16 +96,7 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     for model, forces in (("single-track", False), ("three-dof", True)):
         if args.baseline not in (None, model):
             continue
-        cases: list[tuple[str, Effects]] = []
-        if not only or "null" in only:
-            cases += [("null", {})] * args.nulls
-        single = SINGLE | (FORCED if forces else {})
-        for name, values in single.items():
-            if not only or name in only:
-                cases += [(name, {name: values})] * args.seeds
-        if not only or "pairs" in only:
-            cases += [("+".join(p), {n: SINGLE[n] for n in p}) for p in PAIRS for _ in range(args.seeds)]
-        for number, (name, effects) in enumerate(cases):
+        for number, (name, effects) in enumerate(drawn(only, args.nulls, args.seeds, forces)):
             asked = Asked(model, forces, args.first_seed + number, args.duration, args.certify, outputs)
             row = case(name, effects, asked)
             rows.append(row)
@@ -114,6 +105,20 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     for key, value in summary.items():
         print(f"{key}: {value}")
     return {"rows": rows, "summary": summary}
+
+
+def drawn(only: Collection[str], nulls: int, seeds: int, forces: bool) -> list[tuple[str, Effects]]:
+    """Return name and effects of every drive of a baseline."""
+    cases: list[tuple[str, Effects]] = []
+    if not only or "null" in only:
+        cases += [("null", {})] * nulls
+    single = SINGLE | (FORCED if forces else {})
+    for name, values in single.items():
+        if not only or name in only:
+            cases += [(name, {name: values})] * seeds
+    if not only or "pairs" in only:
+        cases += [("+".join(p), {n: SINGLE[n] for n in p}) for p in PAIRS for _ in range(seeds)]
+    return cases
 
 
 @dataclass(frozen=True)
