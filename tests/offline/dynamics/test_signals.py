@@ -14,6 +14,7 @@ from tests.offline.dynamics.drives import folder, loaded
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.config.problems import ConfigProblems
 from tpmsd.foundation.errors import InputError
+from tpmsd.offline.signals.drive import make_drive
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.write import signals_text
 
@@ -143,3 +144,23 @@ def test_one_force_without_the_other_leaves_speed_an_input(tmp_path: Path, missi
     assert not one.forces
     assert "speed" not in of_one.outputs
     assert f"without {missing.split('_')[0]} forces" in of_one.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("steering_wheel_angle_rad", 180.0 / np.pi, "in degrees"),
+        ("steering_wheel_angle_rad", -1.0, "the other sign"),
+        ("yaw_rate_radps", -1.0, "the other sign"),
+    ],
+)
+def test_a_wrong_unit_or_sign_of_the_steering_is_refused(
+    tmp_path: Path, column: str, factor: float, said: str
+) -> None:
+    """A drive whose yaw rate turns against the steering is no drive that agrees with the model."""
+    where = folder(tmp_path, duration_s=20.0)
+    table = read_signals(where)
+    table.columns[column] *= factor
+
+    with pytest.raises(InputError, match=said):
+        make_drive(table, load_car(where), "single-track", "turned")

@@ -32,6 +32,10 @@ from tpmsd.offline.signals.read import SignalTable
 
 MOST_HZ = 105.0
 """Rows at a higher rate are thinned out: lateral dynamics end below 10 Hz."""
+MOST_ROAD_WHEEL_RAD = 1.2
+"""Road wheels turn by 35 to 50 degrees at most (0.9 rad); a recording in degrees has tens."""
+OPPOSED = 0.5
+"""Correlation of yaw rate and steering, negative, below which one of them has the other sign."""
 DRIVE_SHARES = {"front": 1.0, "rear": 0.0, "all": 0.5}
 
 
@@ -90,6 +94,7 @@ def make_drive(
     }
     if "velocity_lat" in outputs:
         outputs.pop("side_slip", None)  # both say the same, mostly from one instrument
+    _check_steering(table, columns, time, steer, speed, model.car)
     key = hashlib.sha256(np.ascontiguousarray(np.stack([time, steer])).tobytes()).hexdigest()[:12]
     notes: tuple[str, ...] = ()
     if BASELINES[baseline].nonlinear and len(given) == 1:
@@ -153,6 +158,34 @@ def _steering(
     if tables.steering_ratio is None:
         raise InputError(tables.file, f"[vehicle] steering_ratio is missing: {STEERING_WHEEL} needs it")
     return filled(time, columns[STEERING_WHEEL]) / tables.steering_ratio, tables.steering_ratio
+
+
+def _check_steering(
+    table: SignalTable,
+    columns: dict[str, FloatArray],
+    time: FloatArray,
+    steer: FloatArray,
+    speed: FloatArray,
+    car: DynamicCar,
+) -> None:
+    """InputError where the road wheels turn farther than any car's, or the yaw rate against the steering.
+
+    The yaw rate is compared with that of a car without slip, u delta / l, at ordinary steering angles.
+    """
+    largest = float(np.quantile(np.abs(steer), 0.99))
+    if largest > MOST_ROAD_WHEEL_RAD:
+        what = f"the steering reaches {largest:.1f} rad at the road wheels"
+        raise InputError(table.file, f"{what}: in degrees, or steering_ratio missing?", 1)
+    if not _has(columns, OUTPUTS["yaw_rate"]):
+        return
+    yaw = filled(time, columns[OUTPUTS["yaw_rate"]])
+    bend = speed * (steer - float(np.median(steer))) / car.wheelbase_m
+    yaw = yaw - float(np.median(yaw))
+    size = float(np.sqrt(np.sum(bend**2) * np.sum(yaw**2)))
+    if size > 0.0 and float(np.sum(bend * yaw)) < -OPPOSED * size:
+        raise InputError(
+            table.file, "the yaw rate turns against the steering: one of them has the other sign", 1
+        )
 
 
 def _speed(
