@@ -118,6 +118,12 @@ CAMPAIGNS = {
         _campaign(
             "onboard", "intervals", "NEES and coverage of both filters, cell by cell", page="intervals.md"
         ),
+        _campaign(
+            "onboard",
+            "smoothers",
+            "both filters beside a factor graph of GTSAM and the causal limit",
+            page="estimators.md",
+        ),
         _campaign("onboard", "first-start", "tyres that were soft before the first start"),
         _campaign(
             "onboard",
