@@ -34,6 +34,7 @@ from tpmsd.car.physics.baselines.base import UNITS, Baseline
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.inputs import make_inputs
 from tpmsd.car.physics.baselines.three_dof import ThreeDof
+from tpmsd.foundation.plain import with_unit
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.diagnose import curve_rating, diagnose_dynamics
 from tpmsd.offline.dynamics.drive import DynamicsDrive
@@ -266,7 +267,7 @@ def table(one: Proof) -> str:
     lines += [f"| last over first | {shares} |", f"| rating by ISO/TS 18571 | {rated} |", ""]
     for finding in one.diagnosis.findings:
         values = ", ".join(
-            f"{k} {v.value:.3g} +- {v.std:.1g} {v.unit}" for k, v in finding.parameters.items()
+            with_unit(f"{k} {v.value:.3g} +- {v.std:.1g}", v.unit) for k, v in finding.parameters.items()
         )
         twins = ", ".join(f"`{name}`" for name in finding.indistinguishable_from)
         doubt = f"; confounded with {twins}" if twins else ""
