@@ -19,6 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from bench.registry import UsageError
+
 Unit = TypeVar("Unit", bound=Hashable)
 
 
@@ -54,6 +56,14 @@ def last_state(file: Path, any_state: bool = False) -> list[Any]:
     entries = read(file)
     kept = {entry.unit: entry.result for entry in entries if any_state or entry.state == entries[-1].state}
     return list(kept.values())
+
+
+def rows_in(out: Path) -> list[Any]:
+    """The rows of all units of the last state in a folder's results; UsageError where there are none."""
+    rows = [row for unit in last_state(out / "results.jsonl") for row in unit]
+    if not rows:
+        raise UsageError(f"no results in {out}")
+    return rows
 
 
 def code_state(*roots: Path) -> str:

@@ -30,8 +30,7 @@ from bench.campaigns.onboard.filters import METHODS
 from bench.campaigns.onboard.online_radii import STEADY_AFTER_S, STEADY_MPS
 from bench.campaigns.onboard.recorded_losses import Drive, read_drive
 from bench.places import OUT, RECORDINGS, REPO
-from bench.registry import UsageError
-from bench.runner import code_state, last_state, resume
+from bench.runner import code_state, resume, rows_in
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.wheels import RL, RR, WHEELS
 from tpmsd.interfaces.api.functions import calibrate
@@ -222,10 +221,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def report(out: Path) -> str:
     """The tables of what stands in a folder; UsageError where there is nothing."""
-    rows = [row for unit in last_state(out / "results.jsonl") for row in unit]
-    if not rows:
-        raise UsageError(f"no results in {out}")
-    return markdown(rows)
+    return markdown(rows_in(out))
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -29,7 +29,7 @@ from bench.campaigns.onboard.alarms.run import work as alarms_of
 from bench.campaigns.onboard.recorded_losses import NAMES, REAR, Drive, injected, read_drive
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
-from bench.runner import code_state, last_state, resume
+from bench.runner import code_state, resume, rows_in
 from bench.statistics import count, percent
 
 Row = dict[str, Any]
@@ -158,10 +158,7 @@ def markdown(found: dict[str, Row]) -> str:
 
 def report(out: Path) -> str:
     """The table of what stands in a folder; UsageError where there is nothing."""
-    rows = [row for unit in last_state(out / "results.jsonl") for row in unit]
-    if not rows:
-        raise UsageError(f"no results in {out}")
-    return markdown(figures(rows))
+    return markdown(figures(rows_in(out)))
 
 
 def options(parser: argparse.ArgumentParser) -> None:

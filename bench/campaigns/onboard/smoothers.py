@@ -29,7 +29,7 @@ from bench.campaigns.onboard.estimators.summary import interval
 from bench.campaigns.onboard.estimators.tasks import FOUR, RECEIVERS, driven
 from bench.places import OUT, REPO
 from bench.registry import UsageError
-from bench.runner import code_state, last_state, resume
+from bench.runner import code_state, resume, rows_in
 from bench.worlds.paper_drive import RL, SCENARIOS
 
 Row = dict[str, Any]
@@ -87,10 +87,7 @@ def markdown(rows: Sequence[Row]) -> str:
 
 def report(out: Path) -> str:
     """The tables of what stands in a folder; UsageError where there is nothing."""
-    rows = [row for unit in last_state(out / "results.jsonl") for row in unit]
-    if not rows:
-        raise UsageError(f"no results in {out}")
-    return markdown(rows)
+    return markdown(rows_in(out))
 
 
 def options(parser: argparse.ArgumentParser) -> None:
