@@ -1,17 +1,22 @@
-"""Small text files that users write, bounded before they are read.
+"""Text files: small ones that users write, bounded before they are read, and logs of any size.
 
-In: a path and how long the file may be. Out: its text, or a ConfigError of one line that names the file.
+In: a path and how long the file may be. Out: its text, or a ConfigError of one line that names the file; of a
+log the open file. The byte order mark that Windows tools write in front of UTF-8 is left out.
 """
 
 from __future__ import annotations
 
+import codecs
 import errno
+import gzip
+import io
 import os
 import re
 import select
 import stat
+import zlib
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TextIO, cast
 
 from tpmsd.foundation.errors import ConfigError
 
@@ -25,7 +30,7 @@ def names_configuration(path: Path) -> bool:
     """Return whether a file is a car's configuration by one of its tables; False where it cannot be read."""
     try:
         with path.open("rb") as file:
-            return _TABLES.search(file.read(_LOOK_BYTES)) is not None
+            return _TABLES.search(file.read(_LOOK_BYTES).removeprefix(codecs.BOM_UTF8)) is not None
     except OSError:
         return False
 
@@ -55,6 +60,22 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
     if len(content) > most_bytes:
         raise ConfigError(f"{path}: longer than {most_bytes} bytes: this is not {what}")
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not UTF-8 text") from None
+
+
+def open_log(path: Path) -> TextIO:
+    """Return a log to read as text behind its byte order mark; OSError where it cannot be opened.
+
+    A name that ends in `.gz` is unpacked. Latin-1 takes any byte, and universal newlines take all line ends,
+    also mixed. Damage of compressed data is raised by the first read.
+    """
+    packed = path.name.lower().endswith(".gz")
+    file = cast(io.BufferedReader, gzip.GzipFile(path, "rb")) if packed else path.open("rb")
+    try:
+        if file.peek(len(codecs.BOM_UTF8)).startswith(codecs.BOM_UTF8):
+            file.read(len(codecs.BOM_UTF8))
+    except (OSError, EOFError, zlib.error):
+        file.seek(0)
+    return io.TextIOWrapper(file, encoding="latin-1")

@@ -6,6 +6,7 @@ signal; `ConfigProblems` or `BadValueError` with what is wrong.
 
 from __future__ import annotations
 
+import codecs
 import logging
 import re
 from collections.abc import Collection, Iterator
@@ -62,7 +63,8 @@ def load_dbc(path: Path) -> Database:
 
 
 def _pieces(file: IO[bytes]) -> Iterator[bytes]:
-    """Yield lines; one of more than `MAX_LINE_BYTES` in pieces."""
+    """Yield lines behind a byte order mark; one of more than `MAX_LINE_BYTES` in pieces."""
+    yield file.readline(MAX_LINE_BYTES).removeprefix(codecs.BOM_UTF8)
     while piece := file.readline(MAX_LINE_BYTES):
         yield piece
 

@@ -195,7 +195,7 @@ def write_vehicle(config: Config, found: Calibration, target: Path) -> None:
     real = target.resolve()
     trial = real.with_name(f".{real.name}.trial.toml")  # beside it, so that its relative paths hold
     try:
-        text = calibrated_toml(source.read_text(encoding="utf-8"), found, radii, dbc, made)
+        text = calibrated_toml(source.read_text(encoding="utf-8-sig"), found, radii, dbc, made)
         trial.write_text(text, encoding="utf-8")
         read_back = load_config(trial).vehicle.wheel_radius_m
     except (OSError, ValueError) as error:

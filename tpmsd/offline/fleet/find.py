@@ -114,7 +114,7 @@ def local_copy(path: str) -> Iterator[Path]:
 def model_of(vehicle_file: Path) -> str:
     """Return a name for all cars whose configured geometry is the same, such as `2.63m-front-1f3a`."""
     try:
-        table: Any = tomllib.loads(vehicle_file.read_text(encoding="utf-8")).get("vehicle", {})
+        table: Any = tomllib.loads(vehicle_file.read_text(encoding="utf-8-sig")).get("vehicle", {})
         geometry = {key: table.get(key) for key in _MODEL_KEYS}
     except (OSError, ValueError, AttributeError, RecursionError):
         return "unknown"  # the worker says what is wrong with the file

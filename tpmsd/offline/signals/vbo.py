@@ -12,6 +12,7 @@ acceleration by the rate of the speed. A channel that does not follow any of the
 
 from __future__ import annotations
 
+import codecs
 import math
 import re
 from array import array
@@ -187,7 +188,8 @@ def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
             raise InputError(path, f"longer than {LARGEST_BYTES // 1_000_000} MB")
         if len(line) == LONGEST_LINE or b"\0" in line:
             raise InputError(path, "no VBO file: a line that is no text", number)
-        yield number, line.decode("latin-1").strip()
+        text = line.removeprefix(codecs.BOM_UTF8) if number == 1 else line
+        yield number, text.decode("latin-1").strip()
 
 
 def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:

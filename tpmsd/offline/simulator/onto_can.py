@@ -8,6 +8,7 @@ candump, frame by frame, if anything changes.
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import re
 import zlib
@@ -91,7 +92,7 @@ class CanRewriter:
         """
         target = folder / source.name
         as_text = source.name.lower().endswith(SUFFIXES)
-        read = lines_of if as_text else frame_lines
+        read = log_lines if as_text else frame_lines
         for line in read(source):
             self._gather(line)
         moved = [series for series in self._series.values() if self._change(series)]
@@ -243,6 +244,15 @@ def lines_of(path: Path) -> Iterator[bytes]:
                 return
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def log_lines(path: Path) -> Iterator[bytes]:
+    """Yield the lines of a log; a byte order mark in front of the first is a line of its own."""
+    for number, line in enumerate(lines_of(path)):
+        if number == 0 and line.startswith(codecs.BOM_UTF8):
+            yield codecs.BOM_UTF8
+            line = line.removeprefix(codecs.BOM_UTF8)
+        yield line
 
 
 def frame_lines(path: Path) -> Iterator[bytes]:

@@ -6,12 +6,11 @@ skipped. Own parser, because python-can's stops at the first damaged line and ta
 
 from __future__ import annotations
 
-import gzip
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO
 
+from tpmsd.foundation.text_file import open_log
 from tpmsd.onboard.sources.can.block import FrameBlock, block_of
 from tpmsd.onboard.sources.can.candump_line import parse_candump_line
 from tpmsd.onboard.sources.can.candump_text import parse_lines
@@ -33,7 +32,7 @@ def read_candump(path: Path, note: Note) -> Iterator[FrameBlock]:
         note(number, _reason(line))
 
     number, rest = 0, ""
-    with _open(path) as file:
+    with open_log(path) as file:
         while True:
             try:
                 text = file.read(CHUNK_CHARS)
@@ -71,7 +70,7 @@ def _read_lines(path: Path, skipped: int, note: Note) -> Iterator[FrameBlock]:
     text."""
     number = 0
     frames: list[CanFrame] = []
-    with _open(path) as file:
+    with open_log(path) as file:
         try:
             while line := file.readline(MAX_LINE_CHARS):
                 number += 1
@@ -94,13 +93,6 @@ def _read_lines(path: Path, skipped: int, note: Note) -> Iterator[FrameBlock]:
             note(number + 1, f"the file cannot be read on: {error}")
     if frames:
         yield block_of(frames)
-
-
-def _open(path: Path) -> IO[str]:
-    # Latin-1 takes any byte; universal newlines take all line ends, also mixed.
-    if path.name.lower().endswith(".gz"):
-        return gzip.open(path, "rt", encoding="latin-1")
-    return path.open(encoding="latin-1")
 
 
 def _reason(line: str) -> str:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
+from tpmsd.foundation.text_file import open_log
+
 MAX_LINE_CHARS = 4096
 
 
@@ -18,8 +20,7 @@ class LogLines:
     """A text file, as far as python-can's readers need one, that knows the number of the line read last."""
 
     def __init__(self, path: Path) -> None:
-        # Latin-1 takes any byte; universal newlines take all line ends, also mixed.
-        self._file = path.open(encoding="latin-1")
+        self._file = open_log(path)
         self.number = 0
         self.current = ""
         self.start_s = 0.0

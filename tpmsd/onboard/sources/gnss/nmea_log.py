@@ -15,9 +15,9 @@ import re
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import IO
 
 from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.text_file import open_log
 from tpmsd.onboard.sources.gnss.nmea_clock import ReceiverClock
 from tpmsd.onboard.sources.gnss.nmea_sentence import NmeaReading, SentenceError, decode_sentence
 
@@ -65,19 +65,11 @@ class _Report:
             self._on_bad_line(number, reason)
 
 
-def _open(path: Path) -> IO[str]:
-    # Latin-1 maps every byte to one character and back; universal newlines accept \n, \r\n and \r, also
-    # mixed.
-    if path.name.endswith(".gz"):
-        return gzip.open(path, "rt", encoding="latin-1", newline=None)
-    return path.open(encoding="latin-1", newline=None)
-
-
 def _lines(path: Path, report: Callable[[int, str], None]) -> Iterator[tuple[int, str]]:
     """Yield (line number, text) of every line that is not blank and not too long."""
     number, skipping = 0, False
     try:
-        with _open(path) as file:
+        with open_log(path) as file:
             while text := file.readline(MAX_LINE_CHARS):
                 cut = not text.endswith("\n") and len(text) == MAX_LINE_CHARS
                 if not skipping:
