@@ -69,18 +69,48 @@ def test_what_is_no_table_is_one_line(tmp_path: Path, text: str, line: int | Non
 
 @settings(derandomize=True, deadline=None, max_examples=40)
 @given(st.lists(st.tuples(st.integers(0, 50), st.floats(-5, 5)), min_size=3, max_size=30))
-def test_rows_are_put_in_order_and_each_time_stands_once(rows: list[tuple[int, float]]) -> None:
-    """Whatever the order of the rows and however often a time stands."""
+def test_rows_of_one_time_become_one(rows: list[tuple[int, float]]) -> None:
+    """However often a time stands, the last of its values is kept."""
     import tempfile
 
+    rows.sort(key=lambda row: row[0])
     with tempfile.TemporaryDirectory() as where:
         text = "time_s,yaw_rate_radps\n" + "".join(f"{t / 10},{v!r}\n" for t, v in rows)
         (Path(where) / "signals.csv").write_text(text)
         table = read_signals(Path(where))
 
-    times = sorted({t for t, _ in rows})
-    assert table.time_s == pytest.approx(np.array(times) / 10.0)
-    assert np.all(np.isfinite(table.columns["yaw_rate_radps"]))
+    last = dict(rows)
+    assert table.time_s == pytest.approx(np.array(sorted(last)) / 10.0)
+    assert table.columns["yaw_rate_radps"] == pytest.approx([last[t] for t in sorted(last)])
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("time_s,speed_mps\n0,1\n\n0.2,2\n0.1,3\n0.3,4\n", 5),
+        ("time_s,speed_mps\n0,1\n0.2,\n0.1,3\n0.05,4\n0.04,4\n", 5),
+        ("time_s,yaw_rate_radps,speed_mps\n0,1,\n0.1,1,\n0,,2\n0.1,,2\n0.05,1,\n", 6),
+        (b"\xef\xbb\xbftime_s,speed_mps\r\n1,1\r\n0,2\r\n2,3\r\n".decode(), 3),
+    ],
+)
+def test_times_that_descend_are_refused_with_the_line(tmp_path: Path, text: str, line: int) -> None:
+    """Readings of one column out of order are no recording: the first descent is named."""
+    (tmp_path / "signals.csv").write_bytes(text.encode())
+    with pytest.raises(InputError, match="descends from") as caught:
+        read_signals(tmp_path)
+
+    assert caught.value.line == line
+
+
+def test_columns_may_stand_below_one_another(tmp_path: Path) -> None:
+    """Sensors that a logger wrote one after the other share the rows of equal times."""
+    text = "time_s,yaw_rate_radps,speed_mps\n0,0.1,\n0.1,0.2,\n0,,20\n0.1,,21\n"
+    (tmp_path / "signals.csv").write_text(text)
+    table = read_signals(tmp_path)
+
+    assert table.time_s.tolist() == [0.0, 0.1]
+    assert table.columns["yaw_rate_radps"].tolist() == [0.1, 0.2]
+    assert table.columns["speed_mps"].tolist() == [20.0, 21.0]
 
 
 def test_outputs_may_have_rates_of_their_own(tmp_path: Path) -> None:

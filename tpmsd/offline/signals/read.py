@@ -58,7 +58,32 @@ def read_signals(path: Path) -> SignalTable:
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(file, f"column {twice} stands twice", 1)
     table = dict(zip(names, values.T, strict=True))
+    _check_rises(file, table)
     return _ordered(file, table)
+
+
+def _check_rises(file: Path, table: dict[str, FloatArray]) -> None:
+    """Check that the times of each known column never descend; InputError with the line of the first that
+    does. Columns may stand below one another, each with times of its own."""
+    time = table[TIME]
+    rows = []
+    for name, values in table.items():
+        there = np.flatnonzero(np.isfinite(values) & np.isfinite(time))
+        falls = np.flatnonzero(np.diff(time[there]) < 0.0)
+        if is_known(name) and name != TIME and len(falls):
+            rows.append((int(there[falls[0] + 1]), float(time[there[falls[0]]]), name))
+    if rows:
+        row, before_s, name = min(rows)
+        reason = f"{TIME} of {name} descends from {before_s:g} to {time[row]:g}"
+        if file.suffix == ".parquet":
+            raise InputError(file, f"row {row + 1}: {reason}")
+        raise InputError(file, reason, _line_of(_content(file), row))
+
+
+def _line_of(text: str, row: int) -> int:
+    """Return the line of a row of values."""
+    lines = (number for number, line in enumerate(text.split("\n"), 1) if number > 1 and line.strip())
+    return next(number for k, number in enumerate(lines) if k == row)
 
 
 def _ordered(file: Path, table: dict[str, FloatArray]) -> SignalTable:
@@ -83,18 +108,23 @@ def _ordered(file: Path, table: dict[str, FloatArray]) -> SignalTable:
     return SignalTable(file, kept, unknown)
 
 
-def _text(file: Path) -> tuple[list[str], FloatArray]:
-    """Return header and values of a CSV file, gzipped or not."""
+def _content(file: Path) -> str:
+    """Return the text of a CSV file, gzipped or not."""
     try:
         if file.stat().st_size > LARGEST_BYTES:
             raise InputError(file, "larger than 2 GB")
         data = file.read_bytes()
         if file.suffix == ".gz":
             data = gzip.decompress(data)
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except (OSError, EOFError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error) or "cannot be read"
         raise InputError(file, f"cannot be read: {reason}") from None
+
+
+def _text(file: Path) -> tuple[list[str], FloatArray]:
+    """Return header and values of a CSV file."""
+    text = _content(file)
     head, _, body = text.partition("\n")
     names = [name.strip().strip('"') for name in head.rstrip("\r").split(",")]
     quick = _quick(body, len(names))

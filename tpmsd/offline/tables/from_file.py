@@ -73,8 +73,18 @@ def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
         if len(time_s) != len(values):
             raise InputError(path, f"{one.column}: {len(values)} values, {len(time_s)} times")
         series[role] = Series(time_s, values)
+        _check_descends(table, path, role, series[role])
     moduli = {role: one.modulus for role, one in columns.items() if one.modulus is not None}
     return FileSignals(series, moduli, car)
+
+
+def _check_descends(table: Table, path: Path, role: str, series: Series) -> None:
+    """Check that the times of a column's readings never descend; InputError with the line where one does."""
+    there = np.flatnonzero(np.isfinite(series.value) & np.isfinite(series.time_s))
+    falls = np.flatnonzero(np.diff(series.time_s[there]) < 0.0)
+    if len(falls):
+        row = int(there[falls[0] + 1])
+        raise InputError(path, f"{role}: time does not rise at {series.time_s[row]:.6f} s", table.line(row))
 
 
 def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:

@@ -70,6 +70,10 @@ class NativeTable:
         """Return seconds at which a signal was read, where it brings its own times."""
         return self._asked("time", name) if self._has_times else None
 
+    def line(self, row: int) -> int | None:
+        """Return None: the file is no text."""
+        return None
+
     def close(self) -> None:
         """End the child."""
         self._child.close()

@@ -43,6 +43,10 @@ class Table(Protocol):
         """Return (n,) seconds at which a signal was read, where it brings its own times."""
         ...
 
+    def line(self, row: int) -> int | None:
+        """Return the line of a row in the file; None where the file is no text."""
+        ...
+
     def close(self) -> None:
         """Let the file go."""
         ...
@@ -70,6 +74,7 @@ class CsvTable:
         self.path = path
         self.vehicle_toml: str | None = None
         columns: dict[str, array[float]] = {}
+        self._lines = array("q")
         try:
             with path.open(encoding="utf-8-sig", newline="") as file:
                 lines = _Lines(file, path)
@@ -95,6 +100,7 @@ class CsvTable:
                         continue
                     if len(row) != len(header):
                         raise InputError(path, f"{len(row)} fields, the header has {len(header)}", number)
+                    self._lines.append(lines.number)
                     for k, column in kept_columns:
                         column.append(_number(row[k], mark, path, number, header[k], wanted is None))
         except UnicodeDecodeError:
@@ -111,6 +117,10 @@ class CsvTable:
         """Return None: all columns share one."""
         return None
 
+    def line(self, row: int) -> int | None:
+        """Return the line at which a row ends."""
+        return self._lines[row]
+
     def close(self) -> None:
         """Do nothing: no file is open."""
 
@@ -120,17 +130,17 @@ class _Lines:
 
     def __init__(self, file: TextIO, path: Path) -> None:
         self._file, self._path = file, path
-        self._number = self._chars = 0
+        self.number = self._chars = 0
 
     def __iter__(self) -> _Lines:
         return self
 
     def __next__(self) -> str:
         line = self._file.readline(MAX_LINE_CHARS + 1 - self._chars)
-        self._number += 1
+        self.number += 1
         self._chars += len(line)
         if self._chars > MAX_LINE_CHARS:
-            raise InputError(self._path, f"a row of more than {MAX_LINE_CHARS} characters", self._number)
+            raise InputError(self._path, f"a row of more than {MAX_LINE_CHARS} characters", self.number)
         if not line:
             raise StopIteration
         return line
