@@ -130,7 +130,7 @@ def test_a_damaged_stamp_is_left_out(tmp_path: Path, damaged: int, stamp_s: floa
     (tmp_path / "can.log").write_text("".join(lines))
     times = true_times(tmp_path)
     kept = [t for t in times if t != 20 * damaged / 1000.0]
-    assert len(kept) >= 1528  # the good line beside a damaged first one may fall with it
+    assert len(kept) >= 1528
     assert kept == sorted(kept)
 
 
@@ -143,6 +143,19 @@ def test_two_damaged_stamps_in_a_row(tmp_path: Path) -> None:
     kept = true_times(tmp_path)
     assert 1528 == len(kept)
     assert kept == sorted(kept)
+
+
+@pytest.mark.parametrize("count", [2, 3, 5, 6, 12])
+def test_stamps_far_apart_are_all_kept(count: int, tmp_path: Path) -> None:
+    """A log of a line every 30 s, such as marks of a driver, loses neither its first line nor any other."""
+    stamps = [START_S + 30.0 * k for k in range(count)]
+    can = "".join(frame_line(t, round(1000.0 * (t - START_S))) for t in stamps)
+    gnss = "".join(sentence_line(t + 10.0, t + 10.0) for t in stamps)
+    drive = Drive(write(tmp_path, can, gnss))
+    items = list(drive)
+
+    assert sorted([*stamps, *(t + 10.0 for t in stamps)]) == [item.time_s for item in items]
+    assert not drive.counts
 
 
 def test_a_drive_without_receiver(tmp_path: Path) -> None:

@@ -51,14 +51,14 @@ class LeapWatch(Generic[Item]):
             self._before_s = time_s
             return [item]
         if before_s is None:
-            # The first of a file has no neighbour but the one behind it.
-            if doubted and abs(time_s - doubted[0][0]) <= LEAP_S:
-                self._before_s = time_s
-                return [*self.left(), item]
-            self.damaged += len(doubted)
-            self._doubted = [(time_s, item)]
-            return []
-        if doubted and _follows(before_s, time_s) and not _follows(doubted[-1][0], time_s):
+            # The first of a file have no neighbours but those behind them: two that go together are sound,
+            # and of those before them the ones beside these two.
+            if doubted and abs(time_s - doubted[-1][0]) <= LEAP_S:
+                sound = [item for stamp_s, item in doubted if abs(time_s - stamp_s) <= LEAP_S]
+                self.damaged += len(doubted) - len(sound)
+                self._doubted, self._before_s = [], time_s
+                return [*sound, item]
+        elif doubted and _follows(before_s, time_s) and not _follows(doubted[-1][0], time_s):
             self.damaged += len(doubted)
             self._doubted, self._before_s = [], time_s
             return [item]
