@@ -79,6 +79,17 @@ def test_the_bank_is_the_enumeration_of_its_rows(
     assert found.sizes == pytest.approx(rows, abs=1e-6)
 
 
+@pytest.mark.parametrize("change_mm", [(-0.8, -0.9, 2.6, 0.3), (0.0, -1.9, 1.2, 0.0), (0.1, 0.0, -0.1, 0.0)])
+def test_a_bank_of_one_window_is_its_table(change_mm: tuple[float, ...]) -> None:
+    """Also where a wheel is larger by less than its row of sizes expects: the odds of a loss beside it are
+    against all of that row."""
+    spread = np.full((4, 4), 5e-4**2) + np.eye(4) * 1.5e-4**2
+    told = verdict(ALL, 1e-3 * np.array(change_mm), spread)
+    found = posterior([Window("minutes", told, members(4), members(4))])
+    assert found.deflated == pytest.approx(told.deflated, abs=1e-9)
+    assert found.sizes[0] == pytest.approx(told.sizes[0] - told.larger.sum(), abs=1e-9)
+
+
 def at_once(change_mm: FloatArray, believed: FloatArray) -> Posterior:
     """Of four wheels that are known to 0.15 mm each, and to 0.2 mm in common, in one young window."""
     spread = np.full((4, 4), 2e-4**2) + np.eye(4) * 1.5e-4**2

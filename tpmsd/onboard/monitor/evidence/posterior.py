@@ -85,8 +85,9 @@ class Posterior:
 def posterior(windows: Sequence[Window]) -> Posterior:
     """Marginals of the bank of these windows, the youngest first and the longest last."""
     longest = windows[-1]
-    nothing = [_nothing(window) for window in windows]
-    at_rest, rest = _at_rest(longest.verdict.table, nothing[-1])
+    of_sizes = [_nothing(window) for window in windows]
+    nothing = [_at_rest(window.verdict.table, one)[0] for window, one in zip(windows, of_sizes, strict=True)]
+    at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
     shares = _shares([_any(window.believed) for window in windows])
     rows: list[tuple[FloatArray, FloatArray]] = []
     for window, none, share in zip(windows, nothing, shares, strict=True):
@@ -102,7 +103,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     lost = [np.exp(plain - scale) for plain, _ in rows]
     large = [np.exp(weighed - scale) for _, weighed in rows]
     quiet = np.exp(at_rest - scale)
-    resized = float(np.exp(nothing[-1][1:] - scale).sum())
+    resized = float(np.exp(of_sizes[-1][1:] - scale).sum())
     deflated = np.zeros(longest.believed.shape[1])
     for one, window in zip(large, windows, strict=True):
         deflated += np.add.reduce(one) @ _of_wheels(window.believed)
@@ -148,7 +149,8 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
     """Log of each size with nothing lost (r,), and of larger wheels where no sizes are compared (k,).
 
     A wheel that is larger by any amount is a row of its size: what is lost beside it depends little on how
-    large it was thought to be beforehand."""
+    large it was thought to be beforehand. In every window alike: the odds of a loss are against all of its row,
+    so that a bank of one window is its table."""
     if nothing.size == 1 or not np.isfinite(table.larger).any():
         return nothing, table.larger
     out, d = nothing.copy(), table.larger.size
