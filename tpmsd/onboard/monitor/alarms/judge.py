@@ -206,10 +206,13 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        bank = posterior(self._windows(at_once, lately, mean.samples, of_drive, models))
+        samples = mean.samples if change_hypotheses is None else max(change_hypotheses.samples, mean.samples)
+        spans = now.samples, mean.samples, samples
+        bank = posterior(self._windows(at_once, lately, of_drive, models, spans))
         change_index = None
         if of_drive is not None and bank.deflated.max() > JUDGE.undecided:
-            without = posterior(self._windows(at_once, lately, mean.samples, None, models))
+            spans = now.samples, mean.samples, mean.samples
+            without = posterior(self._windows(at_once, lately, None, models, spans))
             change_index = of_drive.change_index if without.deflated.max() <= JUDGE.undecided else None
         return Judgement(
             change_m=self._on_all(now.change_m),
@@ -270,9 +273,15 @@ class Judge:
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
 
     def _windows(
-        self, now: Finding, mean: Finding, samples: int, drive: Finding | None, models: dict[str, float]
+        self,
+        now: Finding,
+        mean: Finding,
+        drive: Finding | None,
+        models: dict[str, float],
+        spans: tuple[int, int, int],
     ) -> list[Window]:
-        """Return each window of onsets with its weight; `drive`: the drive as a whole.
+        """Return each window of onsets with its weight; `drive`: the drive as a whole; `spans`: samples of
+        both, and of the longest window.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
@@ -280,12 +289,12 @@ class Judge:
         car is not known yet. Of an axle and of all a deviation is not asked of minutes beside the drive.
         """
         every = self._apart + self._together
-        whole = drive is None and samples >= JUDGE.full_samples
+        whole = drive is None and spans[1] >= JUDGE.full_samples
         lately = every if whole else self._apart
         off_lately = every if whole else np.zeros_like(self._apart)
         windows = [
-            Window("now", now.verdict, self._apart, self._apart),
-            Window("minutes", mean.verdict, lately, off_lately),
+            Window("now", now.verdict, self._apart, self._apart, 1.0 - spans[0] / spans[2]),
+            Window("minutes", mean.verdict, lately, off_lately, 1.0 - spans[1] / spans[2]),
         ]
         if drive is not None:
             by_drive = self._believed_of_drive(models)

@@ -9,9 +9,12 @@ in the last minutes, or on the drive or before it. A loss that began in w leaves
 is, so its likelihood ratio to no loss is that of w's own data. With R for the longest window, which knows the
 sizes best, and e for its share of the prior (the windows that have a row for S share it evenly):
 
-    P(r, nothing) ~ P_R(r, nothing),      P(r, S, w) ~ P_R(r, nothing) e P_w(r, S) / P_w(r, nothing)
+    P(r, nothing) ~ P_R(r, nothing),      P(r, S, w) ~ c (P_R(r, nothing) / P_w(r, nothing))^f e P_w(r, S)
 
 so a size hides no loss, and minutes that say which of two tyres has changed are not overruled by the present.
+f is the share of the longest window that lies before w: windows of the same samples have other models of
+their noise, and what one of them knows better was not seen before it. c is 1 for f = 1, and else lets nothing
+lost have the probability that R gives it.
 A wheel may also have become larger in a young window, a rival of losses of the other wheel of its axle.
 
 What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
@@ -50,6 +53,8 @@ class Window:
     """(s, d) share of what each of `subsets` does that is a loss of the wheel; the rest passes."""
     believed_off: FloatArray
     """(s, d) the same of a change of either sign."""
+    before: float = 1.0
+    """Share of the longest window that lies before this one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +94,14 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     nothing = [_at_rest(window.verdict.table, one)[0] for window, one in zip(windows, of_sizes, strict=True)]
     at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
     shares = _shares([_any(window.believed) for window in windows])
-    rows: list[tuple[FloatArray, FloatArray]] = []
-    for window, none, share in zip(windows, nothing, shares, strict=True):
-        rows.append(_losses(window, none, share, at_rest))
+    known = [
+        _known_before(window, none, at_rest) for window, none in zip(windows[:-1], nothing[:-1], strict=True)
+    ]
+    known.append(np.zeros(at_rest.size))
+    rows = [_losses(*one) for one in zip(windows, known, shares, strict=True)]
     young = [
-        _resized(window, none, at_rest[0], len(windows))
-        for window, none in zip(windows[:-1], nothing[:-1], strict=True)
+        _resized(window, float(before[0]), len(windows))
+        for window, before in zip(windows[:-1], known[:-1], strict=True)
     ]
     terms = [at_rest, rest, *[lost.ravel() for lost, _ in rows], *young]
     top = max(float(np.max(term, initial=-np.inf)) for term in terms)
@@ -149,8 +156,8 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
     """Log of each size with nothing lost (r,), and of larger wheels where no sizes are compared (k,).
 
     A wheel that is larger by any amount is a row of its size: what is lost beside it depends little on how
-    large it was thought to be beforehand. In every window alike: the odds of a loss are against all of its row,
-    so that a bank of one window is its table."""
+    large it was thought to be beforehand. In every window alike: the odds of a loss are against all of its
+    row, so that a bank of one window is its table."""
     if nothing.size == 1 or not np.isfinite(table.larger).any():
         return nothing, table.larger
     out, d = nothing.copy(), table.larger.size
@@ -158,26 +165,30 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
     return out, np.empty(0)
 
 
-def _losses(
-    window: Window, nothing: FloatArray, share: FloatArray, at_rest: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _known_before(window: Window, nothing: FloatArray, at_rest: FloatArray) -> FloatArray:
+    """(r,) log of what is known of each size from before the window: c (P_R / P_w)^f."""
+    known = np.isfinite(nothing) & np.isfinite(at_rest)
+    here, whole = np.where(known, nothing, 0.0), np.where(known, at_rest, 0.0)
+    before = np.where(known, window.before * (whole - here), -np.inf)
+    return np.asarray(before + np.logaddexp.reduce(at_rest) - np.logaddexp.reduce(before + here))
+
+
+def _losses(window: Window, known: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`."""
     table = window.verdict.table
-    known = np.isfinite(nothing)
-    odds = np.where(known, at_rest - np.where(known, nothing, 0.0), -np.inf)[:, None]
-    odds = odds + _log(share * _any(window.believed))
+    odds = known[:, None] + _log(share * _any(window.believed))
     return odds + table.lost, odds + table.large
 
 
-def _resized(window: Window, nothing: FloatArray, at_rest: float, windows: int) -> FloatArray:
+def _resized(window: Window, known: float, windows: int) -> FloatArray:
     """(k,) logs of one wheel that became larger in this window, and of the others nothing."""
     table = window.verdict.table
-    if not np.isfinite(nothing[0]):
+    if not np.isfinite(known):
         return np.empty(0)
     d = table.larger.size
     alone = table.none[1 : d + 1] if d > 2 else np.empty(0)
     young = np.concatenate([table.larger, alone])
-    return np.asarray(young + (at_rest - float(nothing[0]) - np.log(windows)))
+    return np.asarray(young + (known - np.log(windows)))
 
 
 def _passing(window: Window, nothing: FloatArray) -> FloatArray:

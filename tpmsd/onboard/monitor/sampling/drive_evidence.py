@@ -13,7 +13,8 @@ receiver that scales, chains without a stop) is a row of the same posterior, and
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,8 @@ class ChangeHypotheses:
     """(n,) of that row, relative, if no tyre has lost air, and ..."""
     size_std: FloatArray
     """(n,)"""
+    samples: int = 0
+    """Number of samples of the drive."""
 
     def allowing(self, nuisance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the covariance of each change (n, d, d) and the log weights (n,) if no tyre has changed,
@@ -76,21 +79,26 @@ class ChangeHypotheses:
     def resized(self, log_before: float) -> ChangeHypotheses:
         """Return those with wheels of another size, after a beginning of this log-likelihood."""
         kept = self.row > 0
-        values = {part.name: getattr(self, part.name)[kept] for part in fields(self)}
+        values: dict[str, Any] = {name: getattr(self, name)[kept] for name in _OF_EACH}
         values["log_weight"] = values["log_weight"] + log_before
-        return ChangeHypotheses(**values)
+        return replace(self, **values)
 
     def beside(self, other: ChangeHypotheses) -> ChangeHypotheses:
         """Return these and, behind them, the others."""
-        return ChangeHypotheses(
-            *(np.concatenate([getattr(one, part.name) for one in (self, other)]) for part in fields(self))
-        )
+        values: dict[str, Any] = {
+            name: np.concatenate([getattr(one, name) for one in (self, other)]) for name in _OF_EACH
+        }
+        return replace(self, **values)
 
     def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
         """Return the probability of each drive model by the posterior probabilities (n,) of the changes."""
         return {
             model.name: float(chances[self.model == k].sum()) for k, model in enumerate(DRIVE_EVIDENCE.models)
         }
+
+
+_OF_EACH = [part.name for part in fields(ChangeHypotheses) if part.name != "samples"]
+"""Names of the fields that have a row for each hypothesis."""
 
 
 class DriveEvidence:
@@ -218,6 +226,7 @@ class _Banks:
             index=index,
             size=size,
             size_std=np.sqrt(variance),
+            samples=self.samples,
         )
 
     @property
