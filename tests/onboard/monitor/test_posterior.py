@@ -31,10 +31,11 @@ def members(d: int) -> FloatArray:
 
 
 def enumerated(
-    wheels: tuple[int, ...], windows: list[tuple[FloatArray, FloatArray]]
+    wheels: tuple[int, ...], windows: list[tuple[FloatArray, FloatArray]], shares: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Probability of a deflation of each of two wheels, and of each row of sizes, from densities alone: the
-    last window knows the sizes, each window the losses that began in it."""
+    last window knows the sizes as far as its `shares` lie before a window, each window the losses that began
+    in it."""
     sizes, d = sizes_of(wheels), len(wheels)
 
     def density(window: int, row: int, lost: FloatArray) -> float:
@@ -44,14 +45,20 @@ def enumerated(
         return float(multivariate_normal.pdf(change, sizes.mean[row] * pattern - lost * RADIUS_M, spread))
 
     intact = 1.0 - sum(JUDGE.prior_by_size[len(one) - 1] for one in subsets(d))
-    quiet = np.array([intact * np.exp(sizes.log_prior[r]) * density(-1, r, np.zeros(d)) for r in range(2)])
+    every = [
+        np.array([intact * np.exp(sizes.log_prior[r]) * density(w, r, np.zeros(d)) for r in range(2)])
+        for w in range(len(windows))
+    ]
+    quiet = every[-1]
+    before = [(quiet / one) ** share for one, share in zip(every, shares, strict=True)]
+    before = [one * quiet.sum() / (one * here).sum() for one, here in zip(before, every, strict=True)]
     deflated, rows, total = np.zeros(d), quiet.copy(), quiet.sum()
     for window, row, (k, one), loss in itertools.product(
         range(len(windows)), range(2), enumerate(members(d)), LOSS_GRID
     ):
         prior = JUDGE.prior_by_size[len(subsets(d)[k]) - 1] / LOSS_GRID.size / len(windows)
         ratio = density(window, row, loss * one) / density(window, row, np.zeros(d))
-        mass = quiet[row] * prior / intact * ratio
+        mass = before[window][row] * every[window][row] * prior / intact * ratio
         deflated += mass * min(loss / THRESHOLD, 1.0) * one
         rows[row] += mass
         total += mass
@@ -60,8 +67,9 @@ def enumerated(
 
 @pytest.mark.parametrize("now_mm", [(-0.9, 0.1), (-0.2, 0.0), (4.0, 5.6), (-0.8, -0.9)])
 @pytest.mark.parametrize("before_mm", [(0.1, -0.1), (5.0, 5.2), (-1.2, 0.0)])
+@pytest.mark.parametrize("share", [1.0, 0.6, 0.0])
 def test_the_bank_is_the_enumeration_of_its_rows(
-    now_mm: tuple[float, float], before_mm: tuple[float, float]
+    now_mm: tuple[float, float], before_mm: tuple[float, float], share: float
 ) -> None:
     """Of two wheels, with a size of both and two windows, every row by its normal density."""
     now, before = 1e-3 * np.array(now_mm), 1e-3 * np.array(before_mm)
@@ -70,11 +78,11 @@ def test_the_bank_is_the_enumeration_of_its_rows(
     every = members(2)
     found = posterior(
         [
-            Window("now", verdict(REAR, now, now_m2), every, every),
+            Window("now", verdict(REAR, now, now_m2), every, every, share),
             Window("minutes", verdict(REAR, before, before_m2), every, every),
         ]
     )
-    deflated, rows = enumerated(REAR, [(now, now_m2), (before, before_m2)])
+    deflated, rows = enumerated(REAR, [(now, now_m2), (before, before_m2)], (share, 1.0))
     assert found.deflated == pytest.approx(deflated, abs=1e-6)
     assert found.sizes == pytest.approx(rows, abs=1e-6)
 
