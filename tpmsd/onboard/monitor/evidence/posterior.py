@@ -91,13 +91,9 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     """Marginals of the bank of these windows, the youngest first and the longest last."""
     longest = windows[-1]
     of_sizes = [_nothing(window) for window in windows]
-    nothing = [_at_rest(window.verdict.table, one)[0] for window, one in zip(windows, of_sizes, strict=True)]
     at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
     shares = _shares([_any(window.believed) for window in windows])
-    known = [
-        _known_before(window, none, at_rest) for window, none in zip(windows[:-1], nothing[:-1], strict=True)
-    ]
-    known.append(np.zeros(at_rest.size))
+    known = _known_before(windows, of_sizes, at_rest)
     rows = [_losses(*one) for one in zip(windows, known, shares, strict=True)]
     young = [
         _resized(window, float(before[0]), len(windows))
@@ -114,7 +110,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     deflated = np.zeros(longest.believed.shape[1])
     for one, window in zip(large, windows, strict=True):
         deflated += np.add.reduce(one) @ _of_wheels(window.believed)
-    passing = quiet @ _passing(windows[0], nothing[0])
+    passing = quiet @ _passing(windows[0], of_sizes[0])
     by_row = quiet + sum((one.sum(axis=1) for one in lost), np.zeros(quiet.size))
     return Posterior(
         deflated=np.minimum(deflated, 1.0),
@@ -165,12 +161,19 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
     return out, np.empty(0)
 
 
-def _known_before(window: Window, nothing: FloatArray, at_rest: FloatArray) -> FloatArray:
-    """(r,) log of what is known of each size from before the window: c (P_R / P_w)^f."""
-    known = np.isfinite(nothing) & np.isfinite(at_rest)
-    here, whole = np.where(known, nothing, 0.0), np.where(known, at_rest, 0.0)
-    before = np.where(known, window.before * (whole - here), -np.inf)
-    return np.asarray(before + np.logaddexp.reduce(at_rest) - np.logaddexp.reduce(before + here))
+def _known_before(
+    windows: Sequence[Window], of_sizes: Sequence[FloatArray], at_rest: FloatArray
+) -> list[FloatArray]:
+    """(r,) of each window, log of what is known of each size from before it: c (P_R / P_w)^f; `of_sizes` (r,)
+    as of `_nothing`."""
+    out = []
+    for window, of_size in zip(windows[:-1], of_sizes[:-1], strict=True):
+        nothing = _at_rest(window.verdict.table, of_size)[0]
+        known = np.isfinite(nothing) & np.isfinite(at_rest)
+        here, whole = np.where(known, nothing, 0.0), np.where(known, at_rest, 0.0)
+        before = np.where(known, window.before * (whole - here), -np.inf)
+        out.append(before + np.logaddexp.reduce(at_rest) - np.logaddexp.reduce(before + here))
+    return [*out, np.zeros(at_rest.size)]
 
 
 def _losses(window: Window, known: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -191,11 +194,12 @@ def _resized(window: Window, known: float, windows: int) -> FloatArray:
     return np.asarray(young + (known - np.log(windows)))
 
 
-def _passing(window: Window, nothing: FloatArray) -> FloatArray:
-    """(r, d) of nothing lost, share of what passes and looks like a loss of the wheel."""
-    table = window.verdict.table
+def _passing(window: Window, of_size: FloatArray) -> FloatArray:
+    """(r, d) of nothing lost, share of what passes and looks like a loss of the wheel; `of_size` (r,) as of
+    `_nothing`."""
+    nothing = _at_rest(window.verdict.table, of_size)[0]
     known = np.isfinite(nothing)
-    passing = table.large + _log(1.0 - _any(window.believed))
+    passing = window.verdict.table.large + _log(1.0 - _any(window.believed))
     share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
     return np.asarray(share @ _members(window.believed.shape[1]))
 
