@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.onboard.daemon.fakes import car, wheels_frame
 from tpmsd.onboard.daemon.feeder import Feeder
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.drive import Drive, Sentence
 
 GRACE_S = 0.25
 
@@ -39,3 +42,23 @@ def test_silence_is_recorded_once_a_second(tmp_path: Path) -> None:
 def test_a_pause_of_the_process_is_recorded_with_both_its_ends(tmp_path: Path) -> None:
     """The last time known before it, and the time behind it."""
     assert [1000.25, 1030.0] == recorded(tmp_path, [(1000.25, 0.0), (1000.5, 0.25), (1030.25, 30.0)])
+
+
+def test_a_replay_sees_every_mark_of_a_pause_at_the_start(tmp_path: Path) -> None:
+    """The first mark stands alone, 30 s before those of the silence behind the pause."""
+    readings = [(1000.25, 0.0), (1000.5, 0.25), *((1030.25 + k, 30.0 + k) for k in range(4))]
+    marks = recorded(tmp_path, readings)
+
+    assert [1000.25, 1030.0] == marks[:2]
+    assert marks == [item.time_s for item in Drive(tmp_path / "drive") if isinstance(item, Sentence)]
+
+
+@pytest.mark.parametrize(("step_s", "steps"), [(0.2, 0), (-0.2, 0), (0.3, 1), (-0.3, 1), (1.0, 1)])
+def test_a_quarter_of_a_second_is_a_step_of_the_clock(step_s: float, steps: int, tmp_path: Path) -> None:
+    """Less is slewing, either way."""
+    config, database = car(tmp_path)
+    feeder = Feeder(Pipeline(config, database), InputQueue(), None, GRACE_S)
+    for now_s, monotonic_s in ((1000.0, 0.0), (1000.1 + step_s, 0.1), (1000.2 + step_s, 0.2)):
+        feeder.feed(now_s, monotonic_s, lambda _: [])
+
+    assert steps == feeder.clock_steps

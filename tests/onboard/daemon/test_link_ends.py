@@ -247,3 +247,16 @@ def test_a_source_is_opened_as_it_is_configured() -> None:
         assert isinstance(line, TcpReceiver)
         greetings[source[:4]] = line._greeting
     assert {"gpsd": WATCH, "tcp:": b""} == greetings
+
+
+def test_each_opening_and_each_failure_is_a_generation() -> None:
+    """Descriptors of before are told from those of now, whatever their numbers."""
+    link = Link("label", LOG)
+    seen = [link.generation]
+    for now_s in (0.0, 10.0):
+        link._opened(now_s)
+        seen.append(link.generation)
+        link._failed(now_s + 1.0, "gone")
+        seen.append(link.generation)
+
+    assert [0, 1, 2, 3, 4] == seen

@@ -113,7 +113,7 @@ def test_a_program_that_hangs_is_killed_with_its_children(
 
 def test_a_program_that_is_not_there_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Failures are counted, told once, and end nothing."""
-    made = notices(str(tmp_path / "gone"))
+    made = notices(str(tmp_path / "gone"), "an argument")
     for _ in range(3):
         made.take(DEFLATION)
     serve(made)

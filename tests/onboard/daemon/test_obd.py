@@ -225,3 +225,25 @@ def test_a_replay_hears_the_answers_of_a_recording(tmp_path: Path) -> None:
 
     reason = "the wheels' speed is far from the car's own (OBD)"
     assert [("malfunction", reason)] == [(alarm["kind"], alarm["reason"]) for alarm in alarms][:1]
+
+
+def test_the_speed_is_known_until_ten_requests_were_in_vain() -> None:
+    """One request without an answer is no car that does not answer."""
+    asker, known = ObdAsker(ObdConfig(speed=True)), []
+    asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, 50]), 0.0)
+    for second in range(3, 3 + UNANSWERED):
+        asker.heard(0x0B0, False, bytes(8), float(second))
+        assert asker.frames(float(second), True)
+        known.append(asker.status()["speed_kmh"])
+
+    assert [50] * (UNANSWERED - 1) + [None] == known
+
+
+@pytest.mark.parametrize(("silent_s", "asked"), [(59.5, 0), (60.5, 1)])
+def test_a_bus_that_was_silent_for_a_minute_has_slept(silent_s: float, asked: int) -> None:
+    """Only then does its next frame say that somebody woke it up."""
+    asker = ObdAsker(ObdConfig(speed=True))
+    asker.heard(0x0B0, False, bytes(8), 0.0)
+    asker.heard(0x0B0, False, bytes(8), silent_s)
+
+    assert asked == len(asker.frames(silent_s + LISTEN_S, False))

@@ -53,3 +53,10 @@ def test_a_link_in_the_locks_place_is_not_followed(tmp_path: Path) -> None:
     with state_lock(tmp_path / "state.json"):
         pass
     assert "mine" == (tmp_path / "precious").read_text()
+
+
+def test_folders_of_the_state_are_made(tmp_path: Path) -> None:
+    """The lock holds from the first start on, before there is a state or a folder of its own."""
+    state = tmp_path / "a" / "b" / "state.json"
+    with state_lock(state), pytest.raises(StateInUseError):
+        state_lock(state).__enter__()

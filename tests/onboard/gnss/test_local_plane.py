@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.timeline.local_plane import LocalPlane
+from tpmsd.onboard.timeline.local_plane import LocalPlane, _carry
 
 A_M = 6378137.0
 F = 1.0 / 298.257223563
@@ -198,3 +198,19 @@ def test_heights_of_no_road_leave_the_scale(height: float, is_road: bool):
     plane.to_plane(0.0, 0.0, height)
     arc_m = math.radians(0.01) * (A_M + (height if is_road else 0.0))
     assert pytest.approx((arc_m, 0.0), abs=1e-3) == plane.to_plane(0.0, 0.01, height)
+
+
+@pytest.mark.parametrize("degrees", [1e-3, 1.0, 40.0, 90.0, 170.0])
+def test_axes_are_carried_by_the_rotation_that_takes_one_vertical_to_the_other(degrees: float) -> None:
+    """The vertical comes to lie on the other; lengths and angles stay."""
+    rng = np.random.default_rng(round(1e3 * degrees))
+    up, side = (vector / np.linalg.norm(vector) for vector in rng.normal(size=(2, 3)))
+    side -= up * (up @ side)
+    side /= np.linalg.norm(side)
+    to = math.cos(math.radians(degrees)) * up + math.sin(math.radians(degrees)) * side
+    axis = np.cross(up, side)
+    tilted = math.cos(math.radians(degrees)) * side - math.sin(math.radians(degrees)) * up
+
+    for vector, carried in ((up, to), (axis, axis), (side, tilted)):
+        found = _carry(tuple(vector.tolist()), tuple(up.tolist()), tuple(to.tolist()))
+        assert np.allclose(carried, found, atol=1e-12)

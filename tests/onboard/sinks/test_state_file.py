@@ -22,6 +22,7 @@ from tpmsd.onboard.sinks.state_file import (
     FileSystem,
     StateDamaged,
     StateError,
+    encode_state,
     load_state,
     save_state,
 )
@@ -442,3 +443,20 @@ def test_the_file_is_plain_json_with_its_version(tmp_path: Path) -> None:
     assert {"format": "tpmsd-state", "version": 1, "payload": OLD} == {
         key: record[key] for key in ("format", "version", "payload")
     }
+
+
+@pytest.mark.parametrize(("more", "fits"), [(0, True), (1, False)])
+def test_a_state_may_have_a_megabyte_and_no_byte_more(more: int, fits: bool, tmp_path: Path) -> None:
+    """The same bound holds for what is written and for what is read."""
+    path = tmp_path / "state.json"
+    empty = len(encode_state(path, {"a": ""}))
+    payload = {"a": "x" * ((1 << 20) - empty + more)}
+    try:
+        content = encode_state(path, payload)
+    except StateError as error:
+        assert not fits and f"{(1 << 20) + 1} bytes, at most {1 << 20} allowed" in str(error)
+        content = encode_state(path, {"a": ""})[:-3] + b" " * (1 << 20)
+    path.write_bytes(content)
+    loaded, damaged = load(path)
+
+    assert (payload, []) == (loaded, damaged) if fits else "more than 1048576 bytes" == damaged[0].reason

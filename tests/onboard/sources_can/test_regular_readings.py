@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import warnings
 from typing import Any
 
 import numpy as np
@@ -140,3 +141,48 @@ def test_a_steady_drive_is_regular(period_s: float, speed_mps: float, modulus: i
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
     assert 100 == tracker.regular_readings(time_s[KNOWN:], raw[KNOWN:], np.full(100, period_s)).regular
+
+
+def turning(readings: int, speed_mps: float = 20.0) -> tuple[WheelCounter, list[float], list[int]]:
+    """A counter after `KNOWN` readings at 100 Hz, and those that come then."""
+    time_s, way_m = drive(0.01, speed_mps, 0.0, [0.0] * readings)
+    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % 65536
+    tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
+    for at in range(KNOWN):
+        tracker.update(float(time_s[at]), int(raw[at]), 0.01, [])
+    return tracker, time_s[KNOWN:].tolist(), raw[KNOWN:].tolist()
+
+
+def ahead(tracker: WheelCounter, times: list[float], values: list[int]) -> RegularReadings:
+    return tracker.regular_readings(np.array(times), np.array(values), np.full(len(times), 0.01))
+
+
+def test_a_value_that_was_not_renewed_ends_what_is_regular() -> None:
+    """At 20 m/s an unchanged count is no reading after 10 ms, with all that follows taken one by one."""
+    tracker, times, values = turning(30)
+    values[12] = values[13] = values[11]
+    taken = ahead(tracker, times, values)
+
+    assert 12 == taken.regular
+    assert_alike(tracker, taken, times, values, 0.01)
+
+
+@pytest.mark.parametrize("readings", [3, 7, 8, 12])
+def test_a_new_segment_keeps_the_speed_of_before_for_80_ms(readings: int) -> None:
+    """A speed over less than that is too coarse to bound the next reading."""
+    tracker, times, values = turning(readings, 20.3)
+    times = [time_s + 61.0 for time_s in times]
+    tracker.update(times[0] - 0.01, values[0] - 5, 0.01, [])
+    taken = ahead(tracker, times, values)
+
+    assert readings == taken.regular
+    assert_alike(tracker, taken, times, values, 0.01)
+
+
+def test_nothing_is_regular_while_no_speed_is_known() -> None:
+    """Behind the first reading of all the bounds are those of a wheel of which nothing is known."""
+    tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
+    tracker.update(1.0, 17, 0.01, [])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert 0 == ahead(tracker, [1.01, 1.02], [17, 18]).regular

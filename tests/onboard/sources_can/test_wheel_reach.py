@@ -9,7 +9,7 @@ import pytest
 
 from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
 from tpmsd.onboard.sources.can.faults import FaultLog
-from tpmsd.onboard.sources.events import Event
+from tpmsd.onboard.sources.events import Event, SourceFault
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 
 PERIOD_S = 1.0 / 128.0
@@ -149,3 +149,39 @@ def test_a_stuck_counter_begins_anew_when_its_value_changes() -> None:
     wheel.read(PERIOD_S, 1, PERIOD_S)
 
     assert (False, 1, {}) == (wheel.counter.stuck, wheel.counter.segment, dict(wheel.faults.counts))
+
+
+@pytest.mark.parametrize("ahead", [False, True], ids=["one by one", "ahead"])
+@pytest.mark.parametrize("way", [-1, 1])
+def test_the_slowest_wheel_has_a_direction(way: int, ahead: bool) -> None:
+    """A bit in four seconds, forward or backward: the bounds are those of a wheel that turns that way."""
+    fine = Fine(None)
+    fine.read(4.0, way, 4.0)
+    gain, limit = 0.5 * 25.0 * 4.0 * 8.0 / fine.counter.m_per_bit, 100.0 / fine.counter.m_per_bit * 8.0
+    slack = gain + 3.0 + 1.0
+    least, most = (-slack - 1.0, slack + 2.0) if way > 0 else (-slack - 2.0, slack - 1.0)
+    if way > 0:
+        least = -slack + 1.0
+    assert most < limit
+    taken = {}
+    for bits in (math.ceil(least) - 1, math.ceil(least), math.floor(most), math.floor(most) + 1):
+        wheel = Fine(None)
+        wheel.read(4.0, way, 4.0)
+        if ahead:
+            at, raw = np.array([wheel.time_s + 4.0]), np.array([(wheel.raw + bits) % MODULUS])
+            taken[bits] = 1 == wheel.counter.regular_readings(at, raw, np.array([4.0])).regular
+        else:
+            taken[bits] = wheel.read(4.0, bits, 4.0)
+
+    assert [False, True, True, False] == list(taken.values())
+
+
+def test_a_fault_bears_the_time_of_the_reading_that_was_doubted() -> None:
+    """A new level is known with the second reading of it; it began with the first."""
+    wheel = Fine(300)
+    doubted_s = wheel.time_s + PERIOD_S
+    wheel.read(PERIOD_S, 1 << 20, PERIOD_S)
+    wheel.read(PERIOD_S, 300, PERIOD_S)
+
+    (fault,) = [event for event in wheel.out if isinstance(event, SourceFault)]
+    assert ("jump", doubted_s) == (fault.kind, fault.time_s)

@@ -216,3 +216,15 @@ def test_a_grade_is_forgotten_in_a_gap(gap_s: float) -> None:
     ratio = compensation.apply(later).rotation_rad / later.rotation_rad
     change = 0.0 if gap_s else coefficient * GRAVITY_MPS2 * sine / RADIUS
     assert ratio == pytest.approx([1.0 + change, 1.0 + change, 1.0 - change, 1.0 - change], abs=1e-6)
+
+
+@pytest.mark.parametrize(("gap_s", "rate"), [(0.0, 0.2), (1.0, 0.0)])
+def test_the_rate_of_steering_is_that_of_the_last_ticks_without_a_gap(gap_s: float, rate: float) -> None:
+    """A spline over it is taken out of the gyro; a change across a gap is no rate."""
+    model = ExtendedModel((_shape("yaw_rate", "steering_rate", [0.0, 1.0], (0.0, 1.0)),))
+    ticks = [
+        dataclasses.replace(tick, steering_wheel_angle_rad=0.02 * k, gap_s=gap_s, yaw_rate_radps=0.0)
+        for k, tick in enumerate(_ticks(20.0, 20.0))
+    ]
+    out = _last(model, ticks)
+    assert out.yaw_rate_radps == pytest.approx(-rate, abs=1e-3)

@@ -193,3 +193,14 @@ def test_no_log_at_all(tmp_path: Path) -> None:
     """A folder without a CAN log is named with what was looked for."""
     with pytest.raises(InputError, match=r"no CAN log; looked for can\.log"):
         Drive(tmp_path)
+
+
+@pytest.mark.parametrize(("pause_s", "kept"), [(30.0, True), (59.0, True), (61.0, False), (-30.0, False)])
+def test_a_lone_first_line_before_a_pause_is_kept(pause_s: float, kept: bool, tmp_path: Path) -> None:
+    """The time known before the recorder paused is its first mark; a stamp from elsewhere is none."""
+    first = START_S - pause_s + 0.02
+    can = frame_line(first, 0) + "".join(frame_line(START_S + 0.02 * k, k) for k in range(1, 9))
+    drive = Drive(write(tmp_path, can, None))
+
+    assert kept == (first in [item.time_s for item in drive])
+    assert ({} if kept else {"can damaged stamps": 1}) == dict(drive.counts)

@@ -60,3 +60,24 @@ def test_a_fast_receiver_keeps_the_short_holdback() -> None:
             ticks += timeline.add(GnssFix(now, 1.7e9 + now, 52.0, 13.0, 50.0, 1, 1.0, 1.5, 0.0, 0.0))
         last = ticks[-1].time_s if ticks else last
     assert now - last < 0.6
+
+
+def test_the_tick_that_waits_is_due_when_the_longer_holdback_is_over() -> None:
+    """From the fix on that made the holdback grow, ticks come that much behind their ends, and no later."""
+    timeline = Timeline(10.0)
+    ticks = _drive(timeline, 3)
+    now_s = 1003.0
+    before = len(ticks)
+    while len(ticks) == before:
+        now_s += 1.0 / 1024.0
+        ticks += timeline.advance(now_s)
+    late_s = now_s - ticks[-1].time_s
+
+    assert len(ticks) == before + 1
+    assert late_s == pytest.approx(timeline.due_s - ticks[-1].time_s - 0.1, abs=2.0 / 1024.0)
+    grown = Timeline(10.0)
+    for step in range(100):
+        grown.add(RotationSample(1000.0 + step / 50, 2, step / 50, 0.1, 0))
+    end_s = grown.due_s
+    grown.add(GnssFix(1001.3, 1.7e9 + 1001.25, 52.0, 13.0, 50.0, 1, 1.0, 1.5, 0.0, 0.0))
+    assert 0.05 < grown.due_s - end_s < 0.4

@@ -71,3 +71,15 @@ def test_the_short_way_makes_the_same_ticks(
     assert repr(made[0]) == repr(made[1])
     assert short.decoder.counts == long.decoder.counts
     assert short.timeline.counts == long.timeline.counts
+
+
+def test_frames_behind_one_that_meets_something_due_are_not_passed_by(folder: Path) -> None:
+    """Also where their stamps are earlier: a clock that stepped back is for the long way."""
+    config = load_config(folder)
+    source = TickSource(config, load_database(config.can.dbc))
+    items = [item for item in Drive(folder) if isinstance(item, CanFrame)][:400]
+    for item in items:
+        source.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
+    now_s = items[-1].time_s
+
+    assert 2 == source.pass_by([now_s, now_s + 1e-4, now_s + 30.0, now_s + 2e-4, now_s + 3e-4])

@@ -15,6 +15,9 @@ BACKWARD_STEP_S = 0.5
 LEAP_S = 2.0
 """Up to `MAX_DAMAGED` stamps that leap this far from the last good one are damaged if the next follows it."""
 MAX_DAMAGED = 4
+START_PAUSE_S = 60.0
+"""A lone first stamp is sound if the next ones come within this time, s: a pause of the recording computer at
+its start. A damaged stamp that is kept by this makes the drive longer by no more."""
 
 Item = TypeVar("Item")
 
@@ -52,9 +55,9 @@ class LeapWatch(Generic[Item]):
             return [item]
         if before_s is None:
             # The first of a file have no neighbours but those behind them: two that go together are sound,
-            # and of those before them the ones beside these two.
+            # and of those before them the ones that a pause leads from to these two.
             if doubted and abs(time_s - doubted[-1][0]) <= LEAP_S:
-                sound = [item for stamp_s, item in doubted if abs(time_s - stamp_s) <= LEAP_S]
+                sound = [item for stamp_s, item in doubted if -LEAP_S <= time_s - stamp_s <= START_PAUSE_S]
                 self.damaged += len(doubted) - len(sound)
                 self._doubted, self._before_s = [], time_s
                 return [*sound, item]
