@@ -42,7 +42,7 @@ def _daemon_tests() -> tuple[str, ...]:
     """The tests of the daemon that run it in their own process."""
     names = (
         *("can_errors", "descriptors", "feeder", "health", "inputs", "link_ends", "links", "loop", "notify"),
-        *("obd", "record", "recorder", "reset", "state_keeper", "state_lock", "time"),
+        *("obd", "record", "recorder", "reset", "service_manager", "state_keeper", "state_lock", "time"),
     )
     own = tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
     return (*own, "tests/car/config/test_signal_table.py")
@@ -285,4 +285,131 @@ NAMED = (
     ),
     Named(_SETTINGS, "suspicious: float = 0.5", "suspicious: float = 50.0", (_LEARNS,)),
     Named(_SETTINGS, "suspicious: float = 0.5", "suspicious: float = -50.0", (_LEARNS,)),
+    # Bounds of counters and of the state's file, the plane's axes, ticks that wait, links and requests.
+    Named(
+        "tpmsd/onboard/sinks/state_file.py",
+        "MAX_BYTES = 1 << 20",
+        "MAX_BYTES = 2 << 20",
+        ("tests/onboard/sinks/test_state_file.py::test_a_state_may_have_a_megabyte_and_no_byte_more",),
+    ),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py",
+        "or math.isnan(self._speed)\n",
+        "and math.isnan(self._speed)\n",
+        (
+            "tests/onboard/sources_can/test_regular_readings.py::test_nothing_is_regular_while_no_speed_is_known",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py",
+        "wide = span >= 0.8 * SPEED_WINDOW_S",
+        "wide = span >= 0.0 * SPEED_WINDOW_S",
+        (
+            "tests/onboard/sources_can/test_regular_readings.py::test_a_new_segment_keeps_the_speed_of_before_for_80_ms",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py",
+        "suspect[0], kind, self.wheel",
+        "suspect[-1], kind, self.wheel",
+        (
+            "tests/onboard/sources_can/test_wheel_reach.py::test_a_fault_bears_the_time_of_the_reading_that_was_doubted",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py",
+        "        if speed >= 0.0:\n",
+        "        if speed >= -1.0:\n",
+        ("tests/onboard/sources_can/test_wheel_reach.py::test_the_slowest_wheel_has_a_direction",),
+    ),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py",
+        "self._accel * run * (width + run)",
+        "self._accel * run // (width + run)",
+        (
+            "tests/onboard/sources_can/test_regular_readings.py::test_a_value_that_was_not_renewed_ends_what_is_regular",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/local_plane.py",
+        "vector[2] + once[2] + twice[2] / (1.0 + cos)",
+        "vector[2] + once[2] + twice[2] / (2.0 + cos)",
+        (
+            "tests/onboard/gnss/test_local_plane.py::test_axes_are_carried_by_the_rotation_that_takes_one_vertical_to_the_other",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/tick_source.py",
+        "pass_by(time_s)):\n                break",
+        "pass_by(time_s)):\n                continue",
+        (
+            "tests/onboard/timeline/test_tick_source_pace.py::test_frames_behind_one_that_meets_something_due_are_not_passed_by",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/compensation.py",
+        "and tick.gap_s == 0.0:",
+        "and tick.gap_s == -1.0:",
+        (
+            "tests/onboard/timeline/test_compensation.py::test_the_rate_of_steering_is_that_of_the_last_ticks_without_a_gap",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/timeline.py",
+        "self._due_s = self._end(self._index + 1) + needed",
+        "self._due_s = self._end(self._index + 2) + needed",
+        (
+            "tests/onboard/timeline/test_slow_receiver.py::test_the_tick_that_waits_is_due_when_the_longer_holdback_is_over",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/feeder.py",
+        "CLOCK_STEP_S = 0.25",
+        "CLOCK_STEP_S = 1.25",
+        ("tests/onboard/daemon/test_feeder.py::test_a_quarter_of_a_second_is_a_step_of_the_clock",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/obd_asker.py",
+        "        if self._in_vain >= UNANSWERED:",
+        "        if not self._in_vain >= UNANSWERED:",
+        ("tests/onboard/daemon/test_obd.py::test_the_speed_is_known_until_ten_requests_were_in_vain",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/obd_asker.py",
+        "ASLEEP_S = 60.0",
+        "ASLEEP_S = 61.0",
+        ("tests/onboard/daemon/test_obd.py::test_a_bus_that_was_silent_for_a_minute_has_slept",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/link.py",
+        "self._opened_s = now_s\n        self.generation += 1",
+        "self._opened_s = now_s\n        self.generation += 0",
+        ("tests/onboard/daemon/test_link_ends.py::test_each_opening_and_each_failure_is_a_generation",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/notify.py",
+        "{self._config.command[0]} cannot be run",
+        "{self._config.command[-1]} cannot be run",
+        ("tests/onboard/daemon/test_notify.py::test_a_program_that_is_not_there_is_said_once",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/drive_recording.py",
+        "self._max_bytes >> 20} MB",
+        "self._max_bytes >> 21} MB",
+        ("tests/onboard/daemon/test_record.py::test_a_recording_ends_at_its_limit_and_says_which",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/state_lock.py",
+        "parents=True",
+        "parents=False",
+        ("tests/onboard/daemon/test_state_lock.py::test_folders_of_the_state_are_made",),
+    ),
+    Named(
+        "tpmsd/onboard/daemon/service_manager.py",
+        "self._fed_ticks = 0\n",
+        "self._fed_ticks = 1\n",
+        (
+            "tests/onboard/daemon/test_service_manager.py::test_the_first_tick_makes_it_ready_and_feeds_the_watchdog",
+        ),
+    ),
 )

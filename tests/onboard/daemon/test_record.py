@@ -5,13 +5,16 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from itertools import pairwise
+from itertools import count, pairwise
 from pathlib import Path
 
 import can
 import pytest
 
+from tests.onboard.daemon.fakes import FakeBus
+from tests.onboard.daemon.test_links import link_of
 from tpmsd.interfaces.cli.main import main
+from tpmsd.onboard.daemon.drive_recording import DriveRecording
 from tpmsd.onboard.daemon.recorder import Appender
 from tpmsd.onboard.sources.can.log import read_can_log
 from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
@@ -96,3 +99,14 @@ def test_what_was_flushed_is_on_the_disk(tmp_path: Path) -> None:
     assert b"one\n" == (tmp_path / "can.log").read_bytes()
     appender.close()
     assert 4 == len((tmp_path / "can.log").read_bytes())
+
+
+def test_a_recording_ends_at_its_limit_and_says_which(tmp_path: Path) -> None:
+    """The line names the megabytes of --max-mb."""
+    clock = count(0.0, 1.0)
+    link = link_of(FakeBus())
+    made = DriveRecording(tmp_path / "d", link, None, lambda: 1000.0, lambda: next(clock), 2 << 20)
+    made.seen.bytes = 2 << 20
+    seen = made.run(lambda: False, lambda seen: None, 30.0)
+
+    assert "2 MB are full (--max-mb)" == seen.why
