@@ -22,13 +22,18 @@ def leaking() -> Driven:
     return drive_leg(car, Leg(seed=2, road="track", duration_s=180.0, losses=(Loss(3, 0.35, 120.0),)))
 
 
+@pytest.fixture(scope="module")
+def fresh(leaking: Driven) -> Heard:
+    """What is said of it without a memory."""
+    return hear(leaking)
+
+
 def at_alarm(heard: Heard) -> float | None:
     return heard.said[0].time_s
 
 
-def test_a_leg_is_heard_alike_with_and_without_memory(leaking: Driven, tmp_path: Path) -> None:
+def test_a_leg_is_heard_alike_with_and_without_memory(leaking: Driven, fresh: Heard, tmp_path: Path) -> None:
     """Cut short by its alarm, from what was kept of that, to its end, and again: to the last bit."""
-    fresh = hear(leaking)
     cut = hear(leaking, stop=at_alarm, memory=tmp_path)
     again = hear(leaking, stop=at_alarm, memory=tmp_path)
     longer = hear(leaking, memory=tmp_path)
@@ -52,9 +57,9 @@ def test_what_is_remembered_is_not_estimated_again(leaking: Driven, tmp_path: Pa
     assert not hear(leaking, memory=tmp_path).raised("deflation")
 
 
-def test_another_state_before_is_another_memory(leaking: Driven, tmp_path: Path) -> None:
+def test_another_state_before_is_another_memory(leaking: Driven, fresh: Heard, tmp_path: Path) -> None:
     """What was learned before is part of the key."""
-    before = hear(leaking).state
+    before = fresh.state
     hear(leaking, memory=tmp_path)
     assert before
     heard = hear(leaking, before, memory=tmp_path)

@@ -23,7 +23,7 @@ class Learned:
 
     def drive(self, **more: Any) -> Heard:
         """What is said on a third one."""
-        base = replace(self.group.healthy[1], start_s=self.group.cases[0].leg.start_s, duration_s=600.0)
+        base = replace(self.group.healthy[1], start_s=self.group.cases[0].leg.start_s, duration_s=450.0)
         return hear(drive_leg(self.group.car, replace(base, **more), self.tyre_k), self.state)
 
 
@@ -46,7 +46,7 @@ def learned() -> Learned:
 def test_a_loss_beside_wheels_of_another_size_is_named(
     learned: Learned, larger_m: tuple[float, float, float, float], share: float
 ) -> None:
-    """All four are 1.6 or 2.8 % larger, or the front axle by 8 mm: these wheels deviate within ten minutes,
+    """All four are 1.6 or 2.8 % larger, or the front axle by 8 mm: these wheels deviate within 450 s,
     and a tyre that loses 20 to 30 % after five is named within two, and no other."""
     heard = learned.drive(seed=501, resized_m=larger_m, losses=(Loss(0, share, 300.0, 10.0),))
     deviating = {said.wheel for said in heard.raised("radius_deviation")}

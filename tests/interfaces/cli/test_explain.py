@@ -117,9 +117,9 @@ def test_without_an_alarm_it_states_what_is_missing() -> None:
 
 
 def test_what_is_kept_is_bounded() -> None:
-    """An hour of driving leaves ten minutes of moments, and a document of less than 100 kB."""
+    """Eleven minutes of driving leave ten minutes of moments, and a document of less than 100 kB."""
     player = Explainer(1.0)
-    player.play(3600.0)
+    player.play(660.0)
     document = player.explain()
     assert EXPLANATION.kept == len(document["evidence"])
     assert len(json.dumps(document)) < 100_000

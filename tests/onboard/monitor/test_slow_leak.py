@@ -403,7 +403,7 @@ def days_of_driving(
         lost_m = METRES_PER_PERCENT * percent / 7.0 * max(since - 5, 0)
         change = rng.normal(0.0, 2e-4, 4)
         change[2] -= lost_m / 0.316
-        events += [one for one in player.play(730.0, tuple(change)) if one.kind == "slow_leak"]
+        events += [one for one in player.play(750.0, tuple(change)) if one.kind == "slow_leak"]
     return events
 
 
@@ -412,7 +412,7 @@ def notices(player: Player) -> list[AlarmEvent]:
 
 
 def player_of(one: Monitor) -> Player:
-    return Player(one, dt_s=10.0)
+    return Player(one, dt_s=30.0)
 
 
 def test_a_leak_is_noticed_over_restarts_and_resets() -> None:
@@ -437,7 +437,7 @@ def test_a_leak_is_noticed_over_restarts_and_resets() -> None:
     saved = json.loads(json.dumps(player.monitor.snapshot()))
     player = player_of(monitor(ALL, deflation_percent=2.0, deviation_percent=2.0))
     player.monitor.restore(saved)
-    player.play(10.0)
+    player.play(30.0)
     assert [notice.additions()] == [event.additions() for event in notices(player)]
     assert [("slow_leak", "rl", "cleared")] == said(days_of_driving(player, 42, 40, 0.0, rng))
 
@@ -462,7 +462,7 @@ def test_other_tyres_take_the_notice_with_them() -> None:
     player = player_of(monitor(ALL, deflation_percent=2.0, deviation_percent=2.0))
     assert [("slow_leak", "rl", "raised")] == said(days_of_driving(player, 0, 36, 4.0, rng))
     player.monitor.reset("winter")
-    events = [event for event in player.play(10.0) if event.kind == "slow_leak"]
+    events = [event for event in player.play(30.0) if event.kind == "slow_leak"]
     assert [("slow_leak", "rl", "cleared")] == said(events)
     assert "winter is driven now" in events[0].reason
 
