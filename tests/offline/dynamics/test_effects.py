@@ -336,3 +336,48 @@ def test_an_error_of_the_drive_slip_is_one_of_the_longitudinal_stiffness() -> No
 
     assert moved.rates["r"] == pytest.approx(ThreeDof(soft, forces=True).frame(FORCED, hard, ()).rates["r"])
     assert not DYNAMICS_EFFECTS["drive_slip_error"].applies(nonlinear=False, forces=True)
+
+
+def test_the_magic_formula_is_the_sine_of_its_author() -> None:
+    """F = L sin(C atan(b - E (b - atan b))), b = D / (C L), C = 1.3, E = -0.5 ([Pacejka 2012], eq. 4.49)."""
+    limit = 2000.0
+    for slope in (300.0, 2000.0, 7000.0):
+        share = grip_share(np.array([slope]), 1.0, 1.0, np.array([limit]), -1.0)
+        b = slope / (1.3 * limit)
+        force = limit * math.sin(1.3 * math.atan(b + 0.5 * (b - math.atan(b))))
+        assert share[0] * slope == pytest.approx(force)
+
+
+def test_a_longitudinal_force_takes_side_force_by_the_ellipse() -> None:
+    """With the coefficient 1 a limit of mu F_z sqrt(1 - (F_x / mu F_z)^2); braked wheels in a bend."""
+    braked = replace(held(0.15, 20.0, -4.0), brake_n=np.array([4.0 * CAR.mass_kg]))
+    frame = ThreeDof(CAR, forces=True).frame(
+        FORCED, braked, (make_dynamics_effect("combined_slip", coefficient=1.0),)
+    )
+    pull = -0.5 * CAR.brake_front_share * 4.0 * CAR.mass_kg
+    limit = CAR.friction * float(frame.load[0][0])
+    linear = 0.5 * CAR.cornering_front_n * math.tan(float(frame.angle[0][0]))
+    left = math.sqrt(1.0 - (pull / limit) ** 2)
+    share = grip_share(np.abs(np.array([linear])), 1.0, CAR.friction, np.array([limit * left / CAR.friction]))
+
+    assert frame.side[0][0] == pytest.approx(linear * share[0])
+
+
+def test_two_wheels_of_unequal_load_carry_less_than_two_of_equal_load() -> None:
+    """An axle with a limit carries the mean of its wheels' forces, whose loads are F_z / 2 (1 +- z)."""
+    limited = make_dynamics_effect("tyre_saturation", friction=0.8, shape=1.0)
+    frame = SingleTrack(CAR).frame(
+        np.array([[0.1, 0.4]]),
+        held(0.1, 20.0),
+        (limited, make_dynamics_effect("wheel_loads", coefficient=1.0)),
+    )
+    z = 2.0 * CAR.height_m * 20.0 * 0.4 / (9.80665 * CAR.track_front_m)
+    linear = CAR.cornering_front_n * float(frame.angle[0][0])
+    load = float(frame.load[0][0])
+    inner, outer = (
+        grip_share(np.array([abs(linear)]), 1.0, 0.8, np.array([load * (1.0 + s * z)]), 1.0) for s in (-1, 1)
+    )
+
+    assert frame.side[0][0] == pytest.approx(0.5 * linear * float(inner[0] + outer[0]))
+    alone = SingleTrack(CAR).frame(np.array([[0.1, 0.4]]), held(0.1, 20.0), (limited,))
+    assert abs(frame.side[0][0]) < abs(alone.side[0][0])

@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.special import fdtrc, stdtr
 
+from bench.worlds.varied_cars import Case, Sensors, drives
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
+from tpmsd.offline.dynamics.document import dynamics_document
+from tpmsd.offline.dynamics.findings import left_over
+from tpmsd.offline.dynamics.look import p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.summary import summary_sentences
 from tpmsd.offline.dynamics.terms import term_of
+from tpmsd.offline.signals.write import signals_text
 
 SINGLE = {
     "mass_error": {"relative": 0.12},
@@ -187,3 +196,59 @@ def test_the_shares_of_the_real_car(recorded_dynamics: Path) -> None:
         assert found.outputs[name].rms_after < 0.6 * found.outputs[name].rms_before
         assert found.outputs[name].rating_after > found.outputs[name].rating_before
     assert np.isfinite(found.loglik_gain_per_s)
+
+
+def test_finite_angles_are_fitted_and_are_no_finding() -> None:
+    """Linear tyres at finite angles against small ones: every car has them; the coefficient is near 1."""
+    case = Case(11, "linear", "lively", sensors=Sensors(rate_hz=20.0))
+    (made,) = drives([case], 30.0)
+    root = Path(tempfile.mkdtemp())
+    (root / "signals.csv").write_text(signals_text(made.columns), encoding="utf-8")
+    (root / "vehicle.toml").write_text(made.vehicle, encoding="utf-8")
+    baseline, drive = loaded(root, "single-track")
+
+    found = diagnose_dynamics(baseline, drive)
+
+    assert (found.verdict, found.findings) == (CONSISTENT, ())
+    assert [one.effect for one in found.nuisances] == ["large_angles"]
+    coefficient = found.nuisances[0].parameters["coefficient"]
+    assert abs(coefficient.value - 1.0) < 4.0 * coefficient.std
+    assert dynamics_document(found, None)["nuisances"][0]["effect"] == "large_angles"
+    assert "large_angles" in " ".join(summary_sentences(found))
+
+
+def test_a_finished_model_stands_still(root: str) -> None:
+    """A further fit moves a delay by a small part of its standard deviation."""
+    baseline, drive = loaded(
+        folder(Path(root) / "late", hidden(gyro_delay={"delay_s": 0.03})), "single-track"
+    )
+    setup = Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat"))
+    search = Search(setup)
+    search.terms = [term for term in search.offered() if term.name == "gyro_delay"]
+
+    search.settle()
+    before = search.terms[0].values()[0]
+    search.fit()
+
+    assert abs(search.terms[0].values()[0] - before) < 5e-5
+    assert before == pytest.approx(0.03, abs=1.5e-3)
+
+
+def test_a_name_is_no_surer_than_the_part_of_the_error_that_it_explains() -> None:
+    """An error of 3 variances beyond the noise falls to 1: odds of 1 to 2; noise alone takes nothing off."""
+    rng = np.random.default_rng(4)
+    noise = rng.standard_normal((4000, 1))
+    missing = np.sign(rng.standard_normal((4000, 1)))
+    readings = noise + missing + math.sqrt(2.0) * np.roll(missing, 1)
+    std = np.array([1.0])
+
+    half = left_over(readings, np.zeros_like(noise), math.sqrt(2.0) * np.roll(missing, 1), std)
+    assert half == pytest.approx(0.5, rel=0.1)
+    assert left_over(readings, np.zeros_like(noise), readings - noise, std) < 0.05
+
+
+def test_values_at_the_default_are_no_news() -> None:
+    """F over blocks: one value is Student's t, 0 has a p-value of 1."""
+    assert p_value_of(0.0, 1, 15) == 1.0
+    assert p_value_of(2.5**2, 1, 15) == pytest.approx(2.0 * float(stdtr(14, -2.5)))
+    assert p_value_of(9.0, 2, 15) == pytest.approx(float(fdtrc(2, 14, 4.5)))

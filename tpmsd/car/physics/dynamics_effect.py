@@ -20,6 +20,8 @@ from tpmsd.foundation.errors import ConfigError
 
 PHYSICS, INSTRUMENT, EVENT, FREE = "physics", "instrument", "event", "free"
 """Kinds: of car and road, of a sensor, of a span of time, a description without a formula."""
+NUISANCE = "nuisance"
+"""Kind of what every car has and a baseline simplifies: it is fitted beside the findings and is none."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,11 @@ class DynamicsEffect:
     def neutral_values(cls, car: DynamicCar, nonlinear: bool) -> dict[str, float]:
         """Return the values with which it does nothing on this car."""
         return {p.name: p.neutral for p in cls.parameters if isinstance(p, Parameter)}
+
+    @classmethod
+    def has_neutral(cls, nonlinear: bool) -> bool:
+        """Return True if some values of it do nothing, from which a fit's distance is measured."""
+        return True
 
     @classmethod
     def applies(cls, nonlinear: bool, forces: bool) -> bool:

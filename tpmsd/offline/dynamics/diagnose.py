@@ -15,7 +15,7 @@ from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.certify import Replicates, certified
 from tpmsd.offline.dynamics.drive import DynamicsDrive
-from tpmsd.offline.dynamics.findings import findings_of, not_detectable
+from tpmsd.offline.dynamics.findings import findings_of, not_detectable, nuisances_of
 from tpmsd.offline.dynamics.look import Look, fold_blocks, threshold_of
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
@@ -94,6 +94,7 @@ def diagnose_dynamics(
         curves,
         proposals(search) if propose else (),
         certificate,
+        nuisances_of(search, look),
     )
 
 
@@ -104,7 +105,7 @@ def _model(
     effects, stds = list(search.fixed), [dict[str, float]() for _ in search.fixed]
     sure = {one.term for one in found if one.status == FINDING}
     for k, term in enumerate(search.terms):
-        if k in sure:
+        if k in sure or term.nuisance:
             pairs = zip(term.free, map(float, look.slot(k).std), strict=True)
             effects.append(term.effect)
             stds.append({name: std for name, std in pairs if not name.startswith("heights[")})

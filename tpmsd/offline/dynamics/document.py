@@ -6,10 +6,17 @@ the public formats.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from tpmsd.offline.dynamics.result import FINDING, DynamicsDiagnosis, DynamicsFinding
+from tpmsd.offline.dynamics.result import (
+    FINDING,
+    DynamicsDiagnosis,
+    DynamicsFinding,
+    FittedNuisance,
+    Quantity,
+)
 from tpmsd.offline.dynamics.summary import summary_sentences
 
 
@@ -64,7 +71,16 @@ def dynamics_document(diagnosis: DynamicsDiagnosis, model_file: str | None) -> d
         },
         **({"proposals": [asdict(one) for one in diagnosis.proposals]} if diagnosis.proposals else {}),
         **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
+        **({"nuisances": [_nuisance(one) for one in diagnosis.nuisances]} if diagnosis.nuisances else {}),
     }
+
+
+def _nuisance(one: FittedNuisance) -> dict[str, Any]:
+    return {"effect": one.effect, "parameters": _parameters(one.parameters)}
+
+
+def _parameters(parameters: Mapping[str, Quantity]) -> dict[str, Any]:
+    return {name: {"value": one.value, "std": one.std, "unit": one.unit} for name, one in parameters.items()}
 
 
 def _certificate(diagnosis: DynamicsDiagnosis) -> dict[str, Any] | None:
@@ -100,10 +116,7 @@ def _finding(finding: DynamicsFinding) -> dict[str, Any]:
         "confidence": finding.confidence,
         "p_value": finding.p_value,
         **({"p_value_is_bound": True} if finding.p_value_is_bound else {}),
-        "parameters": {
-            name: {"value": one.value, "std": one.std, "unit": one.unit}
-            for name, one in finding.parameters.items()
-        },
+        "parameters": _parameters(finding.parameters),
         "where": _where(finding),
         "heldout": {
             "rms_before": finding.rms_before,

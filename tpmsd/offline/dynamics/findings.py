@@ -24,6 +24,7 @@ from tpmsd.offline.dynamics.result import (
     FINDING,
     SUSPICION,
     DynamicsFinding,
+    FittedNuisance,
     NotDetectable,
     Place,
     Quantity,
@@ -51,10 +52,21 @@ def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
     alternatives = len({term.name for term in look.offered}) + len(slots)
     found = []
     for k, slot in enumerate(slots):
+        if slot.term.nuisance:
+            continue
         without = _without(few, k)
         one = _finding(search, few, slot, with_all, without, alternatives)
         found.append(replace(one, term=k))
     return tuple(sorted(found, key=lambda one: -one.loglik_gain))
+
+
+def nuisances_of(search: Search, look: Look) -> tuple[FittedNuisance, ...]:
+    """Return the nuisances of the model with their values."""
+    return tuple(
+        FittedNuisance(term.name, _quantities(look.slot(k)))
+        for k, term in enumerate(search.terms)
+        if term.nuisance
+    )
 
 
 def _without(few: Search, k: int) -> FloatArray:
@@ -87,9 +99,13 @@ def _finding(
     rivals = [(rival.name, value) for rival, value in slot.rivals]
     twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
+    # a Bayes factor is at most exp(distance / 2)
+    against += math.exp(min(-min(slot.evidence, 0.5 * slot.distance), 50.0))
     with_nameless_term = search.stand_in and term.name != "unknown"
     against += math.exp(min(term.stand_in_nats, 50.0))
-    confidence = 1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0)))
+    if term.name != "unknown":
+        against += left_over(readings, without, with_all, search.noise.outputs)
+    confidence = 1.0 / (1.0 + against)
     return DynamicsFinding(
         effect=term.name,
         status=FINDING if p_value <= SURE else SUSPICION,
@@ -110,6 +126,21 @@ def _finding(
         unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, place], without[:, place], with_all[:, place]),
     )
+
+
+def left_over(readings: FloatArray, without: FloatArray, with_all: FloatArray, noise: FloatArray) -> float:
+    """Return the error of the prediction that stays over the part of it that a term takes away.
+
+    Both are mean squares beyond the noise of a reading, in its variances, added up over the outputs. Where
+    more stays unexplained than a name explains, the name is as likely to be a part of what is missing.
+    """
+
+    def error(guess: FloatArray) -> FloatArray:
+        return np.asarray(np.nanmean((readings - guess) ** 2, axis=0)) / noise**2
+
+    stays = float(np.sum(np.maximum(error(with_all) - 1.0, 0.0)))
+    taken = float(np.sum(error(without) - error(with_all)))
+    return stays / max(taken, 1e-9)
 
 
 def _residuals(

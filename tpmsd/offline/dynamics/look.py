@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtr
+from scipy.special import fdtrc
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
@@ -26,6 +26,8 @@ class Slot:
     term: Term
     evidence: float
     """Log Bayes factor against its absence."""
+    distance: float
+    """Squared distance, in standard deviations, from the values that do nothing."""
     overdispersion: float
     std: FloatArray
     """(a,) standard deviations, overdispersion included."""
@@ -63,17 +65,23 @@ class Look:
             return -math.inf
         return addition.log_evidence() - math.log(term.alternatives)
 
-    def evidence(self, k: int) -> float:
-        """Return the log Bayes factor of a term of the model against its absence."""
+    def loss(self, k: int) -> tuple[float, Addition]:
+        """Return the nats that are lost without a term, its noise as large as the blocks say, and what it
+        adds."""
         rest = [columns for j, columns in enumerate(self.columns) if j != k]
         own = self.statistics.addition(joined(rest), self.columns[k])
-        ratio = own.overdispersion
         full = self._penalised(joined(self.columns), (), ())
         less = self._penalised(joined(rest), *self.removal[k])
+        return (full - less) / own.overdispersion, own
+
+    def evidence(self, k: int) -> float:
+        """Return the log Bayes factor of a term of the model against its absence."""
+        loss, own = self.loss(k)
+        ratio = own.overdispersion
         prior = self.columns[k].precision
         matrix = own.information / ratio + np.diag(prior)
         occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
-        return float((full - less) / ratio - occam - math.log(self.terms[k].alternatives))
+        return float(loss - occam - math.log(self.terms[k].alternatives))
 
     def _penalised(self, free: Columns, held: Sequence[int], values: Sequence[float]) -> float:
         """Return the log-likelihood with priors at the best values of the free columns."""
@@ -118,30 +126,33 @@ class Look:
 
     def slot(self, k: int) -> Slot:
         """Return a term of the model with everything that is said of it."""
-        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
-        own = self.statistics.addition(rest, self.columns[k])
+        loss, own = self.loss(k)
         _, covariance = self.statistics.fit(joined(self.columns))
         first = sum(len(columns.index) for columns in self.columns[:k])
-        variance = np.diag(covariance)[first : first + len(self.columns[k].index)]
+        rows = slice(first, first + len(self.columns[k].index))
+        covariance = covariance[rows, rows] * own.overdispersion
         term = self.terms[k]
         away = np.array([term.value(name) - term.neutral.get(name, 0.0) for name in term.free])
         spread = np.array([term.spread.get(name, 0.0) for name in term.free])
-        std = np.sqrt(variance * own.overdispersion + (SETTINGS.relative_std * away) ** 2 + spread**2)
+        covariance = covariance + np.diag((SETTINGS.relative_std * away) ** 2)
+        size = 2.0 * max(loss, 0.0)
+        if term.has_neutral:
+            size = float(away @ np.linalg.solve(covariance, away))
         return Slot(
             term,
             self.evidence(k),
+            size,
             own.overdispersion,
-            std,
-            p_value_of(away / np.sqrt(std**2 - spread**2), len(self.statistics.blocks.gradient)),
+            np.sqrt(np.diag(covariance) + spread**2),
+            p_value_of(size, len(away), len(self.statistics.blocks.gradient)),
             tuple(self.rivals(k)),
             self.heldout(k),
         )
 
 
-def p_value_of(sizes: FloatArray, blocks: int) -> float:
-    """Return the two-sided p-value of the largest of some standardised values, by Student's t over blocks."""
-    tail = 2.0 * float(stdtr(max(blocks - 1, 1), -float(np.abs(sizes).max())))
-    return float(min(tail * len(sizes), 1.0))
+def p_value_of(size: float, count: int, blocks: int) -> float:
+    """Return the p-value of a squared distance of `count` values, by Fisher's F: blocks tell the variance."""
+    return float(fdtrc(count, max(blocks - 1, 1), max(size, 0.0) / count))
 
 
 def possible(term: Term, estimate: FloatArray) -> bool:

@@ -80,6 +80,14 @@ class DynamicsFinding:
 
 
 @dataclass(frozen=True, slots=True)
+class FittedNuisance:
+    """What every car has and the baseline simplifies, as it was fitted; no finding."""
+
+    effect: str
+    parameters: Mapping[str, Quantity]
+
+
+@dataclass(frozen=True, slots=True)
 class Curves:
     """One output over the drive, (n,) each; predictions with parameters fitted on the other folds."""
 
@@ -182,3 +190,4 @@ class DynamicsDiagnosis:
     """Residuals by output; recorded rows alone."""
     proposals: tuple[Proposal, ...] = ()
     certificate: Certificate | None = None
+    nuisances: tuple[FittedNuisance, ...] = ()

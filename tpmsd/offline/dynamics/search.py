@@ -81,8 +81,16 @@ class Search:
         return covariates_of(self.setup, self.theta, self.at.path)
 
     def offered(self) -> list[Term]:
-        """Return the terms of the catalogue that the model does not have."""
+        """Return the terms of the catalogue that the model does not have, nuisances aside."""
+        return [term for term in self._candidates() if not term.nuisance]
+
+    def _candidates(self) -> list[Term]:
         return candidates(self.setup.baseline, self.setup.channels, self.theta)
+
+    @property
+    def named(self) -> list[Term]:
+        """Return the terms of the model that are no nuisances."""
+        return [term for term in self.terms if not term.nuisance]
 
     def without(self, k: int) -> tuple[DynamicsEffect, ...]:
         """Return the effects of the model without one of its terms."""
@@ -107,11 +115,24 @@ class Search:
             self._move(step)
             self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
             size = np.concatenate([1.0 / np.sqrt(part.precision) for part in columns])
-            if np.all(np.abs(step) < 1e-3 * size):
+            if np.all(np.abs(step) < SETTINGS.settled * size):
                 break
             if k == 0:
                 self._refit_noise(4)
         self._refit_noise(3)
+
+    def settle(self) -> None:
+        """Fit until no value moves any more."""
+        for _ in range(SETTINGS.last_fits):
+            before = [term.values() for term in self.terms]
+            self.fit()
+            moves = [
+                np.abs(term.values() - values) / np.array(term.prior_std)
+                for term, values in zip(self.terms, before, strict=True)
+            ]
+            if max(float(np.max(move)) for move in moves) < SETTINGS.settled:
+                break
+        self.error = self.prediction_error()
 
     def _move(self, step: FloatArray) -> None:
         at = 0
@@ -181,6 +202,12 @@ class Search:
             added,
         )
 
+    def admit(self) -> None:
+        """Add every nuisance whose evidence is positive: odds of one ask nothing of what every car has."""
+        offered = [term for term in self._candidates() if term.nuisance]
+        for term, _ in self.ranked(offered, 0.0):
+            self.attempt([*self.terms, term])
+
     def forward(self, threshold: float) -> bool:
         """Add the term with the largest evidence above the threshold that predicts no worse; False if none.
 
@@ -248,9 +275,12 @@ class Search:
         look = self.look(self.offered())
         for k in range(len(self.terms)):
             rest = [term for j, term in enumerate(self.terms) if j != k]
-            if look.evidence(k) < 0.5 * threshold and self.attempt(rest):
+            least = 0.0 if self.terms[k].nuisance else 0.5 * threshold
+            if look.evidence(k) < least and self.attempt(rest):
                 return True
         for k, term in enumerate(self.terms):
+            if term.nuisance:
+                continue
             rivals = look.rivals(k)
             better = rivals and rivals[0][1] > look.evidence(k) + SETTINGS.twin_nats
             if better and self._exchanged(k, term, rivals[0][0]):

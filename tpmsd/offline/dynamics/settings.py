@@ -46,6 +46,11 @@ class DynamicsSettings:
     """Steps of the fixed-point iteration for the noise: two figures are reached in five to ten."""
     noise_rows: int = 4000
     """Rows from which noise is estimated: standard deviations to 2 %."""
+    last_fits: int = 4
+    """Fits of the finished model, at most, each with its noise: one leaves a delay of 30 ms 1 ms off, that is
+    five of its standard deviations, while the noise still falls."""
+    settled: float = 1e-3
+    """Change of every value between two fits, in standard deviations of its prior, below which it stands."""
     path_rounds: int = 8
     """Steps of Gauss-Newton for the path, at most."""
     path_tolerance: float = 1e-2

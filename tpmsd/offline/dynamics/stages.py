@@ -27,10 +27,11 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     threshold = threshold_of(len({term.name for term in search.offered()}))
     search.keep_stage()
     _grow(search, threshold, SETTINGS.most_effects, say)
-    named = [term for term in search.terms if term.name != "unknown"]
+    named = [term for term in search.named if term.name != "unknown"]
     if len(named) < 2:
         return search
     plain = Search(setup, fixed)
+    plain.admit()
     other = _nameless_first(setup, fixed, threshold)
     if other is None:
         return search
@@ -38,21 +39,28 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     predicts = other.error <= search.error + SETTINGS.most_worse
     if first > best + SETTINGS.twin_nats and predicts:
         return other
-    nameless_there = len(named) < len(search.terms)
+    nameless_there = len(named) < len(search.named)
     search.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * (best - base)
     return search
 
 
 def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
     """Take steps until none helps, or so many terms are there."""
-    while len(search.terms) < most:
-        say(0.1 + 0.6 * len(search.terms) / SETTINGS.most_effects)
+    while len(search.named) < most:
+        say(0.1 + 0.6 * len(search.named) / SETTINGS.most_effects)
+        search.admit()
         if not (search.forward(threshold) or _locate(search, threshold)):
             break
         for _ in range(3):
             if not (len(search.terms) > 1 and search.tidy(threshold)):
                 break
         search.keep_stage()
+    if not search.terms:
+        return
+    search.settle()
+    if [term.key for term in search.terms] == [term.key for term in search.stages[-1].terms]:
+        search.stages.pop()
+    search.keep_stage()
 
 
 def _nameless_first(setup: Setup, fixed: tuple[DynamicsEffect, ...], threshold: float) -> Search | None:
@@ -63,6 +71,7 @@ def _nameless_first(setup: Setup, fixed: tuple[DynamicsEffect, ...], threshold: 
     """
     search = Search(setup, fixed)
     search.keep_stage()
+    search.admit()
     for place in nameless(search)[: SETTINGS.tried]:
         if place.evidence > threshold and search.attempt([*search.terms, refined(search, place)]):
             search.keep_stage()

@@ -5,6 +5,8 @@ In: `DynamicsDiagnosis`. Out: text.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
 from tpmsd.foundation.english import listed
 from tpmsd.offline.dynamics.result import (
@@ -13,6 +15,7 @@ from tpmsd.offline.dynamics.result import (
     SUSPICION,
     DynamicsDiagnosis,
     DynamicsFinding,
+    Quantity,
 )
 
 OUTPUT_NAMES = {
@@ -47,6 +50,12 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
     for one in diagnosis.findings:
         if one.status == SUSPICION:
             out.append(f"Suspected, not sure: {clause(one)}.")
+    for nuisance in diagnosis.nuisances:
+        sentence = DYNAMICS_EFFECTS[nuisance.effect].sentence
+        out.append(
+            f"Fitted as what every car has, not as a finding: {sentence}"
+            f" ({nuisance.effect}: {_numbers(nuisance.parameters)})."
+        )
     return out
 
 
@@ -77,11 +86,15 @@ def clause(finding: DynamicsFinding) -> str:
             over += f" from {where.range[0]:.3g} to {where.range[1]:.3g}"
         return f"something without a name in the {_place(finding.acts_on)} {over}"
     sentence = DYNAMICS_EFFECTS[finding.effect].sentence
-    numbers = ", ".join(
+    return f"{sentence} ({finding.effect}: {_numbers(finding.parameters)})"
+
+
+def _numbers(parameters: Mapping[str, Quantity]) -> str:
+    """Return parameters with their standard deviations and units."""
+    return ", ".join(
         f"{name} {one.value:.4g} +- {one.std:.2g}{' ' + one.unit if one.unit and one.unit != '1' else ''}"
-        for name, one in finding.parameters.items()
+        for name, one in parameters.items()
     )
-    return f"{sentence} ({finding.effect}: {numbers})"
 
 
 def _place(on: str) -> str:

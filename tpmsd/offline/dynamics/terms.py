@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Baseline, Theta
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
-from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
+from tpmsd.car.physics.dynamics_effect import EVENT, NUISANCE, DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe
@@ -38,11 +38,18 @@ class Term:
     """Terms of this effect among which is chosen."""
     spread: Mapping[str, float] = field(default_factory=dict)
     """Standard deviations by doubt about the span of time, beside those of the fit, by parameter."""
+    has_neutral: bool = True
+    """True if its distance from values that do nothing can be measured."""
 
     @property
     def name(self) -> str:
         """Return the effect's name."""
         return self.effect.name
+
+    @property
+    def nuisance(self) -> bool:
+        """Return True if every car has the effect: it is fitted beside the findings and is none."""
+        return self.effect.kind == NUISANCE
 
     @property
     def key(self) -> str:
@@ -156,9 +163,8 @@ def term_of(effect: DynamicsEffect, baseline: Baseline, jump: bool = False, alte
         assert p.prior is not None
         means.append(neutral[p.name] if p.prior.mean == p.neutral and not effect.grid else p.prior.mean)
         stds.append(p.prior.std)
-    return Term(
-        effect, tuple(p.name for p in numbers), tuple(means), tuple(stds), neutral, jump, alternatives
-    )
+    names, reachable = tuple(p.name for p in numbers), effect.has_neutral(baseline.nonlinear)
+    return Term(effect, names, tuple(means), tuple(stds), neutral, jump, alternatives, has_neutral=reachable)
 
 
 def spline_term(effect: DynamicsEffect, std: float) -> Term:

@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.car import DynamicCar
-from tpmsd.car.physics.baselines.frame import Frame, frame_of
+from tpmsd.car.physics.baselines.frame import Frame, Real, frame_of
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -38,6 +38,10 @@ UNITS = {
     "roll": "rad",
 }
 """Outputs by name, with their units."""
+SHARE_MARGIN = 0.02
+"""Step by which a share of force may leave 0 and 1: more than the difference of a derivative, less than
+shows.
+"""
 MOST_STIFF = 0.8
 """Largest rate constant times step of the integration."""
 
@@ -222,6 +226,19 @@ def _air_and_rolling(frame: Frame) -> None:
         return
     drag = 0.5 * AIR_KGPM3 * frame.drag_area * frame.u * np.abs(frame.u)
     frame.force_x = frame.force_x - drag - frame.rolling_resistance * frame.mass * GRAVITY_MPS2
+
+
+def axle_forces(frame: Frame) -> tuple[Real, Real]:
+    """Return the longitudinal force of the front and of the rear axle: their shares of drive and brake
+    force."""
+    front = within(frame.drive_front_share) * frame.drive - within(frame.brake_front_share) * frame.brake
+    rear = (1.0 - within(frame.drive_front_share)) * frame.drive
+    return front, rear - (1.0 - within(frame.brake_front_share)) * frame.brake
+
+
+def within(share: Real) -> Real:
+    """Return a share within 0 and 1, and a little beyond, so that it has a derivative at either."""
+    return np.clip(share, -SHARE_MARGIN, 1.0 + SHARE_MARGIN)
 
 
 def lateral_transfer(frame: Frame) -> FloatArray:

@@ -1,8 +1,10 @@
-"""Reduction of a tyre's linear force near the friction limit, by Dugoff's law or by the brush model.
+"""Reduction of a tyre's linear force near the friction limit, by Dugoff's law, the brush model or a sine.
 
 Dugoff: f = (2 - lambda) lambda below lambda = 1, else 1; lambda = mu F_z (1 + sigma) / (2 D), D the linear
 force ([Liu 2022], eqs (9)-(12), with 1 + sigma in (10)). Brush with parabolic pressure: f = 1 - x + x^2 / 3
-below x = 1, else 1 / (3 x); x = D / (3 mu F_z (1 + sigma)) ([Pacejka 2012], section 3.2).
+below x = 1, else 1 / (3 x); x = D / (3 mu F_z (1 + sigma)) ([Pacejka 2012], section 3.2). Magic Formula:
+f = sin(C arctan(b - E (b - arctan b))) / (C b), b = D / (C mu F_z (1 + sigma)), C = 1.3, E = -0.5 ([Pacejka
+2012], section 4.3.1: 1.3 is the shape factor of side force).
 """
 
 from __future__ import annotations
@@ -12,6 +14,9 @@ import numpy as np
 from tpmsd.car.physics.baselines.frame import Real
 from tpmsd.foundation.wheels import FloatArray
 
+_SHAPE, _CURVATURE = 1.3, -0.5
+_MOST_PULL = 0.95
+"""Largest share of friction taken by a longitudinal force: beyond it the root has no derivative."""
 _STILL_N = 1e-6
 """Linear force below which nothing slides, so that no division is by zero."""
 
@@ -21,15 +26,30 @@ def grip_share(
 ) -> FloatArray:
     """Return the share of the linear force that the tyre carries; arrays broadcast.
 
-    `lengthened` is 1 + sigma, `shape` 0 for Dugoff's law, 1 for the brush model and a mean of both between.
-    A contact without load carries nothing.
+    `lengthened` is 1 + sigma, `shape` 0 for Dugoff's law, 1 for the brush model, -1 for the Magic Formula and
+    a mean of neighbours between. A contact without load carries nothing.
     """
     limit = 0.5 * friction * np.maximum(load_n, 0.0) * lengthened / np.maximum(linear_n, _STILL_N)
     dugoff = np.minimum(limit, 1.0)
     dugoff = np.asarray((2.0 - dugoff) * dugoff)
-    if isinstance(shape, float) and shape == 0.0:
-        return dugoff
-    x = 1.0 / (6.0 * np.maximum(limit, 1e-9))
-    inside = np.minimum(x, 1.0)
-    brush = np.where(x < 1.0, 1.0 - inside + inside**2 / 3.0, 1.0 / (3.0 * np.maximum(x, 1.0)))
-    return np.asarray(dugoff + shape * (brush - dugoff))
+    towards = np.asarray(shape)
+    out = dugoff
+    if np.any(towards > 0.0):
+        x = 1.0 / (6.0 * np.maximum(limit, 1e-9))
+        inside = np.minimum(x, 1.0)
+        brush = np.where(x < 1.0, 1.0 - inside + inside**2 / 3.0, 1.0 / (3.0 * np.maximum(x, 1.0)))
+        out = out + np.maximum(towards, 0.0) * (brush - dugoff)
+    if np.any(towards < 0.0):
+        b = 1.0 / (2.0 * _SHAPE * np.maximum(limit, 1e-9))
+        magic = np.sin(_SHAPE * np.arctan(b - _CURVATURE * (b - np.arctan(b)))) / (_SHAPE * b)
+        out = out + np.maximum(-towards, 0.0) * (magic - dugoff)
+    return np.asarray(out)
+
+
+def beside_pull(pull_n: FloatArray, friction: Real, load_n: FloatArray) -> FloatArray:
+    """Return the share of friction that a longitudinal force leaves to the side, by the friction ellipse.
+
+    sqrt(1 - (F_x / mu F_z)^2) ([Hindiyeh 2014]).
+    """
+    limit = np.maximum(friction * np.maximum(load_n, 0.0), _STILL_N)
+    return np.asarray(np.sqrt(1.0 - np.clip(pull_n / limit, -_MOST_PULL, _MOST_PULL) ** 2))

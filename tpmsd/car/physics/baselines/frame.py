@@ -50,7 +50,11 @@ class Frame:
     friction: Real | None
     """None where the tyres have no limit."""
     tyre_shape: Real = field(default=0.0, kw_only=True)
-    """Law between linear and sliding: 0 Dugoff's, 1 the brush model's."""
+    """Law between linear and sliding: 0 Dugoff's, 1 the brush model's, -1 the Magic Formula's."""
+    ellipse: Real = field(default=0.0, kw_only=True)
+    """Share of the friction ellipse in how longitudinal force takes side force; 0: the baseline's own way."""
+    wheel_loads: Real = field(default=0.0, kw_only=True)
+    """Share of the lateral load transfer that friction of an axle's two wheels feels; axles only."""
     drive_front_share: Real
     brake_front_share: Real
     drag_area: Real

@@ -11,10 +11,26 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import Baseline, lateral_transfer, like
-from tpmsd.car.physics.baselines.dugoff import grip_share
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer, like
+from tpmsd.car.physics.baselines.dugoff import beside_pull, grip_share
+from tpmsd.car.physics.baselines.frame import Frame, Real
 from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import FloatArray
+
+
+def _axle_share(frame: Frame, friction: Real) -> FloatArray:
+    """Return the share of the linear force that each axle carries, (2, ...): the mean of its two wheels."""
+    linear, load = np.abs(frame.side), frame.load
+    if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
+        pull = np.stack(np.broadcast_arrays(*axle_forces(frame)))
+        load = load * (1.0 - frame.ellipse * (1.0 - beside_pull(pull, friction, load)))
+    if isinstance(frame.wheel_loads, float) and frame.wheel_loads == 0.0:
+        return grip_share(linear, 1.0, friction, load, frame.tyre_shape)
+    part = frame.wheel_loads * frame.transfer
+    inner, outer = (
+        grip_share(linear, 1.0, friction, load * (1.0 + sign * part), frame.tyre_shape) for sign in (-1, 1)
+    )
+    return 0.5 * (inner + outer)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,9 +59,7 @@ class SingleTrack(Baseline):
         """Forces proportional to the slip angles, less where an effect sets a limit."""
         frame.side = like(frame.stiffness, frame.angle) * frame.angle
         if frame.friction is not None:
-            linear = np.abs(frame.side)
-            share = grip_share(linear, 1.0, frame.friction, frame.load, frame.tyre_shape)
-            frame.side = frame.side * share
+            frame.side = frame.side * _axle_share(frame, frame.friction)
         frame.along = np.zeros_like(frame.side)
         frame.force_y = frame.side[0] + frame.side[1]
         frame.moment = frame.front * frame.side[0] - frame.rear * frame.side[1]

@@ -13,18 +13,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, aligned, lateral_transfer, like
-from tpmsd.car.physics.baselines.dugoff import grip_share
-from tpmsd.car.physics.baselines.frame import Frame, Real
+from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, aligned, axle_forces, lateral_transfer, like
+from tpmsd.car.physics.baselines.dugoff import beside_pull, grip_share
+from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
 MOST_SLIP_FORCE = 0.3
 """Largest F / C_sigma that is turned into a slip: beyond, a wheel spins or locks."""
-SHARE_MARGIN = 0.02
-"""Step by which a share of force may leave 0 and 1: more than the difference of a derivative, less than
-shows.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +69,13 @@ class ThreeDof(Baseline):
         share = grip_share(linear, lengthened, frame.friction, load, frame.tyre_shape)
         share = share / lengthened
         frame.side, frame.along = linear_side * share, linear_along * share
+        if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
+            halves = [0.5 * np.asarray(one) for one in axle_forces(frame)]
+            pull = np.stack(np.broadcast_arrays(halves[0], halves[0], halves[1], halves[1]))
+            pull, load = aligned(pull, load)
+            left = beside_pull(pull, frame.friction, load)
+            grip = grip_share(np.abs(linear_side), 1.0, frame.friction, load * left, frame.tyre_shape)
+            frame.side = frame.side + frame.ellipse * (linear_side * grip - frame.side)
         cos, sin = np.cos(frame.steer), np.sin(frame.steer)
         ahead = [frame.along[k] * cos - frame.side[k] * sin for k in (0, 1)] + [
             frame.along[2],
@@ -93,14 +96,7 @@ class ThreeDof(Baseline):
 def carried_slip(frame: Frame) -> FloatArray:
     """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4,
     ...)."""
-    front = _share(frame.drive_front_share) * frame.drive - _share(frame.brake_front_share) * frame.brake
-    rear = (1.0 - _share(frame.drive_front_share)) * frame.drive
-    rear = rear - (1.0 - _share(frame.brake_front_share)) * frame.brake
+    front, rear = axle_forces(frame)
     halves = [0.5 * np.asarray(one) / frame.longitudinal for one in (front, front, rear, rear)]
     force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MOST_SLIP_FORCE, MOST_SLIP_FORCE)
     return np.asarray(force / (1.0 - force))
-
-
-def _share(value: Real) -> Real:
-    """Return a share within 0 and 1, and a little beyond, so that it has a derivative at either."""
-    return np.clip(value, -SHARE_MARGIN, 1.0 + SHARE_MARGIN)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
-from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,7 +19,7 @@ class DriveSlipError(DynamicsEffect):
     """
 
     name = "drive_slip_error"
-    kind = PHYSICS
+    kind = NUISANCE
     formula = "sigma / (1 + sigma) = (1 + relative) * F_x / C_sigma"
     sentence = "slip under drive and brake force changes the side forces by another amount than configured"
     telling_drive = "accelerate and brake firmly in bends, and coast through the same bends"

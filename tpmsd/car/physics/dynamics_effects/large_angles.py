@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
-from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -20,7 +20,7 @@ class LargeAngles(DynamicsEffect):
     """
 
     name = "large_angles"
-    kind = PHYSICS
+    kind = NUISANCE
     formula = "F_y = F_f * cos(delta) + F_x * sin(delta) + F_r, alpha = delta - atan(v_y / u)"
     sentence = "the angles of steering and slip are not small"
     telling_drive = "drive tight bends slowly, accelerate and brake in them"

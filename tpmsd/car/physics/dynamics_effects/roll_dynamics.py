@@ -62,6 +62,11 @@ class RollDynamics(DynamicsEffect):
     frequency_hz: float = 1.5
     damping: float = 0.3
 
+    @classmethod
+    def has_neutral(cls, nonlinear: bool) -> bool:
+        """Return False: no frequency leaves the body where it is."""
+        return False
+
     def fastest_rate_per_s(self, speed_mps: float) -> float:
         """Return the angular frequency."""
         return 2.0 * math.pi * float(np.max(self.frequency_hz))

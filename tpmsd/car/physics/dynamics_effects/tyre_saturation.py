@@ -13,8 +13,8 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 @dataclass(frozen=True)
 class TyreSaturation(DynamicsEffect):
     """F = f * F_linear with f = (2 - l) l below l = 1, l = mu F_z / (2 F_linear): Dugoff's law with this
-    friction; with a shape of 1 the brush model's f = 1 - x + x^2 / 3, x = F_linear / (3 mu F_z), a mean of
-    both between.
+    friction; with a shape of 1 the brush model's f = 1 - x + x^2 / 3, x = F_linear / (3 mu F_z), with
+    a shape of -1 the Magic Formula's, a mean of neighbours between.
 
     Where the baseline's tyres are linear there is no limit without it. Source: [Liu 2022], eqs (9)-(12); mu
     of 0.7 to 1.1 on dry asphalt, racing tyres to 1.6 ([Pacejka 2012], sections 3.2 and 4.3).
@@ -31,6 +31,7 @@ class TyreSaturation(DynamicsEffect):
     grid = (
         *({"friction": mu, "shape": 0.0} for mu in (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5)),
         *({"friction": mu, "shape": 1.0} for mu in (0.6, 0.9, 1.2, 1.6)),
+        *({"friction": mu, "shape": -1.0} for mu in (0.6, 0.8, 1.0, 1.3)),
     )
     parameters = (
         Parameter(
@@ -48,11 +49,11 @@ class TyreSaturation(DynamicsEffect):
             "shape",
             "1",
             0.5,
-            -0.5,
-            1.5,
-            "law between linear and sliding: 0 Dugoff, 1 brush model",
+            -2.0,
+            2.0,
+            "law between linear and sliding: 0 Dugoff, 1 brush model, -1 Magic Formula",
             probe=0.001,
-            prior=Prior(0.5, 0.5, "Magic Formula tyres lie between both: Pacejka, sections 3.2 and 4.3"),
+            prior=Prior(0.0, 1.0, "all three laws are in use: Pacejka, sections 3.2 and 4.3"),
         ),
     )
     friction: float = 1.0
@@ -62,6 +63,11 @@ class TyreSaturation(DynamicsEffect):
     def neutral_values(cls, car: DynamicCar, nonlinear: bool) -> dict[str, float]:
         """Return the configured friction."""
         return {"friction": car.friction, "shape": 0.0}
+
+    @classmethod
+    def has_neutral(cls, nonlinear: bool) -> bool:
+        """Return True if the baseline's tyres have a limit; without one no friction does nothing."""
+        return nonlinear
 
     def adapt_car(self, frame: Frame) -> None:
         """Set the limit."""
