@@ -70,12 +70,7 @@ class ThreeDof(Baseline):
         share = share / lengthened
         frame.side, frame.along = linear_side * share, linear_along * share
         if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
-            halves = [0.5 * np.asarray(one) for one in axle_forces(frame)]
-            pull = np.stack(np.broadcast_arrays(halves[0], halves[0], halves[1], halves[1]))
-            pull, load = aligned(pull, load)
-            left = beside_pull(pull, frame.friction, load)
-            grip = grip_share(np.abs(linear_side), 1.0, frame.friction, load * left, frame.tyre_shape)
-            frame.side = frame.side + frame.ellipse * (linear_side * grip - frame.side)
+            frame.side = frame.side + frame.ellipse * (_by_ellipse(frame, linear_side, load) - frame.side)
         cos, sin = np.cos(frame.steer), np.sin(frame.steer)
         ahead = [frame.along[k] * cos - frame.side[k] * sin for k in (0, 1)] + [
             frame.along[2],
@@ -91,6 +86,16 @@ class ThreeDof(Baseline):
             + 0.5 * frame.track_front * (ahead[1] - ahead[0])
             + 0.5 * frame.track_rear * (ahead[3] - ahead[2])
         )
+
+
+def _by_ellipse(frame: Frame, linear_side: FloatArray, load: FloatArray) -> FloatArray:
+    """Return the side forces whose limit is what the longitudinal force leaves of friction, (4, ...)."""
+    assert frame.friction is not None
+    front, rear = (0.5 * np.asarray(one) for one in axle_forces(frame))
+    pull = np.stack(np.broadcast_arrays(front, front, rear, rear))
+    pull, load = aligned(pull, load)
+    left = load * beside_pull(pull, frame.friction, load)
+    return linear_side * grip_share(np.abs(linear_side), 1.0, frame.friction, left, frame.tyre_shape)
 
 
 def carried_slip(frame: Frame) -> FloatArray:
