@@ -69,10 +69,18 @@ def dynamics_document(diagnosis: DynamicsDiagnosis, model_file: str | None) -> d
             "loglik_gain_per_s": diagnosis.loglik_gain_per_s,
             "noise": dict(diagnosis.noise),
         },
-        **({"proposals": [asdict(one) for one in diagnosis.proposals]} if diagnosis.proposals else {}),
-        **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
-        **({"nuisances": [_nuisance(one) for one in diagnosis.nuisances]} if diagnosis.nuisances else {}),
+        **_where_there_are_any(diagnosis),
     }
+
+
+def _where_there_are_any(diagnosis: DynamicsDiagnosis) -> dict[str, Any]:
+    """Return the lists of the document that are left out where they are empty."""
+    lists = {
+        "proposals": [asdict(one) for one in diagnosis.proposals],
+        "notes": list(diagnosis.notes),
+        "nuisances": [_nuisance(one) for one in diagnosis.nuisances],
+    }
+    return {name: entries for name, entries in lists.items() if entries}
 
 
 def _nuisance(one: FittedNuisance) -> dict[str, Any]:
