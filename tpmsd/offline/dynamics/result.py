@@ -81,7 +81,7 @@ class DynamicsFinding:
 
 @dataclass(frozen=True, slots=True)
 class FittedNuisance:
-    """What every car has and the baseline simplifies, as it was fitted; no finding."""
+    """An effect that every car has and the baseline simplifies, as it was fitted; no finding."""
 
     effect: str
     parameters: Mapping[str, Quantity]
