@@ -33,7 +33,7 @@ class Player:
     """Plays stretches of driving into a monitor and keeps what it said."""
 
     monitor: Monitor
-    dt_s: float = 0.1
+    dt_s: float = 0.5
     time_s: float = START_S
     informative_s: float = 0.0
     offset_m: Sequence[float] = (0.001, -0.0005, 0.0, 0.0015)

@@ -45,6 +45,7 @@ def test_a_wheel_that_is_small_from_the_first_minute_is_reported(
     assert "mixed tyre or a spare" in events[0].reason
     assert 0.25 < events[0].pressure_loss < 1.0
     assert WheelState.ALARM is player.last.wheels[2].state
+    player.dt_s = 2.0
     assert [] == player.play(1200.0, one(2, -loss))
 
 

@@ -9,7 +9,7 @@ from tpmsd.onboard.monitor.records import AlarmKind
 
 
 def driven(minutes: int = 4) -> Player:
-    player = Player(monitor(), dt_s=1.0)
+    player = Player(monitor(), dt_s=2.0)
     player.play(60.0 * minutes)
     assert player.monitor.baseline.ready
     return player

@@ -181,6 +181,7 @@ def test_a_leak_is_not_reset_away_minute_by_minute() -> None:
     """A tyre that loses 2 % in 20 minutes while a reset is asked for every minute: each step is small against
     the last, but resets are rationed, so the tyre is found."""
     player = learned()
+    player.dt_s = 2.0
     events = []
     for minute in range(25):
         player.monitor.reset()
@@ -240,7 +241,7 @@ def test_a_set_that_is_being_learned_is_not_begun_again() -> None:
     player.play(40.0)
     before = player.last.learning_fraction
     assert player.monitor.reset()[0]
-    player.play(0.1)
+    player.play(player.dt_s)
     assert player.last.learning_fraction >= before > 0.5
 
 
