@@ -252,3 +252,11 @@ def test_values_at_the_default_are_no_news() -> None:
     assert p_value_of(0.0, 1, 15) == 1.0
     assert p_value_of(2.5**2, 1, 15) == pytest.approx(2.0 * float(stdtr(14, -2.5)))
     assert p_value_of(9.0, 2, 15) == pytest.approx(float(fdtrc(2, 14, 4.5)))
+
+
+def test_a_banked_road_is_asked_before_delays_of_instruments(root: str) -> None:
+    """Alone and in the first step; a delay, which lets readings wander, would stand in for it."""
+    found = diagnosed(root, hidden(road_bank={"amplitude_rad": 0.04}), "single-track", 60.0, 1152)
+
+    assert [one.effect for one in found.findings] == ["road_bank"]
+    assert [step.effects for step in found.steps] == [(), ("road_bank",)]

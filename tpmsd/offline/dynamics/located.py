@@ -40,12 +40,13 @@ class Place:
 
 def places(search: Search) -> list[Place]:
     """Return the terms that may be added, best first."""
-    found = [*_slopes(search), *_winds(search), *nameless(search)]
+    found = [*slopes(search), *_winds(search), *nameless(search)]
     return sorted(found, key=lambda place: -place.evidence)
 
 
-def _slopes(search: Search) -> list[Place]:
-    """Return slopes across and along the road as splines over time, one of each the model does not have."""
+def slopes(search: Search) -> list[Place]:
+    """Return slopes across and along the road as splines over time, one of each the model does not have,
+    best first."""
     time = search.setup.drive.time_s
     knots = spaced(float(time[0]), float(time[-1]), SETTINGS.time_knot_s)
     flat = (0.0,) * len(knots)
@@ -56,7 +57,7 @@ def _slopes(search: Search) -> list[Place]:
     grade = search.setup.baseline.forces and RoadGrade.name not in there
     if grade and _slow(search, RoadGrade((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(RoadGrade(knots, flat), SETTINGS.grade_std_rad))
-    return _scored(search, terms)
+    return sorted(_scored(search, terms), key=lambda place: -place.evidence)
 
 
 def _slow(search: Search, flat: RoadBank | RoadGrade) -> bool:

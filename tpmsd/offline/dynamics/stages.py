@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.offline.dynamics.located import nameless, places, refined
+from tpmsd.offline.dynamics.located import nameless, places, refined, slopes
 from tpmsd.offline.dynamics.look import threshold_of
 from tpmsd.offline.dynamics.noise import Noise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
@@ -49,7 +49,7 @@ def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
     while len(search.named) < most:
         say(0.1 + 0.6 * len(search.named) / SETTINGS.most_effects)
         search.admit()
-        if not (search.forward(threshold) or _locate(search, threshold)):
+        if not (_sloped(search, threshold) or search.forward(threshold) or _locate(search, threshold)):
             break
         for _ in range(3):
             if not (len(search.terms) > 1 and search.tidy(threshold)):
@@ -92,6 +92,18 @@ def total(search: Search, judge: Search) -> float:
     count = np.isfinite(at.reading_residual).sum()
     away = sum(float(term.prior()[0] ** 2 @ term.prior()[1]) for term in search.terms)
     return -0.5 * (path_cost(search.setup, at, noise) + away + free * math.log(float(count)))
+
+
+def _sloped(search: Search, threshold: float) -> bool:
+    """Add a slope of the road that beats the catalogue; False if none does.
+
+    Were it asked last, delays of instruments would stand in for it: they let readings wander.
+    """
+    for place in slopes(search)[:1]:
+        if place.evidence > threshold:
+            rivals = search.ranked(search.offered(), place.evidence)
+            return not rivals and search.attempt([*search.terms, refined(search, place)])
+    return False
 
 
 def _locate(search: Search, threshold: float) -> bool:
