@@ -472,7 +472,10 @@ def test_modules_say_what_they_are_for() -> None:
 TERMS_DONE = (
     "tpmsd/foundation",
     *("tpmsd/car/config", "tpmsd/car/cars", "tpmsd/car/rings", "tpmsd/car/vehicle_state"),
-    *(f"tpmsd/onboard/{room}" for room in ("daemon", "monitor", "resonance", "sinks", "sources", "timeline")),
+    *(
+        f"tpmsd/onboard/{room}"
+        for room in ("daemon", "estimators", "monitor", "resonance", "sinks", "sources", "timeline")
+    ),
     *(
         f"tpmsd/offline/{room}"
         for room in ("calibration", "discovery", "drive_checks", "drives", "fleet", "inference", "rings")

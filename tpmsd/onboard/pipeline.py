@@ -222,7 +222,7 @@ class Pipeline:
         before = self.monitor.snapshot()
         self.monitor.restore(monitor)
         try:
-            self.estimator.taken_up(estimator)
+            self.estimator.restore(estimator)
         except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
             self.monitor.restore(before)
             raise ValueError(str(error)) from error

@@ -144,7 +144,7 @@ def test_the_turn_of_a_leaning_car_needs_no_other_instrument(
     rear_rad = TICK_S * rolled_m / (nominal_m + lean_m * np.array([1.0, -1.0]))
     late = Motion(TICK_S, rear_rad, 0.0, 0.0, True, witness_turn_rad=0.0, lateral_known=False)
 
-    _, turn = model.way_and_turn(mean, late)
+    _, turn = model.travel_and_turn(mean, late)
 
     assert turn_radps * TICK_S == pytest.approx(turn[0], rel=3e-3)
 
@@ -165,7 +165,7 @@ def test_a_leaning_cars_radii_turn_it_by_their_share(
     mean[0, [LOAD, MU]] = coefficient_s2, offset_m
     rear_rad = wheel_radps * TICK_S * np.array([1.0, 1.0 + apart])
     free = Motion(TICK_S, rear_rad, 0.0, 0.0, True, lateral_known=False)
-    turn = float(model.way_and_turn(mean, free)[1][0])
+    turn = float(model.travel_and_turn(mean, free)[1][0])
     speed_mps = float(rear_rad @ NOMINAL[:2]) / (2 * TICK_S)
     motion = replace(free, accel_lat_mps2=speed_mps * turn / TICK_S)
     size = mean.shape[1]
@@ -176,7 +176,7 @@ def test_a_leaning_cars_radii_turn_it_by_their_share(
         by_state = math.sqrt((propagated(model, mean, one, motion) - still)[0, PSI, PSI])
         moved = mean.copy()
         moved[0, place] += step
-        numeric = (float(model.way_and_turn(moved, free)[1][0]) - turn) / step
+        numeric = (float(model.travel_and_turn(moved, free)[1][0]) - turn) / step
         assert abs(numeric) == pytest.approx(by_state, rel=0.01, abs=1e-3)
 
 
@@ -186,7 +186,7 @@ def test_steering_replaces_the_wheels_turn() -> None:
     mean, _ = initial_state(1, NOMINAL)
     mean[0, MU] = 0.01
     motion = Motion(TICK_S, np.array([1.0, 1.0]), 0.0, 0.0, False, steered_curvature=0.1)
-    way, turn = model.way_and_turn(mean, motion)
+    way, turn = model.travel_and_turn(mean, motion)
     assert (0.326 + 0.318) / 2 == pytest.approx(way[0])
     assert 0.1 * way[0] == pytest.approx(turn[0])
 
@@ -199,9 +199,9 @@ def test_load_transfer_has_the_catalogues_sign() -> None:
     rear, accel, c = np.array([6.0, 6.2]), 2.0, 1e-4
     motion = Motion(TICK_S, rear, 0.0, accel, True)
     mean[0, LOAD] = 0.0
-    _, plain = model.way_and_turn(mean, motion)
+    _, plain = model.travel_and_turn(mean, motion)
     mean[0, LOAD] = c
-    _, loaded = model.way_and_turn(mean, motion)
+    _, loaded = model.travel_and_turn(mean, motion)
     left, right = 6.0 * (0.316 + c * accel), 6.2 * (0.318 - c * accel)
     assert (right - left) / TRACK_M == pytest.approx(float(loaded[0]), abs=1e-9)
     assert float(loaded[0]) < float(plain[0])
@@ -215,7 +215,7 @@ def test_driven_rear_wheels_turn_faster_than_they_roll() -> None:
     mean[0, SLIP] = 0.01
     roll = 6.0 * (0.316 + 0.318) / 2
     for driven, expected in ((True, roll / (1 + 0.01 * 1.5)), (False, roll)):
-        way, _ = ProcessModel(NOMINAL, TRACK_M, driven).way_and_turn(mean, motion)
+        way, _ = ProcessModel(NOMINAL, TRACK_M, driven).travel_and_turn(mean, motion)
         assert expected == pytest.approx(float(way[0]), rel=3e-4)
 
 

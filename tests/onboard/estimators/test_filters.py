@@ -70,7 +70,7 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
         x = x + np.array([way, x[1] * (f[1, 1] - 1), 0.0, 0.0, 0.0])
         rough = tick.index == 1  # the gate's first tick is never informative
         q = np.zeros((5, 5))
-        q[0, 0] = SETTINGS.way_noise**2 * way + rough * (SETTINGS.rough_way * way) ** 2
+        q[0, 0] = SETTINGS.path_noise**2 * way + rough * (SETTINGS.rough_path * way) ** 2
         q[1, 1] = position_std_m**2 * (1 - f[1, 1] ** 2)
         q[2, 2] = SETTINGS.latency_drift**2 * dt
         q[4, 4] = drift * dt

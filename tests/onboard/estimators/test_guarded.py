@@ -95,7 +95,7 @@ def test_a_short_disagreement_is_no_night(
 def test_trouble_right_after_the_start_leaves_what_was_taken_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """A disagreement before anything of this start was kept: those of the earlier one are taken up anew."""
     guarded = GuardedEstimator(Drifting, [0, 1, 2, 3], np.full(4, RADIUS_M))
-    guarded.taken_up({})
+    guarded.restore({})
     monkeypatch.setattr(guarded, "_watch", DisagreesAtTheEnd(2))
     first = guarded.inner
     for k in range(2):

@@ -161,7 +161,7 @@ def check(scalar_of: Callable[[FloatArray], measurements.Scalar], seed: int, sla
 def test_row_of_the_way_by_doppler(seed: int, driven: bool, left_m: float, horizontal: float) -> None:
     """The way by Doppler, derived by radii, lags and slip."""
     made = block(seed, np.zeros(4))
-    check(lambda at: measurements.doppler_way(at, made, NOMINAL, left_m, horizontal, driven), seed, 0.02)
+    check(lambda at: measurements.doppler_distance(at, made, NOMINAL, left_m, horizontal, driven), seed, 0.02)
 
 
 @QUIET
@@ -201,7 +201,7 @@ def test_perfect_instruments_leave_no_innovation() -> None:
         made = builder.add(tick, True, np.array([0.0, 0.001, 0.0, 0.001]), 0.0) or made
     assert made is not None
     scalars = [
-        measurements.doppler_way(mean, made, NOMINAL, 0.0, 1.0, False),
+        measurements.doppler_distance(mean, made, NOMINAL, 0.0, 1.0, False),
         measurements.gyro_turn(mean, made, TRACK_M, 0.0),
     ]
     for place, front in enumerate(made.front, start=2):

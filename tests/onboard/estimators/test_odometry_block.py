@@ -62,7 +62,7 @@ def test_the_way_by_doppler_is_exact_for_steady_acceleration(
     for _, block in found[1:]:
         # Rotation within a tick is taken as even, which leaves a share of one tick's change of speed.
         slack = abs(accel) * 0.1 * 0.1
-        assert block.doppler_way_m == pytest.approx(block.way_m, abs=slack + 1e-4)
+        assert block.doppler_distance_m == pytest.approx(block.distance_m, abs=slack + 1e-4)
         assert accel * block.duration_s == pytest.approx(block.speed_change_mps, abs=1e-4)
         assert 0.85 < block.duration_s < 1.2
 
@@ -90,7 +90,7 @@ def test_without_doppler_blocks_are_ended_by_time() -> None:
     assert len(found) >= 14
     first = 0
     for index, block in found:
-        assert math.isnan(block.doppler_way_m)
+        assert math.isnan(block.doppler_distance_m)
         assert SETTINGS.block_max_s == pytest.approx(block.duration_s, abs=0.11)
         expected = np.sum([tick.rotation_rad[ORDER] for tick in ticks[first:index]], axis=0)
         assert expected == pytest.approx(block.angle_rad)
@@ -105,7 +105,7 @@ def test_front_wheels_agree_with_the_rear_pair_in_a_bend() -> None:
     for _, block in found[1:]:
         for front in block.front:
             assert front is not None
-            assert 0.0 == pytest.approx(front.residual_m, abs=1e-4 * block.way_m)
+            assert 0.0 == pytest.approx(front.residual_m, abs=1e-4 * block.distance_m)
 
 
 def test_a_smaller_front_wheel_shows_in_its_own_residual() -> None:
@@ -115,7 +115,7 @@ def test_a_smaller_front_wheel_shows_in_its_own_residual() -> None:
         left, right = block.front
         assert left is not None
         assert right is not None
-        assert -0.01 / 0.99 == pytest.approx(left.residual_m / block.way_m, rel=1e-3)
+        assert -0.01 / 0.99 == pytest.approx(left.residual_m / block.distance_m, rel=1e-3)
         assert 0.0 == pytest.approx(right.residual_m, abs=1e-6)
 
 
@@ -158,7 +158,7 @@ def test_a_pause_of_the_receiver_makes_no_way_of_it() -> None:
     for index, block in blocks_of(ticks):
         end_s = ticks[index - 1].time_s - START_S
         if 10.5 < end_s < 20.0:
-            assert math.isnan(block.doppler_way_m)
+            assert math.isnan(block.doppler_distance_m)
         assert block.duration_s <= SETTINGS.block_max_s + 0.2
 
 

@@ -127,6 +127,6 @@ def test_the_map_sees_the_horizontal_part_of_the_way_and_all_of_the_turn(horizon
     model = ProcessModel(nominal, 1.5, driven_rear=False)
     mean, _ = initial_state(1, nominal)
     motion = Motion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True, horizontal)
-    way, turn = model.way_and_turn(mean, motion)
+    way, turn = model.travel_and_turn(mean, motion)
     assert way[0] == pytest.approx(6.05 * 0.3 * horizontal)
     assert turn[0] == pytest.approx(0.1 * 0.3 / 1.5)

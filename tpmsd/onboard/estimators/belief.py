@@ -100,7 +100,7 @@ class Rolling(NamedTuple):
     moment: Moment
     angle_rad: FloatArray
     """(d,) rotation; finite for the rear pair."""
-    way_m: float
+    distance_m: float
     """Distance by nominal radii (`Car.virtual_motion`)."""
     turn_rad: float
     """Turn by nominal radii."""
@@ -171,7 +171,7 @@ class Belief(Protocol):
         """Posterior of radii and pose."""
         ...
 
-    def place(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, sight: Sight) -> None:
         """Set the pose to what fixes tell; the radii stay."""
         ...
 

@@ -39,8 +39,8 @@ class Block:
     angle_rad: FloatArray
     """(d,) rotation in the estimator's order (rl, rr[, fl, fr]); over the Doppler span for the rear pair if
     there is one."""
-    way_m: float
-    doppler_way_m: float
+    distance_m: float
+    doppler_distance_m: float
     """NaN without Doppler speeds."""
     turn_rad: float
     """Turn over the Doppler span."""
@@ -52,7 +52,7 @@ class Block:
     """Error of the Doppler speeds over the usual one."""
     speed_swing_mps: float
     """Largest step between Doppler speeds, plus the change: what jitter of the time stamps acts on."""
-    reading_way_m: float
+    reading_distance_m: float
     front: tuple[FrontResidual | None, FrontResidual | None]
     at_radii: FloatArray
     """(d,) radius errors at which turn and front residuals were formed."""
@@ -113,14 +113,14 @@ class BlockBuilder:
         # Plain numbers: for so few numpy takes several times as long.
         ticks = [t for t, _, _ in self._ticks]
         shares = [1.0] * len(ticks)
-        way = math.nan
+        travel = math.nan
         change = swing = 0.0
         noise = 1.0
         if doppler:
             fixes = [fix for _, fix in self._fixes]
             first, last = fixes[0], fixes[-1]
             steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
-            way = sum((before + after) / 2 * span_s for before, after, span_s in steps)
+            travel = sum((before + after) / 2 * span_s for before, after, span_s in steps)
             change = last.speed_mps - first.speed_mps
             noise = math.sqrt(sum(fix.speed_noise**2 for fix in fixes) / len(fixes))
             swing = max((abs(after - before) for before, after, _ in steps), default=0.0) + abs(change)
@@ -128,11 +128,11 @@ class BlockBuilder:
                 inside_s = min(t.time_s, last.time_s) - max(t.time_s - t.dt_s, first.time_s)
                 shares[j] = min(max(inside_s / t.dt_s, 0.0), 1.0)
             if max((span_s for *_, span_s in steps), default=0.0) > SETTINGS.block_max_s:
-                way = math.nan
+                travel = math.nan
         order, track_m = self._order, self._geometry.track_rear_m
         radius = (self._nominal + radii).tolist()
         angle, reading = [0.0] * len(order), [0.0] * len(order)
-        ways, turns = [], []
+        travels, turns = [], []
         duration = gyro = 0.0
         for tick, share in zip(ticks, shares, strict=True):
             turned, quantum = tick.rotation_rad.tolist(), tick.rotation_std_rad.tolist()
@@ -142,26 +142,28 @@ class BlockBuilder:
                     reading[k] = quantum[wheel]
             left = turned[order[0]] * share * radius[0]
             right = turned[order[1]] * share * radius[1]
-            ways.append((left + right) / 2)
+            travels.append((left + right) / 2)
             turns.append((right - left) / track_m)
             duration += share * tick.dt_s
             gyro += share * (tick.yaw_rate_radps * tick.dt_s)
-        front = self._front(shares, ways, turns, angle, reading, radius) if len(order) == 4 else (None, None)
-        way_m = sum(ways)
-        accel_per_turn = way_m / max(duration, 1e-3) ** 2
+        front = (
+            self._front(shares, travels, turns, angle, reading, radius) if len(order) == 4 else (None, None)
+        )
+        distance_m = sum(travels)
+        accel_per_turn = distance_m / max(duration, 1e-3) ** 2
         reading_roll_m = math.hypot(reading[0] * radius[0], reading[1] * radius[1])
         return Block(
             duration_s=max(duration, 1e-3),
             informative=all(flag for _, flag, _ in self._ticks),
             angle_rad=np.array(angle),
-            way_m=way_m,
-            doppler_way_m=way,
+            distance_m=distance_m,
+            doppler_distance_m=travel,
             turn_rad=sum(turns),
             accel_mps2=sum(a for _, _, a in self._ticks) / len(self._ticks),
             speed_change_mps=change,
             speed_noise=noise,
             speed_swing_mps=swing,
-            reading_way_m=reading_roll_m / 2,
+            reading_distance_m=reading_roll_m / 2,
             front=front,
             at_radii=radii.copy(),
             gyro_turn_rad=gyro,
@@ -173,7 +175,7 @@ class BlockBuilder:
     def _front(
         self,
         shares: list[float],
-        ways: list[float],
+        travels: list[float],
         turns: list[float],
         angle: list[float],
         reading: list[float],
@@ -201,8 +203,8 @@ class BlockBuilder:
                 continue
             # As `kinematics.wheel_speeds`, the hub's lateral part by the smoothed turn.
             path_m = 0.0
-            for way, turn, lateral in zip(ways, turns, smooth_m, strict=True):
-                along = way + side * turn * half_m
+            for travel, turn, lateral in zip(travels, turns, smooth_m, strict=True):
+                along = travel + side * turn * half_m
                 path_m += math.copysign(math.hypot(along, lateral), along)
             # path ~ way + side * turn * track_front / 2; the hub's lateral part is second order.
             to_left, to_right = (1 - side * ratio) / 2, (1 + side * ratio) / 2

@@ -71,8 +71,8 @@ class RadiusFilter:
         """`belief` as it is before the first tick."""
         self._car = car
         self._grid = np.ix_(car.order, car.order)
-        self._places = list(car.order)
-        self._back = np.argsort(self._places) if len(car.order) == 4 else None
+        self._order = list(car.order)
+        self._back = np.argsort(self._order) if len(car.order) == 4 else None
         """Index of each of the four wheels is in the filter's order; None if not all are."""
         if self._back is not None:
             self._flat = (4 * self._back[:, None] + self._back).ravel()
@@ -117,26 +117,26 @@ class RadiusFilter:
 
     def _move(self, tick: Tick) -> Moment:
         """Take the wheels' rotation."""
-        angle = tick.rotation_rad[self._places]
+        angle = tick.rotation_rad[self._order]
         left, right = angle[:2].tolist()
         if not (math.isfinite(left) and math.isfinite(right)):
             self._coast(tick.dt_s)
             return self._moment(tick, False)
         self._coasting_s = 0.0
-        way, turn = self._car.virtual_motion(left, right)
-        self._reverse.rolled(way / tick.dt_s, tick.dt_s)
+        travel, turn = self._car.virtual_motion(left, right)
+        self._reverse.rolled(travel / tick.dt_s, tick.dt_s)
         if self._reverse.backward:
-            angle, way, turn = -angle, -way, -turn
-        gentle = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
+            angle, travel, turn = -angle, -travel, -turn
+        gentle = self._gate.update(tick, travel / tick.dt_s, turn / tick.dt_s)
         moment = self._moment(tick, gentle or not self._gates.ticks)
-        if way == 0.0 and self._gates.ticks:
+        if travel == 0.0 and self._gates.ticks:
             self._stop()
             self.belief.predict(Standing())
             return self._moment(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
-        curvature = self._steered_curvature(tick, way, moment.informative)
-        way, turn = self.belief.predict(Rolling(moment, angle, way, turn, curvature, judged))
-        self._speed, self._yaw_rate = way / tick.dt_s, turn / tick.dt_s
+        curvature = self._steered_curvature(tick, travel, moment.informative)
+        travel, turn = self.belief.predict(Rolling(moment, angle, travel, turn, curvature, judged))
+        self._speed, self._yaw_rate = travel / tick.dt_s, turn / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
         self._steady_yaw_rate += share * (self._yaw_rate - self._steady_yaw_rate)
         self._gate.check_gyro(tick, self._steady_yaw_rate)
@@ -148,13 +148,13 @@ class RadiusFilter:
         gate = self._gate
         return Moment(tick, informative, gate.speed_mps, gate.accel_mps2, gate.gyro_trusted)
 
-    def _steered_curvature(self, tick: Tick, way_m: float, informative: bool) -> float | None:
+    def _steered_curvature(self, tick: Tick, distance_m: float, informative: bool) -> float | None:
         """Curvature by the steering at low speed [Lundquist 2013, eq. 38c]; None where the wheels tell the
         turn."""
         steering, printed = tick.steering_wheel_angle_rad, self._gates.printed_steering
         if self._steering_ratio is None or not math.isfinite(steering) or (informative and not printed):
             return None
-        speed_mps = way_m / tick.dt_s if printed else self._gate.speed_mps
+        speed_mps = distance_m / tick.dt_s if printed else self._gate.speed_mps
         if not speed_mps < self._settings.min_speed_mps:
             return None
         front_rad = steering / self._steering_ratio
@@ -185,7 +185,7 @@ class RadiusFilter:
         sight = Sight(fix, tick, self._speed, self._yaw_rate, interval_s, by_position)
         if not self._located:
             if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again
-                self._try_to_place(sight, self._speed > SETTINGS.start_speed_mps)
+                self._try_to_start_pose(sight, self._speed > SETTINGS.start_speed_mps)
             return
         if self._reverse.asks:
             self._reverse.saw(fix, self.belief.moments().pose.heading_rad)
@@ -202,17 +202,17 @@ class RadiusFilter:
                 self.counts["rejected_fixes"] += 1
                 if verdict == "lost":
                     self._lose_pose()
-                    self._try_to_place(sight, True)
+                    self._try_to_start_pose(sight, True)
                 return
         self.counts["fixes"] += 1
         self._last_fix_s = self._last_used_s = fix.time_s
         self.belief.update(sight)
 
-    def _try_to_place(self, sight: Sight, moving: bool) -> None:
+    def _try_to_start_pose(self, sight: Sight, moving: bool) -> None:
         start = self._finder.update(sight.fix, moving)
         if start is None:
             return
-        self.belief.place(start, sight)
+        self.belief.set_pose(start, sight)
         self._located = True
         self._last_fix_s = self._last_used_s = sight.fix.time_s
 
@@ -233,9 +233,9 @@ class RadiusFilter:
         back = self._back
         if back is None:
             deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
-            deviation[self._places] = said.mean_m
+            deviation[self._order] = said.mean_m
             full[self._grid] = said.covariance_m2
-            noise[self._places] = said.noise_std_m
+            noise[self._order] = said.noise_std_m
         else:
             deviation, noise = said.mean_m.take(back), said.noise_std_m.take(back)
             full = said.covariance_m2.take(self._flat).reshape(4, 4)
@@ -266,7 +266,7 @@ class RadiusFilter:
         if stated is not self._stated[0]:
             assert stated is not None
             mean, full = np.full(4, np.nan), np.full((4, 4), np.nan)
-            mean[self._places] = stated.mean_m
+            mean[self._order] = stated.mean_m
             full[self._grid] = stated.covariance_m2
             self._stated = stated, Stated(mean, full, stated.change_probability)
         return self._stated[1]

@@ -123,7 +123,7 @@ class EstimatorSettings:
     """Number where neither configuration nor row says: half of what AUG-PF needs in the paper's Fig. 9."""
     position_floor_m: float = 0.3
     """Least position error: below it a bootstrap proposal would starve; it covers what the clocks leave."""
-    way_floor_m: float = 0.1
+    distance_floor_m: float = 0.1
     """Least error of a block's Doppler way, for the same reason, ..."""
     turn_floor_rad: float = 0.01
     """... of its turn by the gyro, ..."""
@@ -245,9 +245,9 @@ class EstimatorSettings:
     """Heading noise, rad per sqrt(m) of way: side slip, road crown, roughness."""
     turn_relative: float = 0.02
     """Heading noise relative to the turn of a tick."""
-    way_noise: float = 0.003
+    path_noise: float = 0.003
     """Way noise, m per sqrt(m)."""
-    rough_way: float = 0.015
+    rough_path: float = 0.015
     """Relative way noise in ticks that are not informative: slip."""
     rough_turn: float = 0.004
     """Relative turn noise in such ticks, by way over track."""
@@ -362,9 +362,9 @@ class PathLengthSettings:
     """... and most: beyond, too little is known of the way between them."""
     least_m: float = 400.0
     """Path below which the wander of positions hides what is looked for."""
-    place_m: float = 4.0
+    position_slack_m: float = 4.0
     """Distance by which the ends of a path may wander against each other at least, ..."""
-    place_stds: float = 5.0
+    position_slack_stds: float = 5.0
     """... and by so many standard deviations of a random walk whose rate is that of the steps in the window:
     the positions of some receivers wander by 3 m in a minute, those of others by centimetres."""
     share: float = 0.003

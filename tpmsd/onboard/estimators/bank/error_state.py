@@ -70,9 +70,9 @@ def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatA
     wheels = nominal_m.size
     mean = side_by_side(count, MU + wheels)
     covariance = side_by_side(count, MU + wheels, MU + wheels)
-    for place, (value, std) in PRIORS.items():
-        mean[:, place] = value
-        covariance[:, place, place] = std**2
+    for index, (value, std) in PRIORS.items():
+        mean[:, index] = value
+        covariance[:, index, index] = std**2
     # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
     radii = np.outer(nominal_m, nominal_m) * SETTINGS.radius_prior**2
     covariance[:, MU:, MU:] = radii * (SETTINGS.common_prior + (1.0 - SETTINGS.common_prior) * np.eye(wheels))
@@ -128,12 +128,12 @@ class _Bend(NamedTuple):
 
     def add_to(self, rows: FloatArray) -> None:
         """Add B times `rows` (n, k, N) to them, in place."""
-        place, heading = rows[E : N + 1], rows[PSI]
-        place += self.across[:, None] * heading
+        position, heading = rows[E : N + 1], rows[PSI]
+        position += self.across[:, None] * heading
         for by_radius, radius in zip(self.by_radius, rows[MU : MU + 2], strict=True):
-            place += by_radius[:, None] * radius
+            position += by_radius[:, None] * radius
         if self.by_slip is not None:
-            place += self.by_slip[:, None] * rows[SLIP]
+            position += self.by_slip[:, None] * rows[SLIP]
         if self.by_load is not None:
             together = rows[LOAD : MU + 2]  # LOAD, then the rear radii
             heading += self.share * (self.by_load @ together.reshape(3, -1)).reshape(heading.shape)
@@ -165,22 +165,22 @@ class ProcessModel:
         own += np.square(common) * SETTINGS.drift_common_m**2
         return own.transpose(2, 0, 1)
 
-    def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    def travel_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
         state = mean.T
         left, right = (state[MU : MU + 2] + self._rear_m) * motion.rear_rad[:, None]
-        way = (left + right) * (0.5 * motion.horizontal)
+        travel = (left + right) * (0.5 * motion.horizontal)
         if self._driven_rear:
-            way *= 1.0 - state[SLIP] * motion.accel_long_mps2
+            travel *= 1.0 - state[SLIP] * motion.accel_long_mps2
         if motion.steered_curvature is not None:
-            return way, way * motion.steered_curvature
+            return travel, travel * motion.steered_curvature
         turn = (right - left) * (1.0 + state[TRK])
         turn /= self._track
         if motion.lateral_known:
             turn += state[LOAD] * self.load_turn(motion)
         else:
             turn *= self._turn_share(state, motion)
-        return way, turn
+        return travel, turn
 
     def _turn_share(self, state: FloatArray, motion: Motion) -> FloatArray:
         """(N,) share of the wheels' turn that is the car's, where they alone tell it: by a_y = v * turn / dt
@@ -190,8 +190,8 @@ class ProcessModel:
 
     def load_gain(self, motion: Motion) -> float:
         """Return the fraction of the car's turn by which the wheels show too much of it, per LOAD."""
-        way_m = float(motion.rear_rad @ self._rear_m[:, 0]) / 2.0
-        return way_m * float(motion.rear_rad.sum()) / (self._track * motion.dt_s**2)
+        distance_m = float(motion.rear_rad @ self._rear_m[:, 0]) / 2.0
+        return distance_m * float(motion.rear_rad.sum()) / (self._track * motion.dt_s**2)
 
     def load_turn(self, motion: Motion) -> float:
         """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
@@ -216,16 +216,16 @@ class ProcessModel:
         count = mean.shape[0]
         state, spread = mean.T, covariance.transpose(1, 2, 0)
         share = 1.0 if motion.lateral_known else self._turn_share(state, motion)
-        way, turn = self.way_and_turn(mean, motion)
+        travel, turn = self.travel_and_turn(mean, motion)
         middle = turn * 0.5
         middle += state[PSI]
         along = np.empty((2, count))
         np.cos(middle, out=along[0])
         np.sin(middle, out=along[1])
-        step = along * way
+        step = along * travel
         # F P F' with F = I + B, of which only the pose's rows hold anything: P + B P in those rows, then
         # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored.
-        bend = self._bend(along, step, way, turn, motion, share)
+        bend = self._bend(along, step, travel, turn, motion, share)
         pose = spread[: PSI + 1]
         bend.add_to(spread)
         bend.add_to(pose.swapaxes(0, 1))
@@ -237,16 +237,16 @@ class ProcessModel:
         state[BE : BN + 1] *= decay
         spread[BE : BN + 1] *= decay
         spread[:, BE : BN + 1] *= decay
-        mean_way, mean_turn = float(np.add.reduce(way)) / count, float(np.add.reduce(turn)) / count
+        mean_travel, mean_turn = float(np.add.reduce(travel)) / count, float(np.add.reduce(turn)) / count
         noise = np.zeros((GYRO + 1, np.size(noise_factor)))
-        self._set_noise(noise, motion, abs(mean_way), mean_turn, noise_factor)
+        self._set_noise(noise, motion, abs(mean_travel), mean_turn, noise_factor)
         noise[BE : BN + 1] = position_std_m**2 * (1.0 - decay**2)
         diagonal = np.einsum("iij->ij", spread)
         diagonal[: GYRO + 1] += noise
         if drift is None:
             drift = self.drift_at(np.ones((count, self._wheels)))
         spread[MU:, MU:] += drift.transpose(1, 2, 0) * motion.dt_s
-        return mean_way, mean_turn
+        return mean_travel, mean_turn
 
     def constants(self, motion: Motion, position_std_m: float) -> tuple[float, ...]:
         """Return what `propagate` takes of a tick as plain numbers, in the order of `struct motion` in
@@ -269,7 +269,7 @@ class ProcessModel:
             nan if motion.witness_turn_rad is None else motion.witness_turn_rad,
             nan if motion.steered_curvature is None else motion.steered_curvature,
             decay,
-            *(SETTINGS.way_noise**2, SETTINGS.rough_way**2 * rough),
+            *(SETTINGS.path_noise**2, SETTINGS.rough_path**2 * rough),
             *(
                 SETTINGS.turn_noise**2,
                 SETTINGS.turn_relative**2,
@@ -284,7 +284,7 @@ class ProcessModel:
         self,
         along: FloatArray,
         step: FloatArray,
-        way: FloatArray,
+        travel: FloatArray,
         turn: FloatArray,
         motion: Motion,
         share: FloatArray | float,
@@ -297,12 +297,12 @@ class ProcessModel:
         np.negative(step[1], out=across[0])
         across[1] = step[0]
         left, right = motion.rear_rad.tolist()
-        by_way = motion.rear_rad * (0.5 * motion.horizontal)
+        by_travel = motion.rear_rad * (0.5 * motion.horizontal)
         turned = [-left / self._track, right / self._track] if by_wheels else [0.0, 0.0]
-        by_radius = by_way[:, None, None] * along
+        by_radius = by_travel[:, None, None] * along
         if by_wheels:
             by_radius += np.array(turned)[:, None, None] * (0.5 * share * across)
-        by_slip = along * (way * -motion.accel_long_mps2) if self._driven_rear else None
+        by_slip = along * (travel * -motion.accel_long_mps2) if self._driven_rear else None
         if not by_wheels:
             return _Bend(across, by_radius, by_slip)
         # The wheels' own reading error here would be taken for a track (errors in variables).
@@ -314,8 +314,8 @@ class ProcessModel:
     ) -> None:
         """Set what a tick adds to the variances (GYRO + 1, N or 1) of the hypotheses, but for BE and BN."""
         rough = not motion.informative
-        way = SETTINGS.way_noise**2 * distance * factor
-        out[E : N + 1] = way + (SETTINGS.rough_way * distance) ** 2 * rough
+        along = SETTINGS.path_noise**2 * distance * factor
+        out[E : N + 1] = along + (SETTINGS.rough_path * distance) ** 2 * rough
         heading = SETTINGS.turn_noise**2 * distance * factor + (SETTINGS.turn_relative * turn) ** 2
         out[PSI] = heading + (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
         out[LAT] = SETTINGS.latency_drift**2 * motion.dt_s

@@ -109,9 +109,9 @@ class JumpHypotheses:
         level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
         bank = Bank(mean, covariance, np.full(count, UNUSED), level, kind)
         kinds = self.kinds(nominal_m.size)
-        for place in range(min(len(kinds), max(count // 4, 1)) if count >= 8 else 1):
-            bank.kind[place], (bank.level[place], chance) = place, kinds[place]
-            bank.log_weights[place] = math.log(chance)
+        for index in range(min(len(kinds), max(count // 4, 1)) if count >= 8 else 1):
+            bank.kind[index], (bank.level[index], chance) = index, kinds[index]
+            bank.log_weights[index] = math.log(chance)
         return bank
 
     def keep_levels(self, bank: Bank, duration_s: float) -> None:
@@ -154,8 +154,8 @@ class JumpHypotheses:
         wheels = nominal_m.size
         for child in order[: min(wheels, order.size // 4)].tolist():
             bank.copy(child, best)
-            place = MU + next_wheel
-            bank.covariance[child, place, place] += (self.std * nominal_m[next_wheel]) ** 2
+            index = MU + next_wheel
+            bank.covariance[child, index, index] += (self.std * nominal_m[next_wheel]) ** 2
             bank.covariance[child, PSI, PSI] += self.heading_std_rad**2
             bank.since_s[child] = 0.0
             bank.log_weights[child] = bank.log_weights[best] + chance

@@ -150,14 +150,14 @@ class CompiledKernel:
         self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
         """Return what `BankKernel` returns."""
-        way, turn = self._propagate(
+        travel, turn = self._propagate(
             bank.state,
             bank.spread,
             drift.transpose(1, 2, 0),
             bank.noise_factor,
             *process.constants(motion, position_std_m),
         )
-        return way, turn
+        return travel, turn
 
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights

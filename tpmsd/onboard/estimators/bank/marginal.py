@@ -60,7 +60,11 @@ class MarginalBelief(MixtureBelief):
             self._hypotheses.walk(self.bank, self._unwalked_s, self._rng)
             self._unwalked_s = 0.0
         by_gyro = gyro_trusted and math.isfinite(block.gyro_turn_rad)
-        if by_gyro or math.isfinite(block.doppler_way_m) or any(front is not None for front in block.front):
+        if (
+            by_gyro
+            or math.isfinite(block.doppler_distance_m)
+            or any(front is not None for front in block.front)
+        ):
             self._hypotheses.propose(
                 self.bank, self._lineage, block.duration_s, self._car.nominal_m, self._rng
             )
@@ -76,8 +80,8 @@ class MarginalBelief(MixtureBelief):
     def distance(self, sight: Sight) -> tuple[float, float]:
         """Return the distance from the particles' mean; the variance has the spread between them."""
         residual_m, variance_m2 = super().distance(sight)
-        weights, place = self.bank.weights(), self.bank.state[[E, N]]
-        away = place - (place @ weights)[:, None]
+        weights, position = self.bank.weights(), self.bank.state[[E, N]]
+        away = position - (position @ weights)[:, None]
         return residual_m, variance_m2 + float(np.square(away).sum(axis=0) @ weights)
 
     def snapshot(self) -> dict[str, Any]:

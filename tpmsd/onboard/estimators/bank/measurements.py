@@ -106,7 +106,7 @@ def course(
     return Scalar(off, row, doppler + timing + SETTINGS.course_floor_rad**2 + reading_rad**2)
 
 
-def doppler_way(
+def doppler_distance(
     mean: FloatArray, block: Block, nominal: FloatArray, left_m: float, horizontal: float, driven_rear: bool
 ) -> Scalar:
     """Way by the receiver's speeds, which are horizontal, against the rear wheels."""
@@ -117,21 +117,21 @@ def doppler_way(
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = block.angle_rad[:2] / 2 * horizontal
     row[LAT] = row[LATV] = -block.speed_change_mps
-    row[SLIP] = -block.way_m * block.accel_mps2 if driven_rear else 0.0
+    row[SLIP] = -block.distance_m * block.accel_mps2 if driven_rear else 0.0
     doppler = (block.speed_noise * SETTINGS.doppler_mps) ** 2 * 2 * SETTINGS.doppler_tau_s * block.duration_s
-    variance = doppler + (SETTINGS.timing_s * block.speed_swing_mps) ** 2 + block.reading_way_m**2
-    return Scalar(block.doppler_way_m - predicted, row, variance)
+    variance = doppler + (SETTINGS.timing_s * block.speed_swing_mps) ** 2 + block.reading_distance_m**2
+    return Scalar(block.doppler_distance_m - predicted, row, variance)
 
 
 def front_wheel(
     mean: FloatArray,
     block: Block,
     front: FrontResidual,
-    place: int,
+    index: int,
     driven_front_minus_rear: float,
     turn_rad: float,
 ) -> Scalar:
-    """Return one front wheel against the hub path that the rear pair predicts; `place` is 2 (fl) or 3 (fr).
+    """Return one front wheel against the hub path that the rear pair predicts; `index` is 2 (fl) or 3 (fr).
     `turn_rad` as for `gyro_turn`.
 
     A driven rear pair makes the predicted path shorter (omega r = v (1 + slip)), a driven front wheel its
@@ -139,12 +139,12 @@ def front_wheel(
     """
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = front.by_rear
-    row[MU + place] = -block.angle_rad[place]
+    row[MU + index] = -block.angle_rad[index]
     row[TRK] = front.by_track_m * turn_rad
-    row[SLIP] = driven_front_minus_rear * block.way_m * block.accel_mps2
+    row[SLIP] = driven_front_minus_rear * block.distance_m * block.accel_mps2
     residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
     residual += mean[:, TRK] * row[TRK] + mean[:, SLIP] * row[SLIP]
-    rough = SETTINGS.roughness * math.sqrt(max(block.way_m, 1.0) * 20.0)
+    rough = SETTINGS.roughness * math.sqrt(max(block.distance_m, 1.0) * 20.0)
     return Scalar(-residual, row, rough**2 + front.reading_m**2)
 
 

@@ -126,7 +126,7 @@ class MixtureBelief:
         by_gyro = moment.gyro_trusted and math.isfinite(tick.yaw_rate_radps)
         # The wheels' is smoothed: one that does not hold this tick's reading error.
         yaw_rate = tick.yaw_rate_radps - self._gyro_bias if by_gyro else self._slow_yaw_rate
-        self._grade.move(rolling.way_m)
+        self._grade.move(rolling.distance_m)
         motion = Motion(
             dt_s=tick.dt_s,
             rear_rad=rear,
@@ -138,26 +138,26 @@ class MixtureBelief:
             lateral_known=by_gyro,
             steered_curvature=rolling.curvature,
         )
-        way, turn = self._kernel.propagate(
+        travel, turn = self._kernel.propagate(
             self._process, self.bank, motion, self._position_std_m, self._drift
         )
         # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
         slow = 1.0 - math.exp(-tick.dt_s / SETTINGS.slow_yaw_s)
         self._slow_yaw_rate += slow * (turn / tick.dt_s - self._slow_yaw_rate)
-        return way, turn
+        return travel, turn
 
     def _coast(self, coasting: Coasting) -> tuple[float, float]:
         self._blocks.reset()
         dt_s, mean, covariance = coasting.dt_s, self.bank.mean, self.bank.covariance
-        way, turn = coasting.speed_mps * dt_s, coasting.yaw_rate_radps * dt_s
-        mean[:, E] += way * np.cos(mean[:, PSI])
-        mean[:, N] += way * np.sin(mean[:, PSI])
+        travel, turn = coasting.speed_mps * dt_s, coasting.yaw_rate_radps * dt_s
+        mean[:, E] += travel * np.cos(mean[:, PSI])
+        mean[:, N] += travel * np.sin(mean[:, PSI])
         mean[:, PSI] += turn
-        own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (way * SETTINGS.coast_speed_share) ** 2
+        own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (travel * SETTINGS.coast_speed_share) ** 2
         covariance[:, E, E] += own
         covariance[:, N, N] += own
         covariance[:, PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
-        return way, turn
+        return travel, turn
 
     # -- fixes ----------------------------------------------------------------------------------------------
 
@@ -203,7 +203,7 @@ class MixtureBelief:
         heading, rad.
         """
         std_rad, radius_m = tick.rotation_std_rad.tolist(), self._car.nominal_m.tolist()
-        rolls = [std_rad[wheel] * radius_m[place] for place, wheel in enumerate(self._car.order[:2])]
+        rolls = [std_rad[wheel] * radius_m[index] for index, wheel in enumerate(self._car.order[:2])]
         known = [roll for roll in rolls if roll == roll]
         return math.hypot(*known) / math.sqrt(2.0) / self._car.geometry.track_rear_m
 
@@ -246,8 +246,8 @@ class MixtureBelief:
     def _learn(self, block: Block, gyro_trusted: bool) -> None:
         """Doppler way and yaw rate against the rear wheels, front wheels against rear."""
         car, mean = self._car, self.bank.mean
-        if math.isfinite(block.doppler_way_m):
-            scalar = measurements.doppler_way(
+        if math.isfinite(block.doppler_distance_m):
+            scalar = measurements.doppler_distance(
                 mean, block, car.nominal_m, car.antenna_m[1], self._grade.horizontal, car.driven_rear
             )
             self._update(scalar, self._pieces.fix_weights)
@@ -257,9 +257,9 @@ class MixtureBelief:
             turn = block.gyro_turn_rad - self._gyro_bias * block.duration_s
             self._update(measurements.gyro_turn(mean, block, car.geometry.track_rear_m, turn))
         driven = float(car.driven_front) - float(car.driven_rear)
-        for place, front in enumerate(block.front, start=2):
+        for index, front in enumerate(block.front, start=2):
             if front is not None:
-                self._update(measurements.front_wheel(mean, block, front, place, driven, turn))
+                self._update(measurements.front_wheel(mean, block, front, index, driven, turn))
 
     # -- the pose found and lost ----------------------------------------------------------------------------
 
@@ -268,7 +268,7 @@ class MixtureBelief:
         self._blocks.reset()
         self._grade.reset()
 
-    def place(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, sight: Sight) -> None:
         """Set every hypothesis' pose to what the fixes tell, uncorrelated with the radii."""
         fix, mean, covariance = start.fix, self.bank.mean, self.bank.covariance
         forward, left = self._car.antenna_m
@@ -277,10 +277,10 @@ class MixtureBelief:
         ahead = late_s * sight.speed_mps - forward - float(weights @ mean[:, FWD])
         cos, sin = math.cos(start.heading_rad), math.sin(start.heading_rad)
         east, north = fix.east_m + ahead * cos + left * sin, fix.north_m + ahead * sin - left * cos
-        anew = [E, N, PSI, BE, BN]
-        mean[:, anew] = [east, north, start.heading_rad, 0.0, 0.0]
-        covariance[:, anew, :] = 0.0
-        covariance[:, :, anew] = 0.0
+        reset = [E, N, PSI, BE, BN]
+        mean[:, reset] = [east, north, start.heading_rad, 0.0, 0.0]
+        covariance[:, reset, :] = 0.0
+        covariance[:, :, reset] = 0.0
         slow = fix.position_std_m**2
         # The slow part of the fix's error is in the bias, so the pose carries it with opposite sign.
         for pose, bias in ((E, BE), (N, BN)):

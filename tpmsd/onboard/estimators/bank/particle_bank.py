@@ -47,14 +47,14 @@ class ParticleBank(Bank):
         self.log_weights[:] = 0.0
         self.log_weights[self.log_weights.size - free :] = UNUSED
 
-    def take(self, places: NDArray[np.intp], parents: NDArray[np.intp]) -> None:
+    def take(self, indices: NDArray[np.intp], parents: NDArray[np.intp]) -> None:
         """Put copies of the parents in these places; the weights are the caller's."""
-        self.state[:, places] = self.state[:, parents]
-        self.spread[:, :, places] = self.spread[:, :, parents]
-        self.theta[:, places] = self.theta[:, parents]
-        self.level[places] = self.level[parents]
-        self.since_s[places] = self.since_s[parents]
-        self.noise_factor[places] = self.noise_factor[parents]
+        self.state[:, indices] = self.state[:, parents]
+        self.spread[:, :, indices] = self.spread[:, :, parents]
+        self.theta[:, indices] = self.theta[:, parents]
+        self.level[indices] = self.level[parents]
+        self.since_s[indices] = self.since_s[parents]
+        self.noise_factor[indices] = self.noise_factor[parents]
 
     def set_levels(self) -> None:
         """Take the noise of way and heading and the drift of the radii as theta has them."""
@@ -122,16 +122,16 @@ class SampledHypotheses:
         """
         count, wheels = bank.log_weights.size, nominal_m.size
         each = max(round(self.proposed_share * duration_s * count / wheels), 1)
-        places = bank.ascending()[: min(each * wheels, count // 2)]
+        indices = bank.ascending()[: min(each * wheels, count // 2)]
         best = float(bank.log_weights.max())
         relative = np.exp(bank.log_weights - best)
         total = float(relative.sum())
-        parents = systematic(relative / total, rng, places.size)
-        bank.take(places, parents)
-        lineage.copy(places, parents)
+        parents = systematic(relative / total, rng, indices.size)
+        bank.take(indices, parents)
+        lineage.copy(indices, parents)
         chance = self.rate_per_s * duration_s / each
-        bank.log_weights[places] = best + math.log(total) + math.log(chance)
-        self._widen(bank, places, np.arange(places.size) % wheels, nominal_m)
+        bank.log_weights[indices] = best + math.log(total) + math.log(chance)
+        self._widen(bank, indices, np.arange(indices.size) % wheels, nominal_m)
 
     def reopen(
         self, bank: ParticleBank, who: NDArray[np.intp], nominal_m: FloatArray, rng: np.random.Generator

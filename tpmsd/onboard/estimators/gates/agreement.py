@@ -143,8 +143,8 @@ class AgreementWatch:
         if fix.time_s - anchor.time_s < 0.95:
             return math.nan
         self._anchor = fix
-        way = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
-        return way / (fix.time_s - anchor.time_s)
+        travel = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
+        return travel / (fix.time_s - anchor.time_s)
 
     def _decide(self, dt_s: float) -> None:
         enough = (

@@ -47,7 +47,7 @@ class GuardedEstimator:
         self.inner = make()
         self._watch = AgreementWatch()
         self._kept: deque[_Kept] = deque(maxlen=KEPT)
-        self._taken_up: dict[str, Any] | None = None
+        self._saved: dict[str, Any] | None = None
         """State that an earlier start has left."""
         self._clock_s = self._last_kept_s = 0.0
         self._trusted = True
@@ -87,8 +87,8 @@ class GuardedEstimator:
         self.inner = self._make()
         self._last_kept_s = self._clock_s
         if not self._kept:
-            if self._taken_up is not None:
-                self.inner.restore(self._taken_up)
+            if self._saved is not None:
+                self.inner.restore(self._saved)
             return ""
         kept = self._kept[0]
         self._kept.clear()
@@ -112,10 +112,10 @@ class GuardedEstimator:
         past = self._kept[max(len(self._kept) - 4, 0)]
         self._believed = (past.radius_m, past.std_m)
 
-    def taken_up(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot; raises as the estimator's `restore`."""
         self.inner.restore(saved)
-        self._taken_up = saved
+        self._saved = saved
         self._kept.clear()
 
 

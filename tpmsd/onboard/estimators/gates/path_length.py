@@ -62,10 +62,10 @@ class PathLength:
         if self._path_m < PATH_LENGTH.least_m:
             return math.inf
         change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
-        place = max(PATH_LENGTH.place_m, PATH_LENGTH.place_stds * self._wander_m())
-        return place + PATH_LENGTH.share * self._path_m + PATH_LENGTH.lag_s * change
+        slack_m = max(PATH_LENGTH.position_slack_m, PATH_LENGTH.position_slack_stds * self._fluctuation_m())
+        return slack_m + PATH_LENGTH.share * self._path_m + PATH_LENGTH.lag_s * change
 
-    def _wander_m(self) -> float:
+    def _fluctuation_m(self) -> float:
         """Standard deviation of the difference by positions that walk, from its steps: their long-run
         variance to the first lag (Newey and West 1987), in which independent errors of positions cancel."""
         n = len(self._steps)

@@ -53,18 +53,18 @@ class FrontContrast:
     def learn(self, angle_rad: FloatArray, rear_m: FloatArray, dt_s: float) -> None:
         """Take an informative tick: rotations (4,) and the present rear radius errors (2,)."""
         roll = angle_rad[:2] * (self._nominal[:2] + rear_m)
-        way, turn = float(roll.sum()) / 2, float(roll[1] - roll[0]) / self._geometry.track_rear_m
+        travel, turn = float(roll.sum()) / 2, float(roll[1] - roll[0]) / self._geometry.track_rear_m
         # The hub's lateral part enters squared, so quantisation in the turn would bias it: there it is
         # smoothed.
         self._turn += (1.0 - math.exp(-dt_s / SETTINGS.front_smoothing_s)) * (turn / dt_s - self._turn)
         lateral = (self._turn * dt_s - turn) * self._geometry.wheelbase_m
-        paths = wheel_speeds(way, turn, self._geometry, lateral)
+        paths = wheel_speeds(travel, turn, self._geometry, lateral)
         own = self._stats.mean[0].copy()  # a wheel without a reading in this tick is taken at its mean
-        for place, wheel in enumerate((FL, FR)):
-            angle = float(angle_rad[2 + place])
+        for index, wheel in enumerate((FL, FR)):
+            angle = float(angle_rad[2 + index])
             if angle > 0.0:  # false for NaN
-                realised = float(paths[wheel]) / angle - self._nominal[2 + place]
-                own[place] = realised - self.by_rear[place] @ rear_m
+                realised = float(paths[wheel]) / angle - self._nominal[2 + index]
+                own[index] = realised - self.by_rear[index] @ rear_m
         self._stats.forget(self._forgetting)
         self._stats.learn(own[None, :])
 
@@ -125,9 +125,9 @@ class FrontBeside:
         """Do what the rear belief does."""
         self.rear.settle(moment)
 
-    def place(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, sight: Sight) -> None:
         """Do what the rear belief does."""
-        self.rear.place(start, sight)
+        self.rear.set_pose(start, sight)
 
     def lose(self) -> None:
         """Do what the rear belief does."""

@@ -67,14 +67,14 @@ def move(state: FloatArray, noise: FloatArray, roll: Roll) -> tuple[FloatArray, 
     radius = roll.nominal_m[:, None] + state[MU:SIGMA]
     radius = radius + np.sqrt(np.maximum(state[SIGMA:], 0.0)) * noise
     left, right = roll.rear_rad[:, None] * radius
-    way = (left + right) / 2
-    turn = (right - left) / roll.track_rear_m if roll.curvature is None else way * roll.curvature
+    travel = (left + right) / 2
+    turn = (right - left) / roll.track_rear_m if roll.curvature is None else travel * roll.curvature
     out = state.copy()
     middle = state[PSI] + turn / 2
-    out[E] += way * np.cos(middle)
-    out[N] += way * np.sin(middle)
+    out[E] += travel * np.cos(middle)
+    out[N] += travel * np.sin(middle)
     out[PSI] += turn
-    return out, way, turn
+    return out, travel, turn
 
 
 Moved = tuple[FloatArray, FloatArray, float, float]
@@ -91,23 +91,25 @@ class Transform(Protocol):
 
 def linearised(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
     """Transform by the Jacobian at the mean: the extended Kalman filter."""
-    moved, ways, turns = move(mean[:, None], np.zeros((2, 1)), roll)
-    way, turn = float(ways[0]), float(turns[0])
+    moved, travels, turns = move(mean[:, None], np.zeros((2, 1)), roll)
+    travel, turn = float(travels[0]), float(turns[0])
     middle = float(mean[PSI]) + turn / 2
     cos, sin = math.cos(middle), math.sin(middle)
-    by_way = roll.rear_rad / 2
+    by_travel = roll.rear_rad / 2
     if roll.curvature is None:
         by_turn = roll.rear_rad * [-1.0, 1.0] / roll.track_rear_m
     else:
-        by_turn = by_way * roll.curvature
-    by_radius = np.array([by_way * cos - way * sin * by_turn / 2, by_way * sin + way * cos * by_turn / 2])
+        by_turn = by_travel * roll.curvature
+    by_radius = np.array(
+        [by_travel * cos - travel * sin * by_turn / 2, by_travel * sin + travel * cos * by_turn / 2]
+    )
     by_radius = np.vstack([by_radius, by_turn])
     jacobian = np.eye(SIZE)
-    jacobian[E, PSI], jacobian[N, PSI] = -way * sin, way * cos
+    jacobian[E, PSI], jacobian[N, PSI] = -travel * sin, travel * cos
     jacobian[:MU, MU:SIGMA] = by_radius
     out = jacobian @ covariance @ jacobian.T
     out[:MU, :MU] += (by_radius * mean[SIGMA:]) @ by_radius.T
-    return moved[:, 0], out, way, turn
+    return moved[:, 0], out, travel, turn
 
 
 def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
@@ -118,10 +120,10 @@ def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
     spread[SIZE:, SIZE:size] = np.eye(2)
     spread[:, size:] = -spread[:, :size]
     spread *= math.sqrt(size)
-    moved, ways, turns = move(mean[:, None] + spread[:SIZE], spread[SIZE:], roll)
+    moved, travels, turns = move(mean[:, None] + spread[:SIZE], spread[SIZE:], roll)
     centre = moved.mean(axis=1)
     away = moved - centre[:, None]
-    return centre, away @ away.T / (2 * size), float(ways.mean()), float(turns.mean())
+    return centre, away @ away.T / (2 * size), float(travels.mean()), float(turns.mean())
 
 
 def _root(covariance: FloatArray) -> FloatArray:
@@ -169,11 +171,11 @@ class GaussianBelief:
         self._last = (0.0, 0.0)
         if isinstance(movement, Coasting):
             dt_s, mean, covariance = movement.dt_s, self.mean, self.covariance
-            way, turn = self._last = (movement.speed_mps * dt_s, movement.yaw_rate_radps * dt_s)
-            mean[E] += way * math.cos(mean[PSI])
-            mean[N] += way * math.sin(mean[PSI])
+            travel, turn = self._last = (movement.speed_mps * dt_s, movement.yaw_rate_radps * dt_s)
+            mean[E] += travel * math.cos(mean[PSI])
+            mean[N] += travel * math.sin(mean[PSI])
             mean[PSI] += turn
-            own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (way * SETTINGS.coast_speed_share) ** 2
+            own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (travel * SETTINGS.coast_speed_share) ** 2
             covariance[[E, N], [E, N]] += own
             covariance[PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
         return self._last
@@ -181,8 +183,8 @@ class GaussianBelief:
     def _roll(self, rolling: Rolling) -> tuple[float, float]:
         car, mean = self._car, self.mean
         roll = Roll(rolling.angle_rad[:2], car.nominal_m[:2], car.geometry.track_rear_m, rolling.curvature)
-        self.mean, self.covariance, way, turn = self._pieces.transform(mean, self.covariance, roll)
-        self._last = (way, turn)
+        self.mean, self.covariance, travel, turn = self._pieces.transform(mean, self.covariance, roll)
+        self._last = (travel, turn)
         if rolling.moment.informative:
             mean, covariance = self.mean, self.covariance
             for k in (MU, MU + 1):
@@ -196,12 +198,12 @@ class GaussianBelief:
     def _antenna_at(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
         """Expected east and north (2,) of a fix, and their rows (2, 7)."""
         behind = 1.0 - fix.fraction
-        way, turn = (behind * part for part in self._last)
+        travel, turn = (behind * part for part in self._last)
         psi = float(self.mean[PSI])
         cos, sin = math.cos(psi - turn), math.sin(psi - turn)
         forward, left = self._car.antenna_m
-        east = forward * cos - left * sin - way * math.cos(psi - turn / 2)
-        north = forward * sin + left * cos - way * math.sin(psi - turn / 2)
+        east = forward * cos - left * sin - travel * math.cos(psi - turn / 2)
+        north = forward * sin + left * cos - travel * math.sin(psi - turn / 2)
         rows = np.zeros((2, SIZE))
         rows[0, E] = rows[1, N] = 1.0
         rows[:, PSI] = [-north, east]
@@ -251,7 +253,7 @@ class GaussianBelief:
     def lose(self) -> None:
         """Nothing belongs to the pose but the pose itself."""
 
-    def place(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, sight: Sight) -> None:
         """Set the pose again, uncorrelated with the radii."""
         fix = start.fix
         forward, left = self._car.antenna_m

@@ -89,15 +89,15 @@ def seen_in_block(
     """Doppler way and turn by the gyro of a block of the rear pair at nominal radii, where it has them; the
     models are those of `measurements.doppler_way` and `gyro_turn`."""
     angle = block.angle_rad[:2]
-    if math.isfinite(block.doppler_way_m):
+    if math.isfinite(block.doppler_distance_m):
         variance = (
             (block.speed_noise * SETTINGS.doppler_mps) ** 2 * 2 * SETTINGS.doppler_tau_s * block.duration_s
         )
         age_s2 = SETTINGS.timing_s**2 + FIX_AGE_S.std**2 + SPEED_AGE_S.std**2
-        variance += age_s2 * block.speed_swing_mps**2 + block.reading_way_m**2
+        variance += age_s2 * block.speed_swing_mps**2 + block.reading_distance_m**2
         late_m = (FIX_AGE_S.mean + SPEED_AGE_S.mean) * block.speed_change_mps
-        residual = block.doppler_way_m + late_m - float(angle @ nominal_m) / 2
-        yield SeenInBlock(residual, angle / 2, variance, max(variance, SETTINGS.way_floor_m**2))
+        residual = block.doppler_distance_m + late_m - float(angle @ nominal_m) / 2
+        yield SeenInBlock(residual, angle / 2, variance, max(variance, SETTINGS.distance_floor_m**2))
     if math.isfinite(block.gyro_turn_rad):
         variance = SETTINGS.gyro_noise_radps**2 * block.duration_s + block.reading_turn_rad**2 + bias_rad2
         variance += ((SETTINGS.gyro_relative + GYRO_SCALE.std) * block.gyro_turn_rad) ** 2

@@ -47,7 +47,7 @@ class Particles:
     """Belief about the variances of positions, where these are unknown and a fix has been taken."""
 
     @classmethod
-    def even(cls, count: int, radii: Any) -> Particles:
+    def uniform(cls, count: int, radii: Any) -> Particles:
         """Return particles at the origin with the same weight."""
         weights = np.full(count, 1.0 / count)
         return cls(np.zeros((3, count)), np.zeros((3, count)), np.zeros(count), weights, radii)
@@ -84,17 +84,17 @@ MID_STEP = 0.5
 
 
 def go(
-    particles: Particles, way: FloatArray, turn: FloatArray, heading_after: float = MID_STEP
+    particles: Particles, travel: FloatArray, turn: FloatArray, heading_after: float = MID_STEP
 ) -> tuple[float, float]:
     """Move the poses by way and turn (N,) of each (7), with the heading after this share of the turn; mean
     way and turn."""
     middle = turn * heading_after
     middle += particles.pose[2]
-    particles.moved[0] = way * np.cos(middle)
-    particles.moved[1] = way * np.sin(middle)
+    particles.moved[0] = travel * np.cos(middle)
+    particles.moved[1] = travel * np.sin(middle)
     particles.moved[2] = turn
     particles.pose += particles.moved
-    return float(way.mean()), float(turn.mean())
+    return float(travel.mean()), float(turn.mean())
 
 
 class SampledMotion(Protocol):
@@ -119,12 +119,12 @@ class WheelsIn:
         noise = radii.draw(particles.radii, rng)
         left = rolling.angle_rad[0] * (car.nominal_m[0] + noise[0])
         right = rolling.angle_rad[1] * (car.nominal_m[1] + noise[1])
-        way, turn = (left + right) * 0.5, (right - left) * (1.0 / car.geometry.track_rear_m)
+        travel, turn = (left + right) * 0.5, (right - left) * (1.0 / car.geometry.track_rear_m)
         if rolling.moment.informative:
             particles.radii = radii.learn(particles.radii, noise)
         if rolling.curvature is not None:
-            turn = way * rolling.curvature
-        return way, turn, None
+            turn = travel * rolling.curvature
+        return travel, turn, None
 
 
 WHEELS_IN = WheelsIn()
@@ -156,23 +156,23 @@ class WheelsMeasured:
             walk = np.array([[self.yaw_accel_std_radps2], [self.accel_std_mps2]])
             particles.motion += kick * (walk * dt)
         else:
-            rolled, turned = rolling.way_m, rolling.turn_rad
+            rolled, turned = rolling.distance_m, rolling.turn_rad
             spread = np.array(SETTINGS.start_motion)[:, None]
             particles.motion = np.array([[turned / dt], [rolled / dt]]) + kick * spread
         yaw_rate, speed = particles.motion
-        way, turn = speed * dt, yaw_rate * dt
-        paths = np.stack([way - turn * (track / 2), way + turn * (track / 2)])
+        travel, turn = speed * dt, yaw_rate * dt
+        paths = np.stack([travel - turn * (track / 2), travel + turn * (track / 2)])
         rear = rolling.angle_rad[:2, None]
         if rolling.moment.informative and float(rear.min()) > 0.0:
             realised = paths / rear - car.nominal_m[:2, None]
             log = radii.log_predictive(particles.radii, realised)
             particles.radii = radii.learn(particles.radii, realised)
-            return way, turn, log
+            return travel, turn, log
         log = self._path_log(particles, radii, paths, rear, car)
         if rolling.curvature is not None:
-            turn = way * rolling.curvature
+            turn = travel * rolling.curvature
             particles.motion[0] = turn / dt
-        return way, turn, log
+        return travel, turn, log
 
     def _path_log(
         self, particles: Particles, radii: RadiusModel, paths: FloatArray, rear: FloatArray, car: Car

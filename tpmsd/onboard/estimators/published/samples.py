@@ -85,7 +85,7 @@ class SampledBelief:
 
     def __init__(self, car: Car, pieces: SampledPieces, count: int, rng: np.random.Generator) -> None:
         self._car, self._pieces, self._rng = car, pieces, rng
-        self.particles = Particles.even(count, pieces.radii.begin(count, car.nominal_m[:2], rng))
+        self.particles = Particles.uniform(count, pieces.radii.begin(count, car.nominal_m[:2], rng))
         self._lineage = Lineage(count)
 
     def predict(self, movement: Movement) -> tuple[float, float]:
@@ -97,10 +97,10 @@ class SampledBelief:
                 particles.radii = pieces.radii.forget(particles.radii, movement.moment.tick.dt_s, rng)
                 if pieces.changes is not None and movement.judged:
                     pieces.changes.suppose(particles, pieces.radii, movement, self._car, rng)
-            way, turn, log = pieces.motion.advance(particles, pieces.radii, movement, self._car, rng)
+            travel, turn, log = pieces.motion.advance(particles, pieces.radii, movement, self._car, rng)
             if log is not None:
                 particles.multiply(log)
-            return go(particles, way, turn, pieces.heading_after)
+            return go(particles, travel, turn, pieces.heading_after)
         particles.motion = None
         if isinstance(movement, Coasting):
             dt_s = movement.dt_s
@@ -197,7 +197,7 @@ class SampledBelief:
         drawn = effective_number(weights), float(self._lineage.ancestors), between
         return Moments(mean_m, covariance_m2, noise_m, pose, *drawn)
 
-    def place(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, sight: Sight) -> None:
         """Spread the particles about a pose that fixes tell."""
         fix, particles, rng = start.fix, self.particles, self._rng
         count = particles.count
