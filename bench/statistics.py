@@ -34,10 +34,12 @@ def count(flags: Iterable[bool]) -> Share:
 
 
 def percent(part: Share) -> str:
-    """`3/20 = 15.0 % [3.2, 37.9]`; `-` of nothing."""
+    """Return `3/20 = 15.0 % [3.2, 37.9]`; `0/20 [0.0, 16.8] %` of none or all, `-` of nothing."""
     if not part["of"]:
         return "-"
     low, middle, high = (100.0 * part[name] for name in ("low", "share", "high"))
+    if part["hits"] in (0, part["of"]):
+        return f"{part['hits']}/{part['of']} [{low:.1f}, {high:.1f}] %"
     return f"{part['hits']}/{part['of']} = {middle:.1f} % [{low:.1f}, {high:.1f}]"
 
 

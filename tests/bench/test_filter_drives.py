@@ -36,8 +36,8 @@ def test_a_recording_without_alarm_and_figure_is_in_a_sentence() -> None:
     rows = [{**basis, "name": "oval", "lost_pose": 0}, {**basis, "name": "hills", "lost_pose": 2}]
     text = filter_drives.markdown(rows)
 
-    assert "| hills | `gaussian-sum` | 3 | none | 2 | - |" in text
-    assert "No alarm, no pose lost: oval `gaussian-sum` 3 min." in text
+    assert "| hills | `gaussian-sum` | none | 2 | - |" in text
+    assert "No alarm, no pose lost: oval with `gaussian-sum`." in text
 
 
 def test_an_announcement_before_the_puncture_is_a_wrong_one() -> None:

@@ -53,7 +53,7 @@ def test_nees_is_per_radius() -> None:
     assert ((2, 3, 1.0), (4, 2, 1.0)) == tuple(
         (cell["wheels"], cell["drives"], cell["all"]["nees"][0]) for cell in (pair, four)
     )
-    assert "| balanced | white | 2 |  |  | 2.00±0.00, 85 % | 2.00±0.00, 90 % |" in intervals.markdown([pair])
+    assert "| balanced | white | 2 |  |  | 2.00±0.00, 85 | 2.00±0.00, 90 |" in intervals.markdown([pair])
     text = intervals.tables(rows)
     assert "| `mpf-pn` | all hypotheses | 1.00, 1.00, 1.00 | 2 of 2 | " in text
     assert "| `mpf-pn` | as stated | 2.00, 2.00, 2.00 | 0 of 2 | 85, 85.0, 85 | 0 of 2 |" in text

@@ -70,5 +70,5 @@ def test_the_table_counts_names_and_intervals() -> None:
     told = table([_row(gnss_latency=late, wear=wear), _row(radius_change=_radius("rl", -0.7e-3))])
 
     assert "| kinematic | 2 | 2/4 = 50.0 % [6.8, 93.2] | 1 | 1/2 = 50.0 % [1.3, 98.7] | 2.24 |" in told
-    assert "| gnss_latency latency_s | 1/1 | +1.00 |" in told
+    assert "gnss_latency latency_s +1.00 (1/1)" in told
     assert "" == table([{**_row(), "kind": "null"}])

@@ -243,13 +243,17 @@ def summary(text: str) -> list[str]:
         off = f"{off_mm:.2f} mm, {stds:.1f} std"
         verdicts = {cells[7] for cells in rows} - {""}
         if not alarms and not told and not verdicts:
-            quiet.append(f"{name} ({off})")
+            quiet.append((stds, name, off))
             continue
         when = f"{len(told)}, after {min(told):.0f} to {max(told):.0f} s" if told else "-"
         broke = "not promised" if "not promised" in verdicts else sum(cells[7] == "BROKEN" for cells in rows)
         shown = f"{accused} ({'; '.join(sorted(alarms))})" if alarms else "0"
         out.append(f"| {name} | {len(rows)} | {shown} | {when} | {off} | {broke} |")
-    return [*out, "", f"No alarm, radii off by at most: {'; '.join(quiet) or 'none'}."]
+    small = [entry for entry in quiet if entry[0] < 1.0]
+    parts = [f"{name} ({off})" for stds, name, off in quiet if stds >= 1.0]
+    if small:
+        parts.append(f"{', '.join(name for _, name, _ in small)} (at most {max(small)[2]})")
+    return [*out, "", f"No alarm, and radii off: {'; '.join(parts) or 'none'}."]
 
 
 def named_tests() -> list[str]:

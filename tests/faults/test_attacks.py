@@ -196,7 +196,7 @@ def test_the_command_prints_the_table(capsys: pytest.CaptureFixture[str], method
     assert broken.endswith("BROKEN |")
     assert summary(printed)[2].startswith("| a soft tyre | 1 | 1 (deflation rl")
     assert summary(printed)[2].endswith("| 1 |")
-    assert "No alarm, radii off by at most: nothing (0.00 mm, 0.0 std)." == summary(printed)[-1]
+    assert "No alarm, and radii off: nothing (at most 0.00 mm, 0.0 std)." == summary(printed)[-1]
 
 
 def test_tyres_that_changed_places_without_a_reset_are_told_as_a_loss() -> None:

@@ -120,8 +120,7 @@ def main() -> int:
         print(f"no such target: {' '.join(unknown)}; there are {' '.join(TARGETS)}", file=sys.stderr)
         return 2
     BUILD.mkdir(parents=True, exist_ok=True)
-    print("| format | executions | edges | findings |")
-    print("| --- | --- | --- | --- |")
+    print("Executions (edges) of each format:")
     failed, added_mb, longest_s = 0, {"?": 0.0}, {"?": 0.0}
     for name in args.targets or sorted(TARGETS):
         row, code, seen = played(name, args.seconds, args.seed)
@@ -151,9 +150,8 @@ def played(name: str, seconds: int, seed: int) -> tuple[str, int, dict[str, floa
         re.findall(r"number_of_executed_units: *(\d+)", text) or re.findall(r"^#(\d+)", text, re.M) or ["?"]
     )
     edges = re.findall(r"cov: (\d+)", text) or ["?"]
-    found = "none" if code == 0 else f"one, see {log}"
     seen = json.loads(figures.read_text("utf-8")) if figures.is_file() else {}
-    return f"| {name} | {runs[-1]} | {edges[-1]} | {found} |", code, seen
+    return f"{name} {runs[-1]} ({edges[-1]})" + (f": a finding, see {log}" if code else ""), code, seen
 
 
 if __name__ == "__main__":

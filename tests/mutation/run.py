@@ -260,19 +260,25 @@ def reason(change: str) -> str:
 
 def page(rooms: list[Judged], sample: int, seed: int) -> str:
     """The tables of bench/results/mutation.md."""
-    lines = ["| room | mutants | killed | without those that change nothing | command |", "| --- " * 5 + "|"]
+    lines = ["| room | mutants | killed | without those that change nothing |", "| --- " * 4 + "|"]
     for room in rooms:
         same = sum(reason(change).startswith("same") for _, change in room.survivors)
-        command = f"python -m tests.mutation.run --sample {sample} --seed {seed} {room.name}"
         share = f"{room.dead} of {room.seen - same}"
-        lines.append(f"| {room.name} | {room.seen} | {room.dead} | {share} | `{command}` |")
+        lines.append(f"| {room.name} | {room.seen} | {room.dead} | {share} |")
+    names = " ".join(room.name for room in rooms)
+    lines += ["", f"`python -m tests.mutation.run --sample {sample} --seed {seed} {names}`"]
     lines += ["", "| survivor | mutation | reason |", "| --- | --- | --- |"]
+    tested = 0
     for room in rooms:
         for _, change in room.survivors:
-            if not reason(change).startswith("same"):
+            if reason(change).startswith(("has a test", "held by")):
+                tested += 1
+            elif not reason(change).startswith("same"):
                 place, edit = abridged(change)
                 lines.append(f"| `{place}` | {edit} | {reason(change) or 'missed'} |")
-    return "\n".join(lines)
+    return "\n".join(
+        [*lines, "", f"{tested} other survivors have a test, or one outside the room holds them."]
+    )
 
 
 def abridged(change: str) -> tuple[str, str]:

@@ -68,12 +68,15 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
 
 def _table(counts: Counter[str]) -> None:
     rows = sorted({key.rsplit("|", 1)[0] for key in counts})
-    print("| figure | right | undecided | wrong | right, 95 % interval |")
-    print("| --- | --- | --- | --- | --- |")
+    print("| figure | right | undecided | wrong |")
+    print("| --- | --- | --- | --- |")
+    intervals: dict[str, None] = {}
     for row in rows:
         right, unsure, wrong = (counts[f"{row}|{what}"] for what in ("right", "undecided", "wrong"))
         low, high = _wilson(right, right + unsure + wrong)
-        print(f"| {row} | {right} | {unsure} | {wrong} | {100 * low:.0f} to {100 * high:.0f} % |")
+        print(f"| {row} | {right} | {unsure} | {wrong} |")
+        intervals[f"{right} of {right + unsure + wrong} {100 * low:.0f} to {100 * high:.0f} %"] = None
+    print(f"\n95 % intervals: {', '.join(intervals)}.")
 
 
 def _reliability(claims: Claims) -> None:

@@ -45,6 +45,8 @@ from tpmsd.offline.signals.read import read_signals
 
 JUDGED = ("speed", "velocity_lat", "yaw_rate", "accel_lat")
 """u, v, r and lateral acceleration."""
+TWINS = 3
+"""Names of confounded effects that a line of the page has; the JSON has all."""
 PAUSE_S = 5.0
 SENSORS = {"yaw_rate": 0.0026, "accel_lat": 0.06, "velocity_lat": 0.02, "speed": 0.03, "accel_long": 0.06}
 """Standard deviations of white noise: production gyros and accelerometers, an optical speed sensor."""
@@ -269,10 +271,12 @@ def table(one: Proof) -> str:
         values = ", ".join(
             with_unit(f"{k} {v.value:.3g} +- {v.std:.1g}", v.unit) for k, v in finding.parameters.items()
         )
-        twins = ", ".join(f"`{name}`" for name in finding.indistinguishable_from)
+        others = [f"`{name}`" for name in finding.indistinguishable_from]
+        more = [f"{len(others) - TWINS} more"] if len(others) > TWINS else []
+        twins = ", ".join([*others[:TWINS], *more])
         doubt = f"; confounded with {twins}" if twins else ""
-        stand_in = "; may stand in for what has no name" if finding.stand_in else ""
-        lines.append(f"- `{finding.effect}`: {values} (confidence {finding.confidence:.2f}{doubt}{stand_in})")
+        stand_in = ", stand-in" if finding.stand_in else ""
+        lines.append(f"- `{finding.effect}`: {values} (confidence {finding.confidence:.2f}{stand_in}{doubt})")
     return "\n".join(lines)
 
 

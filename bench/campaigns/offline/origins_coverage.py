@@ -76,12 +76,13 @@ def table(rows: Sequence[Row]) -> str:
     ]
     for origin in dict.fromkeys(row["origin"] for row in those):
         lines.append(_line(origin, [row for row in those if row["origin"] == origin]))
-    lines += [_line("all", those), "", "| parameter | intervals that hold the truth | mean error (std) |"]
-    lines += ["| --- | --- | --- |"]
+    lines += [_line("all", those), ""]
+    parts = []
     found = [each for row in those for each in errors(row)]
     for name in sorted({name for name, _ in found}):
         off = np.array([error for other, error in found if other == name])
-        lines.append(f"| {name} | {(np.abs(off) < WITHIN_STDS).sum()}/{len(off)} | {off.mean():+.2f} |")
+        parts.append(f"{name} {off.mean():+.2f} ({(np.abs(off) < WITHIN_STDS).sum()}/{len(off)})")
+    lines.append(f"Mean error in std (intervals that hold the truth): {', '.join(parts) or 'none'}.")
     return "\n".join(lines) + "\n"
 
 

@@ -51,8 +51,10 @@ def markdown(rows: Sequence[Row]) -> str:
     """All tables."""
     done, failed = parted(rows)
     parts = []
-    for title, those in by_half(done):
-        parts += [f"### {title}\n", _null_table(those), _faults_table(those)]
+    halves = by_half(done)
+    for title, those in halves:
+        parts += [f"### {title}\n", _null_table(those, len(halves) == 1 or those is halves[-1][1])]
+        parts.append(_faults_table(those))
         parts += [origins_coverage.table(those), _conditions_table(those)]
     parts.append(_speed(done))
     if failed:
@@ -61,24 +63,37 @@ def markdown(rows: Sequence[Row]) -> str:
     return "\n".join(part for part in parts if part)
 
 
-def _null_table(rows: Sequence[Row]) -> str:
+def _null_table(rows: Sequence[Row], by_origin: bool) -> str:
+    """Return the table of the null drives, with a row for each origin or for all of them alone."""
     null = [row for row in rows if row["kind"] == "null"]
     judged = [row for row in null if row["verdict"] != "insufficient_data"]
     lines = [
-        "| null drives of | judged, of all | with a finding | with a suspicion only "
-        "| p-values uniform (p) | p-values below 0.05 | false names |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "| null drives of | with a finding | p-values uniform (p) | p-values below 0.05 |",
+        "| --- | --- | --- | --- |",
     ]
     simulated = [row for row in judged if row["origin"] != REAL]
-    for origin in [*ORIGINS, REAL]:
+    for origin in [*ORIGINS, REAL] if by_origin else []:
         those = [row for row in judged if row["origin"] == origin]
-        all_of_it = [row for row in null if row["origin"] == origin]
-        if not all_of_it:
-            continue
-        lines.append(_null_row(origin, all_of_it, those))
-    all_null = [row for row in null if row["origin"] != REAL]
-    lines.append(_null_row("all simulated", all_null, simulated))
-    return "\n".join([*lines, "", *_apart(simulated)])
+        if any(row["origin"] == origin for row in null):
+            lines.append(_null_row(origin, those))
+    lines.append(_null_row("all simulated", simulated))
+    return "\n".join([*lines, "", _remarks(null, judged), *_apart(simulated)])
+
+
+def _remarks(null: Sequence[Row], judged: Sequence[Row]) -> str:
+    """Return by origin the drives that were not judged, suspicions without a finding and false names."""
+    refused = Counter(row["origin"] for row in null if row["verdict"] == "insufficient_data")
+    suspected = Counter(row["origin"] for row in judged if row["suspicions"] and not row["findings"])
+    false = Counter(f"{each['effect']} ({row['origin']})" for row in judged for each in _false(row))
+    parts = []
+    for title, numbers in (
+        ("too little data", refused),
+        ("a suspicion alone", suspected),
+        ("false names", false),
+    ):
+        listed = ", ".join(f"{name} {number}" for name, number in numbers.most_common())
+        parts.append(f"{title}: {listed or 'none'}")
+    return f"{'; '.join(parts).capitalize()}.\n"
 
 
 def _apart(simulated: Sequence[Row]) -> list[str]:
@@ -91,16 +106,12 @@ def _apart(simulated: Sequence[Row]) -> list[str]:
     return [f"An origin against the others, p: {', '.join(told)}.\n"] if told else []
 
 
-def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row]) -> str:
-    names = Counter(each["effect"] for row in judged for each in _false(row))
-    told = ", ".join(f"{name} {number}" for name, number in names.most_common()) or "-"
-    suspected = count(bool(row["suspicions"]) and not row["findings"] for row in judged)
+def _null_row(name: str, judged: Sequence[Row]) -> str:
     nothing = [row for row in judged if row["origin"] not in ACTING]
     known = [value for row in nothing if (value := p_of_the_rest(row)) is not None]
     tested = uniform(known)
-    cells = [name, f"{len(judged)}/{len(null)}", percent(_found(judged)), f"{suspected['hits']}"]
-    cells += ["-" if tested is None else f"{tested:.2g} of {len(known)}"]
-    cells += [str(sum(value < SMALL for value in known)), told]
+    cells = [name, percent(_found(judged)), "-" if tested is None else f"{tested:.2g} of {len(known)}"]
+    cells.append(str(sum(value < SMALL for value in known)))
     return f"| {' | '.join(cells)} |"
 
 
@@ -196,9 +207,9 @@ def _conditions_table(rows: Sequence[Row]) -> str:
             if _found(having)["hits"] or _found(lacking)["hits"]:
                 lines.append(f"| {origin} | {tag} | {percent(_found(having))} | {percent(_found(lacking))} |")
             else:
-                quiet.append(f"{origin} {tag} {len(having)}")
+                quiet += having
     table = "\n".join(lines) + "\n" if len(lines) > 2 else ""
-    return table + (f"No finding with or without, null drives of: {', '.join(quiet)}.\n" if quiet else "")
+    return table + ("No finding on null drives with or without any other condition.\n" if quiet else "")
 
 
 def _speed(rows: Sequence[Row]) -> str:

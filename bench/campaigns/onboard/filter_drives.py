@@ -186,20 +186,26 @@ def _demonstration(rows: Sequence[Row]) -> list[str]:
 def _recordings(rows: Sequence[Row], desk_rows: Sequence[Row]) -> list[str]:
     """Return the table of the recordings, and those that have neither an alarm nor a figure in a sentence."""
     lines = [
-        "| recording | filter | minutes | alarms | poses lost | rl, rr above 20 m/s off `calibrate`, mm |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| recording | filters | alarms | poses lost | rl, rr above 20 m/s off `calibrate`, mm |",
+        "| --- | --- | --- | --- | --- |",
     ]
-    quiet = []
+    quiet: dict[str, list[str]] = {}
+    cells: dict[tuple[str, str, int], list[tuple[str, str]]] = {}
     for row in rows:
         off = ", ".join(f"{value:+.2f}" for value in off_mm(row, desk_rows))
-        minutes = f"{60 * row['hours']:.0f}"
         if not off and not row["said"] and not row["lost_pose"]:
-            quiet.append(f"{row['name']} `{row['method']}` {minutes} min")
+            quiet.setdefault(row["name"], []).append(f"`{row['method']}`")
             continue
         said = ", ".join(f"{kind} {wheel} at {at_s:.0f} s" for kind, wheel, at_s in row["said"]) or "none"
-        told = [row["name"], f"`{row['method']}`", minutes, said, str(row["lost_pose"]), off or "-"]
-        lines.append(f"| {' | '.join(told)} |")
-    return [*lines, "", *([f"No alarm, no pose lost: {', '.join(quiet)}.", ""] if quiet else [])]
+        cells.setdefault((row["name"], said, row["lost_pose"]), []).append((row["method"], off or "-"))
+    for (name, said, lost), found in cells.items():
+        methods = "both" if len(found) == len(METHODS) else f"`{found[0][0]}`"
+        lines.append(f"| {name} | {methods} | {said} | {lost} | {'; '.join(off for _, off in found)} |")
+    named = ", ".join(
+        name if len(methods) == len(METHODS) else f"{name} with {' and '.join(methods)}"
+        for name, methods in quiet.items()
+    )
+    return [*lines, "", *([f"No alarm, no pose lost: {named}.", ""] if quiet else [])]
 
 
 def _costs(rows: Sequence[Row]) -> list[str]:

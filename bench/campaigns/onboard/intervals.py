@@ -141,13 +141,15 @@ def _told(said: Row) -> list[str]:
     for nees, cover in (("nees", "cover_radius"), ("nees_difference", "cover_difference")):
         mean, half = said[nees]
         shown = f"{mean:.2f}" + (f"±{half:.2f}" if math.isfinite(half) else "")
-        cells.append(f"{shown}, {100 * said[cover][0]:.0f} %")
+        cells.append(f"{shown}, {100 * said[cover][0]:.0f}")
     return cells
 
 
 def markdown(found: Sequence[Row]) -> str:
     """Return a table of the cells with what each filter states."""
-    head = [f"`{method}`: {what}" for method in FOUR for what in ("NEES per radius, coverage", "left-right")]
+    head = [
+        f"`{method}`: {what}" for method in FOUR for what in ("NEES per radius, coverage %", "left-right")
+    ]
     lines = [f"| drives | receiver | wheels | {' | '.join(head)} |", f"|{(3 + len(head)) * ' --- |'}"]
     for key in dict.fromkeys((one["scenario"], one["receiver"], one["wheels"]) for one in found):
         own = {

@@ -153,7 +153,7 @@ def test_the_page_has_misses_by_cause_and_confounders_without_alarms_in_one_line
     ]
     text = page(figures(rows))
 
-    assert "| r141-puncture | 1/2 = 50.0 % [1.3, 98.7] | 10 | - | 10 | 1/1 = 100.0 % [2.5, 100.0] |" in text
+    assert "| r141-puncture | 1/2 = 50.0 % [1.3, 98.7] | 10 | - | 10 | 1/1 [2.5, 100.0] % |" in text
     assert (
         "Missed, the change is hidden in the estimate: `development/1/r141-puncture-fl-fast-city2`." in text
     )

@@ -7,7 +7,7 @@ In: rows. Out: plain figures, and the same as Markdown. Shares bear 95 % interva
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -203,22 +203,26 @@ def markdown(figures: dict[str, Any]) -> str:
     out += ["| figure | measured | bar |", "| --- | --- | --- |"]
     out += [f"| {name} | {value} | {bar} |" for name, value, bar in rows]
     out += ["", *_kinds(figures["by_kind"]), ""]
-    out += [
-        "| parameter | 95 % intervals that hold the truth | median relative error |",
-        "| --- | --- | --- |",
-    ]
-    for name, each in figures["by_parameter"].items():
-        relative = "" if each["median_relative"] is None else f"{100 * each['median_relative']:.1f} %"
-        held = each["coverage"]
-        out.append(f"| {name} | {held['hits']}/{held['of']} | {relative} |")
+    if figures["by_parameter"]:
+        parts = [_parameter(name, each) for name, each in figures["by_parameter"].items()]
+        out.append(f"Median relative error (95 % intervals that miss the truth): {', '.join(parts)}.")
     if figures["failures"]:
         out += ["", "Failed:", "", *(f"- {line}" for line in figures["failures"])]
     return "\n".join(out) + "\n"
 
 
+def _parameter(name: str, figures: Mapping[str, Any]) -> str:
+    """Return a parameter with its median relative error, and the number of its intervals that miss."""
+    relative = "" if figures["median_relative"] is None else f" {100 * figures['median_relative']:.1f} %"
+    held = figures["coverage"]
+    missed = held["of"] - held["hits"]
+    return f"{name}{relative}" + (f" ({missed} of {held['of']})" if missed else "")
+
+
 def _kinds(by_kind: Sequence[dict[str, Any]]) -> list[str]:
     """Return a table of the kinds with a miss or a false name, and lists of the others."""
-    lines, clean, blind = [], [], []
+    lines, blind = [], []
+    kinds = drives = 0
     for each in by_kind:
         first, found = (f"{each[key]['hits']}/{each[key]['of']}" for key in ("first", "found"))
         if each["false"] or any(each[key]["hits"] < each[key]["of"] for key in ("first", "found")):
@@ -226,16 +230,14 @@ def _kinds(by_kind: Sequence[dict[str, Any]]) -> list[str]:
             can = f"{each['kind']} | {each['strength']:g} | {each['told']}/{each['drives']}"
             lines.append(f"| {can} | {first} | {found} | {each['false']} | {gain} |")
         elif each["told"]:
-            clean.append(f"{each['kind']} {each['told']}/{each['drives']}")
+            kinds, drives = kinds + 1, drives + each["told"]
         else:
             blind.append(f"{each['kind']} {each['drives']}")
     head = [
         "| kind missed | strength | can tell | right name first | effects found | false names | gain, nats |",
         "| --- | --- | --- | --- | --- | --- | --- |",
     ]
-    rest = (
-        f"Of all other drives that can tell, found with the right name first: {', '.join(clean) or 'none'}."
-    )
+    rest = f"The right name is first on all {drives} other drives that can tell, of {kinds} kinds."
     return [*head, *lines, "", rest, f"No drive can tell: {', '.join(blind) or 'none'}."]
 
 
