@@ -159,8 +159,13 @@ def fails(
             del sys.modules[name]
         for descriptor, mode in ((1, os.O_WRONLY), (2, os.O_WRONLY)):
             os.dup2(os.open("build.log", mode | os.O_CREAT | os.O_TRUNC), descriptor)
+        import hypothesis
         import pytest
 
+        # A busy machine draws slowly, which is no failure of the program's.
+        slow = [hypothesis.HealthCheck.too_slow]
+        hypothesis.settings.register_profile("mutation", suppress_health_check=slow, deadline=None)
+        hypothesis.settings.load_profile("mutation")
         recorder = Recorder(*recorded) if recorded is not None else None
         if recorder is not None:
             recorder.start()
