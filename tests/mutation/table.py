@@ -412,4 +412,26 @@ NAMED = (
             "tests/onboard/daemon/test_service_manager.py::test_the_first_tick_makes_it_ready_and_feeds_the_watchdog",
         ),
     ),
+    Named(
+        "tpmsd/onboard/daemon/bus_link.py",
+        "self._malformed_before + (",
+        "self._malformed_before ^ (",
+        ("tests/onboard/daemon/test_links.py::test_malformed_datagrams_add_up_over_openings",),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/reading_track.py",
+        "in zip(times_s, values, strict=True):",
+        "in []:",
+        (
+            "tests/onboard/timeline/test_tick_plan.py::test_readings_of_before_a_step_of_the_clock_are_put_in_order",
+        ),
+    ),
+    Named(
+        "tpmsd/onboard/timeline/compensation.py",
+        "start = self._start_s if self._start_s is not None",
+        "start = self._start_s if not self._start_s is not None",
+        (
+            "tests/onboard/timeline/test_compensation.py::test_time_counts_from_the_beginning_of_the_first_tick",
+        ),
+    ),
 )

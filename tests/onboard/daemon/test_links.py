@@ -268,6 +268,20 @@ def test_frames_dropped_by_the_kernel_add_up_over_openings() -> None:
     assert 9 == link.dropped
 
 
+def test_malformed_datagrams_add_up_over_openings() -> None:
+    """As the frames that the kernel dropped."""
+    bus = FakeBus()
+    link = link_of(bus)
+    link.service(0.0)
+    bus.malformed, bus.is_up = 3, False
+    link.read(0.1)
+    bus.is_up, bus.malformed = True, 0
+    link.service(1.0)
+    bus.malformed = 1
+
+    assert 4 == link.malformed
+
+
 def test_an_interface_that_is_not_there_is_a_bus_that_is_down() -> None:
     """Opening what does not exist ends in one line, whatever this machine's kernel can do."""
     with pytest.raises(CanDown, match="no-such-can"):

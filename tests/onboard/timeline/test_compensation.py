@@ -228,3 +228,14 @@ def test_the_rate_of_steering_is_that_of_the_last_ticks_without_a_gap(gap_s: flo
     ]
     out = _last(model, ticks)
     assert out.yaw_rate_radps == pytest.approx(-rate, abs=1e-3)
+
+
+def test_time_counts_from_the_beginning_of_the_first_tick() -> None:
+    """Warming tyres are taken out by the time since the start, whatever the clock's origin."""
+    amplitude_m, time_constant_s = 1e-3, 3.0
+    thermal = make_effect("thermal_growth", amplitude_m=amplitude_m, time_constant_s=time_constant_s)
+    ticks = [dataclasses.replace(tick, time_s=5000.0 + tick.time_s, fixes=()) for tick in _ticks(20.0)]
+    ratio = _last(ExtendedModel((thermal,)), ticks).rotation_rad / ticks[-1].rotation_rad
+    since_s = ticks[-1].time_s - 5000.0
+    growth_m = amplitude_m * (1.0 - math.exp(-since_s / time_constant_s))
+    assert RADIUS * (ratio - 1.0) == pytest.approx(np.full(4, growth_m), rel=0.02)

@@ -86,6 +86,15 @@ def test_means_ahead_are_those_of_the_track(seed: int, known: int, hold_s: float
     assert [repr(usual.mean_to(end)) for end in later] == [repr(ahead.mean_to(end)) for end in later]
 
 
+def test_readings_of_before_a_step_of_the_clock_are_put_in_order() -> None:
+    """A block whose first reading is older than the last known one loses none of its readings."""
+    track = ReadingTrack(1.0)
+    track.extend([1.0, 2.0], [10.0, 20.0])
+    track.extend([1.5, 1.6, 2.5], [15.0, 16.0, 25.0])
+
+    assert [10.0, 15.5, 20.0, 25.0] == [track.mean_to(end_s) for end_s in (1.0, 1.8, 2.0, 3.0)]
+
+
 def test_readings_out_of_order_are_not_planned() -> None:
     """A further reading that is older than what the track has is left to the track."""
     track = ReadingTrack(1.0)
