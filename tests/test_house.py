@@ -44,7 +44,7 @@ WITHIN: dict[str, set[str]] = {
     "inference": set(),
     "discovery": {"rings"},
     "rings": {"inference"},  # that of offline; the room of this name in car imports none
-    "signals": {"dynamics"},
+    "signals": {"dynamics", "tables"},
     "dynamics": {"diagnosis"},
     "simulator": {"inference"},
     "tables": set(),

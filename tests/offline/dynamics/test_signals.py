@@ -14,6 +14,7 @@ from tests.offline.dynamics.drives import folder, loaded
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.config.problems import ConfigProblems
 from tpmsd.foundation.errors import InputError
+from tpmsd.offline.signals import read
 from tpmsd.offline.signals.drive import make_drive
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.write import signals_text
@@ -37,6 +38,43 @@ def test_csv_gzip_and_parquet_hold_the_same(tmp_path: Path) -> None:
         other = read_signals(tmp_path / name)
         for column, values in plain.columns.items():
             assert np.array_equal(other.columns[column], values, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        (b"PAR1 and no more", "not a Parquet file"),
+        (None, "yaw_rate_radps"),
+    ],
+)
+def test_a_parquet_file_that_is_none_is_one_line(tmp_path: Path, content: bytes | None, reason: str) -> None:
+    """It is read by a process of its own, as every native reader's file; text is no reading."""
+    pq = pytest.importorskip("pyarrow.parquet")
+    import pyarrow as pa
+
+    file = tmp_path / "signals.parquet"
+    if content is None:
+        pq.write_table(
+            pa.table({"time_s": [0.0, 1.0], "yaw_rate_radps": ["a", "b"], "note": ["c", "d"]}), file
+        )
+    else:
+        file.write_bytes(content)
+    with pytest.raises(InputError, match=reason):
+        read_signals(tmp_path)
+
+    assert "pyarrow" not in Path(read.__file__).read_text("utf-8")
+
+
+def test_a_packed_table_is_bounded_as_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No more is unpacked than a table may have; damage within is one line, too."""
+    monkeypatch.setattr(read, "LARGEST_BYTES", 1000)
+    packed = gzip.compress(HEAD.encode() + b"0,0,0,0\n" * 1000)
+    (tmp_path / "signals.csv.gz").write_bytes(packed)
+    with pytest.raises(InputError, match="unpacks to more than 1000 bytes"):
+        read_signals(tmp_path)
+    (tmp_path / "signals.csv.gz").write_bytes(packed[:20] + b"\xff" * 20)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_signals(tmp_path)
 
 
 def test_unknown_columns_are_named_and_left_out(tmp_path: Path) -> None:

@@ -8,7 +8,9 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import zlib
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +19,7 @@ import numpy as np
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.signals.columns import TIME, is_known
+from tpmsd.offline.tables.native import NativeTable
 
 FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
 """Names in a drive folder, in the order in which they are looked for."""
@@ -113,11 +116,12 @@ def _content(file: Path) -> str:
     try:
         if file.stat().st_size > LARGEST_BYTES:
             raise InputError(file, "larger than 2 GB")
-        data = file.read_bytes()
-        if file.suffix == ".gz":
-            data = gzip.decompress(data)
+        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as content:
+            data = content.read(LARGEST_BYTES + 1)
+        if len(data) > LARGEST_BYTES:
+            raise InputError(file, f"unpacks to more than {LARGEST_BYTES} bytes")
         return data.decode("utf-8-sig")
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error) or "cannot be read"
         raise InputError(file, f"cannot be read: {reason}") from None
 
@@ -170,23 +174,13 @@ def _is_number(cell: str) -> bool:
 
 
 def _parquet(file: Path) -> tuple[list[str], FloatArray]:
-    """Return names and values of a Parquet file's columns of numbers."""
-    try:
-        import pyarrow.parquet as pq
-    except ImportError:
-        raise InputError(file, "Parquet needs the extra 'tables' (pip install 'tpmsd[tables]')") from None
-    try:
-        table = pq.read_table(file)
-    except Exception as error:
-        raise InputError(file, f"no Parquet file: {' '.join(str(error).split())[:120]}") from None
-    names, values = [], []
-    for name in table.column_names:
-        column = table.column(name)
-        try:
-            values.append(np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64))
-        except (TypeError, ValueError):
-            continue  # text
-        names.append(name)
-    if not names or not len(values[0]):
-        raise InputError(file, "no rows")
-    return names, np.stack(values, axis=1)
+    """Return names and values of a Parquet file's columns, read in a process of its own; those of columns
+    that are not known are NaN."""
+    with closing(NativeTable(file)) as table:
+        names = list(table.names)
+        known = {name: table.column(name) for name in names if name == TIME or is_known(name)}
+    rows = max((len(values) for values in known.values()), default=0)
+    if not rows:
+        raise InputError(file, f"no rows, or no column {TIME}")
+    nothing = np.full(rows, np.nan)
+    return names, np.stack([known.get(name, nothing) for name in names], axis=1)
