@@ -220,11 +220,12 @@ def test_one_force_without_the_other_leaves_speed_an_input(tmp_path: Path, missi
         ("steering_wheel_angle_rad", 180.0 / np.pi, "in degrees"),
         ("steering_wheel_angle_rad", -1.0, "the other sign"),
         ("yaw_rate_radps", -1.0, "the other sign"),
+        ("yaw_rate_radps", 180.0 / np.pi, "yaw rate is .* in deg/s"),
+        ("speed_mps", 3.6, "speed in km/h"),
+        ("accel_lat_mps2", 1.0 / 9.80665, "acceleration in g"),
     ],
 )
-def test_a_wrong_unit_or_sign_of_the_steering_is_refused(
-    tmp_path: Path, column: str, factor: float, said: str
-) -> None:
+def test_a_wrong_unit_or_sign_is_refused(tmp_path: Path, column: str, factor: float, said: str) -> None:
     """A drive whose yaw rate turns against the steering is no drive that agrees with the model."""
     where = folder(tmp_path, duration_s=20.0)
     table = read_signals(where)
@@ -232,3 +233,17 @@ def test_a_wrong_unit_or_sign_of_the_steering_is_refused(
 
     with pytest.raises(InputError, match=said):
         make_drive(table, load_car(where), "single-track", "turned")
+
+
+def test_an_infinite_value_is_refused_with_its_line(tmp_path: Path) -> None:
+    """No reading is infinite: a division by zero of whoever wrote the file."""
+    where = folder(tmp_path, duration_s=20.0)
+    lines = (where / "signals.csv").read_text(encoding="utf-8").splitlines()
+    cells = lines[7].split(",")
+    cells[1] = "inf"
+    lines[7] = ",".join(cells)
+    (where / "signals.csv").write_text("\n".join(lines), encoding="utf-8")
+
+    with pytest.raises(InputError, match="is infinite") as error:
+        read_signals(where)
+    assert error.value.line == 8

@@ -7,6 +7,7 @@ input that the baseline needs is missing.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.inputs import make_inputs
 from tpmsd.car.physics.baselines.table import BASELINES
+from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
@@ -36,6 +38,18 @@ MOST_ROAD_WHEEL_RAD = 1.2
 """Road wheels turn by 35 to 50 degrees at most (0.9 rad); a recording in degrees has tens."""
 OPPOSED = 0.5
 """Correlation of yaw rate and steering, negative, below which one of them has the other sign."""
+MOST_GAIN = 8.0
+"""Yaw rate over that of a car without slip, u delta / l, above which it is in deg/s: cars reach 0.2 to 3."""
+UNIT_FACTORS = {
+    "speed in km/h": 1.0 / 3.6,
+    "yaw rate in deg/s": math.pi / 180.0,
+    "lateral acceleration in g": 1.0 / GRAVITY_MPS2,
+}
+"""Lateral acceleration over speed times yaw rate, which is 1 but for side slip and bank, by a wrong unit."""
+NEAR_FACTOR = 0.15
+"""Relative distance from one of these factors: side slip and scales of instruments change it by less."""
+PARALLEL = 0.8
+"""Correlation of lateral acceleration with speed times yaw rate from which their ratio says anything."""
 DRIVE_SHARES = {"front": 1.0, "rear": 0.0, "all": 0.5}
 
 
@@ -186,6 +200,26 @@ def _check_steering(
         raise InputError(
             table.file, "the yaw rate turns against the steering: one of them has the other sign", 1
         )
+    gain = float(np.sum(bend * yaw)) / max(float(np.sum(bend**2)), 1e-12)
+    if gain > MOST_GAIN:
+        raise InputError(
+            table.file, f"the yaw rate is {gain:.0f} times what the steering makes: in deg/s?", 1
+        )
+    if _has(columns, OUTPUTS["accel_lat"]):
+        _check_units(table, speed * yaw, filled(time, columns[OUTPUTS["accel_lat"]]))
+
+
+def _check_units(table: SignalTable, turning: FloatArray, accel_lat: FloatArray) -> None:
+    """InputError where lateral acceleration over speed times yaw rate is the factor of a wrong unit."""
+    accel_lat = accel_lat - float(np.median(accel_lat))
+    turning = turning - float(np.median(turning))
+    product, square = float(np.sum(accel_lat * turning)), float(np.sum(turning**2))
+    if not product > PARALLEL * math.sqrt(square * float(np.sum(accel_lat**2))) > 0.0:
+        return
+    for what, factor in UNIT_FACTORS.items():
+        if abs(product / square / factor - 1.0) < NEAR_FACTOR:
+            said = f"lateral acceleration is {product / square:.2g} times speed times yaw rate"
+            raise InputError(table.file, f"{said}: {what}?", 1)
 
 
 def _speed(

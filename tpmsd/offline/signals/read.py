@@ -132,7 +132,11 @@ def _text(file: Path) -> tuple[list[str], FloatArray]:
     head, _, body = text.partition("\n")
     names = [name.strip().strip('"') for name in head.rstrip("\r").split(",")]
     quick = _quick(body, len(names))
-    return names, quick if quick is not None else _careful(file, text, len(names))
+    values = quick if quick is not None else _careful(file, text, len(names))
+    rows, columns = np.nonzero(np.isinf(values))
+    if len(rows):
+        raise InputError(file, f"{names[columns[0]]} is infinite", _line_of(text, int(rows[0])))
+    return names, values
 
 
 def _quick(body: str, width: int) -> FloatArray | None:
