@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.foundation.lean import no_collection
 from tpmsd.foundation.text_file import read_text
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.filter_options import add_filter_options, refuse_without_drive, with_filter
@@ -62,8 +63,9 @@ def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
     need("uvicorn", "web", "pages")
     settings = settings_of(args)
+    with no_collection():  # nearly all that an import makes stays
+        from tpmsd.interfaces.web.server import make_server, port_of
     app = _app(args, settings)
-    from tpmsd.interfaces.web.server import make_server, port_of
 
     try:
         server, listener = make_server(app, settings, args.certificate, args.key)
@@ -126,14 +128,16 @@ def _token(file: Path) -> str:
 
 
 def _app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
-    from tpmsd.interfaces.web.app import drive_app, live_app
+    with no_collection():
+        from tpmsd.interfaces.web.app import drive_app, live_app
 
     if args.drive is None:
         refuse_without_drive(args)
         return live_app(daemon_socket(args), settings)
-    from tpmsd.interfaces.api.functions import replay
-    from tpmsd.interfaces.cli.drive_reading import span_s
-    from tpmsd.offline.drives.drive import load
+    with no_collection():
+        from tpmsd.interfaces.api.functions import replay
+        from tpmsd.interfaces.cli.drive_reading import span_s
+        from tpmsd.offline.drives.drive import load
 
     drive = load(args.drive)
     drive = dataclasses.replace(drive, config=with_filter(drive.config, args))

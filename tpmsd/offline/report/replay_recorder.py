@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -111,7 +111,7 @@ class ReplayRecorder:
             gnss_age_s=table[:, _GNSS_AGE],
             can_faults=table[:, _CAN_FAULTS].astype(np.int64),
             gnss_faults=table[:, _GNSS_FAULTS].astype(np.int64),
-            wheels=tuple(WheelOutcome(wheel, **asdict(tally)) for wheel, tally in self._wheels.items()),
+            wheels=tuple(tally.outcome(wheel) for wheel, tally in self._wheels.items()),
             alarms=tuple(self._alarms),
             active=report.active if report is not None else (),
             fault_counts=dict(sorted(self._faults.items())),
@@ -144,17 +144,16 @@ class ReplayRecorder:
             self._moving_s += tick.dt_s if speed >= MOVING_MPS else 0.0
         self._gnss.add(len(tick.fixes), estimate.gnss_age_s, tick.time_s - self._start_s)
         self._alarms.extend(report.events)
+        dt_s = tick.dt_s
         for wheel in report.wheels:
             tally = self._wheels[wheel.wheel]
             tally.state = wheel.state
             if math.isfinite(wheel.deviation_m):
-                tally.deviation_m, tally.std_m = wheel.deviation_m, wheel.std_m
-                tally.change_m, tally.change_std_m = wheel.change_m, wheel.change_std_m
-                tally.deflation_probability = _probability(wheel)
-            if wheel.state != WheelState.UNAVAILABLE:
-                tally.seen_s += tick.dt_s
+                tally.last = wheel
+            if wheel.state is not WheelState.UNAVAILABLE:
+                tally.seen_s += dt_s
             if wheel.state in WATCHED:
-                tally.monitored_s += tick.dt_s
+                tally.monitored_s += dt_s
                 if math.isnan(tally.monitored_from_s):
                     tally.monitored_from_s = tick.time_s
 
@@ -179,17 +178,23 @@ class ReplayRecorder:
 
 @dataclass(slots=True)
 class _WheelTally:
-    """Running totals of one wheel; the fields are those of `WheelOutcome`."""
+    """Running totals of one wheel."""
 
     state: WheelState = WheelState.UNAVAILABLE
-    deviation_m: float = math.nan
-    std_m: float = math.nan
-    change_m: float = math.nan
-    change_std_m: float = math.nan
-    deflation_probability: float = math.nan
+    last: WheelReport | None = None
+    """The newest report with a known radius."""
     seen_s: float = 0.0
     monitored_s: float = 0.0
     monitored_from_s: float = math.nan
+
+    def outcome(self, wheel: str) -> WheelOutcome:
+        """Return the totals as a record; unknown figures are NaN."""
+        last = self.last
+        if last is None:
+            figures = (math.nan,) * 5
+        else:
+            figures = (last.deviation_m, last.std_m, last.change_m, last.change_std_m, _probability(last))
+        return WheelOutcome(wheel, self.state, *figures, self.seen_s, self.monitored_s, self.monitored_from_s)
 
 
 @dataclass(slots=True)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +21,7 @@ from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.columns import INERTIAL, NUMBERS, TEXTS, columns_of
-from tpmsd.onboard.monitor.records import AlarmEvent
+from tpmsd.onboard.monitor.records import AlarmEvent, WheelReport
 from tpmsd.onboard.sources.events import GnssFix
 
 if TYPE_CHECKING:
@@ -33,6 +34,9 @@ MAX_WAITING = 100
 CHUNK_ROWS = 4096
 
 Texts = tuple[str, ...]
+_POSITION = {wheel: k for k, wheel in enumerate(WHEELS)}
+_NO_FIX = (math.nan,) * 10
+_inertial = attrgetter(*(column.name for column in INERTIAL))
 
 
 @brief
@@ -97,7 +101,7 @@ class TickTableRecorder:
         if math.isnan(self._start_s):
             self._start_s = tick.time_s - tick.dt_s
         rotation = tick.rotation_rad.tolist()
-        others = sorted(turned for turned in rotation if math.isfinite(turned))
+        others = sorted(filter(math.isfinite, rotation))
         angles = []
         for k, turned in enumerate(rotation):
             known = math.isfinite(turned)
@@ -111,16 +115,12 @@ class TickTableRecorder:
             *(tick.host_time_s, tick.time_s - self._start_s, tick.gap_s),
             *angles,
             *tick.rotation_std_rad.tolist(),
-            *(getattr(tick, column.name) for column in INERTIAL),
+            *_inertial(tick),
             *_fix_columns(fix),
             *(estimate.speed_mps, estimate.yaw_rate_radps, estimate.east_m, estimate.north_m),
             *(estimate.heading_rad, estimate.position_std_m, estimate.heading_std_rad),
             *(estimate.gnss_age_s, float(estimate.informative), report.learning_fraction),
-            *_by_wheel({wheel.wheel: wheel.deviation_m for wheel in wheels}),
-            *_by_wheel({wheel.wheel: wheel.std_m for wheel in wheels}),
-            *_by_wheel({wheel.wheel: wheel.change_m for wheel in wheels}),
-            *_by_wheel({wheel.wheel: wheel.change_std_m for wheel in wheels}),
-            *_by_wheel({wheel.wheel: wheel.deflation_probability for wheel in wheels}),
+            *_by_wheel(wheels),
             float(len(tick.faults)),
             *_state_columns(step.vehicle_state, len(self._names) - len(NUMBERS)),
         ]
@@ -130,7 +130,7 @@ class TickTableRecorder:
             self._filled = 0
         self._chunk[self._filled] = row
         self._filled += 1
-        states = {wheel.wheel: str(wheel.state) for wheel in wheels}
+        states = {wheel.wheel: wheel.state.value for wheel in wheels}
         for wheel in WHEELS:
             self._texts[f"state_{wheel}"].append(states.get(wheel, "unavailable"))
         standing = " ".join(f"{alarm.kind}:{alarm.wheel or 'car'}" for alarm in report.active)
@@ -148,13 +148,24 @@ class TickTableRecorder:
         )
 
 
-def _by_wheel(values: dict[str, float]) -> list[float]:
-    return [values.get(wheel, math.nan) for wheel in WHEELS]
+def _by_wheel(wheels: tuple[WheelReport, ...]) -> list[float]:
+    """Return five figures of each wheel, those of one kind side by side; NaN for a wheel not reported."""
+    values = [math.nan] * (5 * len(WHEELS))
+    for wheel in wheels:
+        at = _POSITION[wheel.wheel]
+        values[at :: len(WHEELS)] = (
+            wheel.deviation_m,
+            wheel.std_m,
+            wheel.change_m,
+            wheel.change_std_m,
+            wheel.deflation_probability,
+        )
+    return values
 
 
 def _fix_columns(fix: GnssFix | None) -> tuple[float, ...]:
     if fix is None:
-        return (math.nan,) * 10
+        return _NO_FIX
     return (
         *(fix.arrival_s, fix.utc_s, fix.latitude_deg, fix.longitude_deg, fix.altitude_m),
         *(fix.position_std_m, fix.speed_mps, fix.course_rad, float(fix.quality), fix.hdop),
