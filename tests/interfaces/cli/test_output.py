@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.plain import plain
-from tpmsd.interfaces.cli.output import Progress, dumps, write_json
+from tpmsd.interfaces.cli.output import Progress, dumps, fitted_to, write_json
 
 
 class _Terminal(io.StringIO):
@@ -115,6 +115,29 @@ def test_progress_on_a_terminal() -> None:
     assert lines[1] == f"replay [{'.' * 28}]   0%"
     assert lines[2] == f"replay [{'#' * 14}{'.' * 14}]  50%  25x real time, 0:02 left"
     assert (lines[3].strip(), lines[4], len(lines)) == ("", "", 5)
+
+
+@pytest.mark.parametrize("columns", [40, 70, 200])
+def test_text_and_bar_fit_into_the_terminal(columns: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines end between words, rows hang below their second column, colours run on; the bar is one line."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    words = " ".join(f"word{k}" for k in range(40))
+    text = f"\x1b[32m{words}\x1b[0m\n\n  fl       {words}\n  a-long-name-of-a-key-beyond-half: {words}"
+    lines = fitted_to(_Terminal(), text).split("\n")
+    plain = [line.replace("\x1b[32m", "").replace("\x1b[0m", "") for line in lines]
+    assert max(map(len, plain)) <= columns
+    assert text.replace("\x1b[32m", "").replace("\x1b[0m", "").split() == " ".join(plain).split()
+    assert (1, 1) == ("\n".join(lines).count("\x1b[32m"), "\n".join(lines).count("\x1b[0m"))
+    row = plain.index("") + 1
+    assert plain[row].startswith("  fl       word0")
+    assert plain[row + 1].startswith(" " * 11 + "word")
+    assert text == fitted_to(io.StringIO(), text)
+
+    terminal, clock = _Terminal(), _Clock()
+    with Progress(1000.0, "a drive with a long name", terminal, clock) as progress:
+        clock.now += 10.0
+        progress.update(500.0)
+    assert max(map(len, terminal.getvalue().split("\r"))) < columns
 
 
 def test_progress_of_a_share_states_no_rate() -> None:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, fitted_to, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 from tpmsd.interfaces.cli.status import colour_wanted
 
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("give a configuration, or a drive with --drive (usage: tpmsd check --help)")
     result = check(args.drive if args.config is None else args.config, args.dbc)
     for warning in result.warnings:
-        print(f"warning: {warning.text}", file=sys.stderr)
+        print(fitted_to(sys.stderr, f"warning: {warning.text}"), file=sys.stderr)
     for line in shown_lines(result.problems):
         print(line, file=sys.stderr)
     suspected = None
@@ -101,7 +101,8 @@ def run(args: argparse.Namespace) -> int:
     _check_outputs(result.plan)
     if args.json != "-":
         colour = colour_wanted(sys.stdout)
-        print("\n".join([*verdict(result.plan, args.drive, suspected, colour), "", *summary(result.plan)]))
+        lines = [*verdict(result.plan, args.drive, suspected, colour), "", *summary(result.plan)]
+        print(fitted_to(sys.stdout, "\n".join(lines)))
     return 2 if args.strict and (result.warnings or suspected) else 0
 
 

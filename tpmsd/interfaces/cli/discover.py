@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, fitted_to, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     drive = read_drive(args.drive, say)
     found = discover(drive.log, drive.fixes, database, args.tyre, load_cars())
     if args.json != "-":
-        print("\n".join(summary(found)))
+        print(fitted_to(sys.stdout, "\n".join(summary(found))))
     if args.write is not None:
         written = [] if found.kind is None else write_files(found, dbc, args.write)
         what_was_written(

@@ -39,6 +39,7 @@ examples:
   tpmsd simulate live --live vcan0 --pty /run/user/1000/gnss    writes live/vehicle.toml for tpmsd run
 
 routes: city rural motorway mixed oval test-track hills
+
 effects: every effect of the catalogue, as name:parameter=value,parameter=value
 """
 
