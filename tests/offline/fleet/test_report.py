@@ -166,6 +166,18 @@ def test_the_page_is_whole_by_itself(tables: dict[str, list[Row]]) -> None:
     assert -0.7 == pytest.approx(radii["curves"][0]["low"][-1])
 
 
+@pytest.mark.parametrize(("apart_s", "title"), [(1e5, "Radii over the date"), (0.0, "Radii, drive by drive")])
+def test_drives_of_one_instant_stand_side_by_side(
+    tables: dict[str, list[Row]], apart_s: float, title: str
+) -> None:
+    """A simulator starts every drive at one instant: a date would put all their points onto one x."""
+    for n, one in enumerate(tables["drives"]):
+        one["start"], one["duration_s"] = 1.7e9 + apart_s * n, 600.0
+    page = report_page(report_document(tables), tables)
+    assert title in page
+    assert ("some overlap in time" in page) == (apart_s == 0.0)
+
+
 def test_a_large_fleet_has_few_pictures(
     tables: dict[str, list[Row]], monkeypatch: pytest.MonkeyPatch
 ) -> None:

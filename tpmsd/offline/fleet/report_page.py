@@ -152,7 +152,7 @@ def _cars(
         drives.sort(key=lambda row: (row["start"] or 0.0, row["key"]))
         shown = drives[-each:]
         dated = [row for row in shown if utc(row["start"]) is not None]
-        chart = _chart([row["start"] for row in dated], [wheels[row["key"]] for row in dated])
+        chart = _chart(dated, [wheels[row["key"]] for row in dated])
         anchor = _anchor(car)
         yield CarView(
             anchor,
@@ -192,8 +192,12 @@ def _radius(one: Row | None) -> Cell:
     return Cell(f"{one['deviation_mm']:+.2f}{std}", one["deviation_mm"], number=True)
 
 
-def _chart(starts_s: Sequence[float], drives: Sequence[Mapping[str, Row]]) -> Chart | None:
-    """Radius minus nominal of each wheel over the date, with two standard deviations; or None."""
+def _chart(dated: Sequence[Row], drives: Sequence[Mapping[str, Row]]) -> Chart | None:
+    """Radius minus nominal of each wheel over the date, with two standard deviations; or None.
+
+    A car is on one drive at a time: where drives overlap, their clocks are no dates, and the axis counts
+    drives.
+    """
     values = {
         wheel: np.array([_millimetres(one.get(wheel), "deviation_mm") for one in drives]) for wheel in WHEELS
     }
@@ -212,13 +216,16 @@ def _chart(starts_s: Sequence[float], drives: Sequence[Mapping[str, Row]]) -> Ch
     )
     if len(drives) < 2 or not curves:
         return None
+    starts_s = np.array([row["start"] for row in dated], dtype=np.float64)
+    ends_s = starts_s + [row["duration_s"] or 0.0 for row in dated]
+    overlap = bool(np.any((starts_s[1:] < ends_s[:-1]) | (starts_s[1:] == starts_s[:-1])))
     return Chart(
-        "Radii over the date",
-        "start of the drive (UTC)",
+        "Radii, drive by drive" if overlap else "Radii over the date",
+        "drive, in the table's order (some overlap in time)" if overlap else "start of the drive (UTC)",
         "radius minus nominal (mm)",
-        np.array(starts_s, dtype=np.float64),
+        np.arange(1.0, len(dated) + 1.0) if overlap else starts_s,
         curves,
-        date=True,
+        date=not overlap,
     )
 
 
