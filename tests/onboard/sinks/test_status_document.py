@@ -365,6 +365,14 @@ def test_watching_into_a_pipe_writes_one_table_below_the_other() -> None:
     assert render_status(DOCUMENT) + "\n" + render_status(DOCUMENT) == out.getvalue()
 
 
+def test_reasons_have_the_sign_of_the_table() -> None:
+    """The core writes `+-` into reasons; beside `±` in the rows that would be two signs on one page."""
+    alarm = {**DOCUMENT["alarms"][0], "reason": "changed by -5.8 +- 0.3 mm"}
+    shown = render_status({**DOCUMENT, "alarms": [alarm]})
+    assert "changed by -5.8 ± 0.3 mm" in shown
+    assert "+-" not in shown
+
+
 def test_a_terminal_without_the_sign_gets_another() -> None:
     """Where the encoding lacks the plus-minus sign, '+-' stands for it."""
     raw = io.BytesIO()

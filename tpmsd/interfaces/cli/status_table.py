@@ -207,7 +207,7 @@ def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
         since = ""
         if now_s is not None and raised_s is not None and now_s >= raised_s:
             since = f" (for {_duration(now_s - raised_s)})"
-        reason = _text(alarm, "reason")
+        reason = _text(alarm, "reason").replace("+-", "±")  # as in the rows above
         lines.append(paint(f"ALARM{since}: {_sentence(alarm)}" + (f" ({reason})" if reason else ""), _BAD))
     return lines
 
