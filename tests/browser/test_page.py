@@ -169,10 +169,14 @@ def test_reports_fit_every_screen(reports: dict[str, Path], name: str) -> None:
             shown = page.execute_script("return document.querySelectorAll('figure.live .uplot').length")
             assert shown >= (0 if name == "fleet" else 1)
             assert page.execute_script(WIDER) == []
+            assert not page.execute_script(BARE_X)
             assert [] == violations(page)
             assert [] == complaints(page)
 
 
+BARE_X = """return [...document.querySelectorAll(".u-legend .u-series:first-child")]
+  .some((one) => getComputedStyle(one).display !== "none")"""
+"""True where a legend names x beside the curves while nobody points at a value of it."""
 WIDER = """return [...document.querySelectorAll("main *")].filter((one) => !one.closest("svg, .uplot, thead"))
   .filter((one) => one.getBoundingClientRect().right > innerWidth + 1)
   .filter((one) => !(innerWidth > 600 && one.closest(".scroll"))).map((one) => one.outerHTML.slice(0, 80))"""

@@ -265,7 +265,7 @@ def _unseen(diagnosis: Diagnosis) -> Table:
 
 
 def _reached(diagnosis: Diagnosis) -> list[str]:
-    out = left_over(diagnosis)
+    out = [sentence.replace("+-", "±") for sentence in left_over(diagnosis)]
     removed = diagnosis.down_weighted
     if removed is not None and removed.share >= 0.005:
         spans = ", ".join(f"{drive_time(start)} to {drive_time(end)}" for start, end in removed.time_spans)

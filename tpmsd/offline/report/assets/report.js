@@ -124,7 +124,7 @@
     const [series, columns, bands] = seriesOf(data);
     const axis = (label, extra) => ({ label, labelSize: 22, stroke: () => css("text"), grid: { stroke: () => css("line"), width: 0.5 }, ticks: { stroke: () => css("line"), width: 0.5 }, ...extra });
     const seconds = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200];
-    const across = data.time ? { values: (_, values) => values.map(clock), incrs: seconds, space: 62 } : {};
+    const across = data.time ? { values: (_, values) => values.map(clock), incrs: seconds, space: 62 } : data.date ? { values: (_, values) => values.map(dateOf), space: 84 } : {};
     const labels = data.moments.length ? 0.14 * (data.yRange[1] - data.yRange[0]) : 0;
     const plot = new uPlot({
       width: Math.max(box.clientWidth, 200), height: 260, series, bands,
@@ -137,7 +137,7 @@
         drawClear: [(one) => drawBehind(one, data)],
         draw: [(one) => drawOver(one, data)],
         setScale: [(one, key) => { if (key === "x") follow(data.group, one, one.scales.x.min, one.scales.x.max); }],
-        setCursor: [(one) => { if (data.time) showPlace(data.group, one.cursor.left < 0 ? null : one.posToVal(one.cursor.left, "x")); }],
+        setCursor: [(one) => { box.classList.toggle("aimed", one.cursor.left >= 0); if (data.time) showPlace(data.group, one.cursor.left < 0 ? null : one.posToVal(one.cursor.left, "x")); }],
       },
     }, columns, box);
     const entries = [...box.querySelectorAll(".u-series")];
@@ -153,6 +153,12 @@
       box.querySelector(".u-legend")?.append(entry);
     }
     plots.push([box, plot, data]);
+  }
+
+  /** Label of a tick of a date axis, UTC: the date at midnight and at the first tick, else the time. */
+  function dateOf(value, k) {
+    const [day, time] = new Date(1e3 * value).toISOString().slice(0, 16).split("T");
+    return time === "00:00" ? day : k === 0 ? `${time}\n${day}` : time;
   }
 
   /** 0 solid, 1 dashed, 2 dotted: how the legend shows a line. */
