@@ -99,6 +99,28 @@ def test_units_signs_and_measures_are_told_by_the_values(tmp_path: Path) -> None
     assert [] == found.doubts
 
 
+@pytest.mark.parametrize(
+    ("name", "unit", "doubt"),
+    [
+        ("GyroZ_dps", "deg/s", "GyroZ_dps: sign not told, for the course turns too little"),
+        (
+            "GyroZ",
+            None,
+            "GyroZ: unit and sign not told, for the course turns too little; without a unit it is rad/s",
+        ),
+    ],
+)
+def test_a_gyro_that_the_course_cannot_judge_keeps_its_names_unit(
+    tmp_path: Path, name: str, unit: str | None, doubt: str
+) -> None:
+    """Noise in place of the yaw rate; the doubt names what the import would assume."""
+    columns = logged(motion())
+    noise = np.random.default_rng(1).standard_normal(len(columns.pop("GyroZ")))
+    found = of(written(tmp_path, {**columns, name: noise}))
+    assert unit == found.columns["yaw_rate"].unit
+    assert [doubt] == found.doubts
+
+
 def test_a_guessed_map_makes_a_drive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--guess > map.toml` and `--map map.toml` in a row: the drive's wheels turn as the car drove."""
     made = motion()
@@ -264,6 +286,7 @@ def test_units_of_names_and_values() -> None:
     assert ["km/h", "m/s", "deg/s", None] == [
         spelled(name).unit for name in ("v [km/h]", "speed_mps", "yaw_rate_degps", "v_rr")
     ]
+    assert ["km/h", "deg/s"] == [spelled(name).unit for name in ("WheelSpd_FL_kph", "yawRate_dps")]
     assert ["s", "ms", "us", "ns", None] == [
         time_unit(np.arange(50.0) * step) for step in (0.01, 10.0, 1e4, 1e7, -1.0)
     ]

@@ -255,8 +255,10 @@ class _Guesser:
         at_s, rate = motion.rate()
         slope, correlation = by_value.slope(time_s, values, at_s, rate)
         if abs(correlation) < _LEAST_CORRELATION:
+            untold = "sign" if named else "unit and sign"
+            assumed = "" if named else "; without a unit it is rad/s"
             self._found.doubts.append(
-                f"{_printable(one.name)}: sign not told, for the course turns too little"
+                f"{_printable(one.name)}: {untold} not told, for the course turns too little{assumed}"
             )
             return
         fit = by_value.yaw_unit(slope)
