@@ -158,7 +158,6 @@ BRANCHY = {
     "tpmsd.offline.report.diagnosis_document.diagnosis_document": 18,
     "tpmsd.offline.report.static_figures._for_page": 18,
     "tpmsd.offline.tables.gather.signals_from": 18,
-    "tpmsd.offline.tables.tick_table.add": 18,
     "tpmsd.onboard.estimators.odometry_block._build": 16,
     "tpmsd.onboard.sources.can.decoder._decode_group": 33,
     "tpmsd.onboard.sources.gnss.nmea_epoch.merge_readings": 16,
