@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from bench.worlds import mems_gyro
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis import stages as whole
 from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 WARMING = {"strange_gyro_warming": {"size_radps": 0.002, "warming_s": 211.0}}
 CONSTANT = {"yaw_rate_bias": {"bias": 0.002}}
@@ -38,3 +41,16 @@ def test_a_gyro_that_walks_a_little_faster_than_usual_is_no_finding(seed: int) -
     spec = Spec(duration_s=650.0, road="rural", gyro_drift=8e-6)
 
     assert () == diagnose([recording_of(drive(spec, seed))]).findings
+
+
+def test_the_bias_instability_of_data_sheets_stays_below_the_limit() -> None:
+    """Ranges of means over the splines' intervals of ten minutes, by the noise model of IEEE Std 952."""
+    per = 600 // (SETTINGS.hypotheses.time_intervals + 1)
+    ranges = []
+    for seed in range(300):
+        rng = np.random.default_rng([seed, 99])
+        rate = mems_gyro.draw(rng).drawn(600, 1.0, rng)
+        ranges.append(float(np.ptp(rate[: len(rate) // per * per].reshape(-1, per).mean(axis=1))))
+
+    assert np.quantile(ranges, 0.98) < SETTINGS.robustness.gyro_far_radps
+    assert SETTINGS.robustness.gyro_far_radps < 0.75 * WARMING["strange_gyro_warming"]["size_radps"]

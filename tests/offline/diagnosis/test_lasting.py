@@ -81,6 +81,23 @@ def test_slip_that_only_the_receiver_shows_must_last(
     assert stands == (len(found.selection.chosen) == 1)
 
 
+def test_where_an_event_goes_the_rest_is_chosen_again() -> None:
+    """Fixes 0.2 s late were not chosen beside an error of the receiver; without it they are."""
+
+    def late(recording: Recording) -> Recording:
+        return replace(erring(recording), fix_time_s=recording.fix_time_s + 0.2)
+
+    study, evidence, event = looked_at(late)
+    event = exact(study, evidence, study.hypotheses.nuisance, event)
+    evidence = study.evidence()
+    before = Selector(evidence, study.hypotheses, last=True).judged([event])
+
+    found = lasting(Found(study, before, evidence))
+
+    assert [event.effect] == [one.term.effect for one in before.chosen]
+    assert ["gnss_latency"] == [one.term.effect for one in found.selection.chosen]
+
+
 @pytest.mark.parametrize(("happens", "by_wheels"), [(slipping, True), (erring, False)])
 def test_the_wheels_speed_separates_slip_from_an_error_of_the_receiver(
     happens: Callable[[Recording], Recording], by_wheels: bool

@@ -9,19 +9,29 @@ down-weighted that are outliers without it; each of them then contributes two st
 (Huber, Annals of Mathematical Statistics 35, 1964). Ten seconds of slip remain significant; an error of the
 receiver of two seconds does not. The wheels' own speed adds to the evidence: wheels that spin up depart from
 the smooth speed of a car, and where the receiver errs they do not.
+
+Where an event goes, everything is chosen again under the lighter weights: outliers at their full weight make
+a scatter between blocks by which the gain of every other effect was divided.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from tpmsd.car.physics.catalogue import EVENTS
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
 from tpmsd.offline.diagnosis.robustness.found import Found
-from tpmsd.offline.diagnosis.selection.chosen import Chosen
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise_fit import single_outliers
 
 
@@ -33,20 +43,44 @@ def lasting(found: Found) -> Found:
         if not (one.term.pulse and of_all_read(study, one.term)):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
-        fit = evidence.fit(selector.design(terms))
-        tried = list(study.drives)
-        for number in study.acting(one.term):
-            drive = study.drives[number]
-            factor = single_outliers(drive.residual(fit.design, fit.values))
-            tried[number] = drive.under(inflate=factor if drive.inflate is None else drive.inflate * factor)
-        lighter = study.trial(tried)
+        lighter = _down_weighted(study, selector.design(terms), one.term)
         calm = lighter.evidence()
         robust = Selector(calm, study.hypotheses, last=True)
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
         gain += sum(jump_evidence(study.drives[number], one) for number in study.acting(one.term))
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
-            return lasting(Found(lighter, robust.judged(terms), calm))
+            return lasting(Found(lighter, _chosen_again(lighter, calm, one.term), calm))
     return found
+
+
+def _down_weighted(study: Study, design: FloatArray, event: Term) -> Study:
+    """Return the study in which the readings weigh less that are outliers without an event, in the drives in
+    which it would act.
+
+    What a lighter reading leaves to its neighbours makes outliers of them: it is done again until none is
+    left.
+    """
+    for _ in range(SETTINGS.robustness.down_weighting_rounds):
+        evidence = study.evidence()
+        fit = evidence.fit(design)
+        drives, changed = list(study.drives), False
+        for number in study.acting(event):
+            drive = study.drives[number]
+            factor = single_outliers(drive.residual(fit.design, fit.values))
+            changed = changed or bool(np.any(factor > 1.0))
+            drives[number] = drive.under(inflate=factor if drive.inflate is None else drive.inflate * factor)
+        if not changed:
+            break
+        study = study.trial(drives)
+    return study
+
+
+def _chosen_again(study: Study, evidence: Evidence, event: Term) -> Selection:
+    """Return what is chosen by the rules of a verdict where no event is taken on the wheels of the one that
+    went."""
+    barred = frozenset(replace(event, effect=name).key for name in EVENTS)
+    selection = Selector(evidence, study.hypotheses, last=True, barred=barred).select()
+    return selection if study.simulation else needed_exactly(study, selection, evidence, last=True)
 
 
 def jump_evidence(drive: DriveStudy, one: Chosen) -> float:

@@ -22,9 +22,16 @@ from tpmsd.offline.inference.least_squares import Evidence, Fit
 class Candidates:
     """Looks at all hypotheses beside those chosen."""
 
-    def __init__(self, evidence: Evidence, hypotheses: Hypotheses) -> None:
+    def __init__(
+        self,
+        evidence: Evidence,
+        hypotheses: Hypotheses,
+        barred: frozenset[tuple[str, ...]] = frozenset(),
+    ) -> None:
+        """`barred` are keys of terms that are no candidates."""
         self.evidence = evidence
         self.hypotheses = hypotheses
+        self._barred = barred
         self._gains: dict[tuple[Term, ...], float] = {}
         self._found: dict[tuple[tuple[Term, ...], bool], list[tuple[float, list[Term]]]] = {}
         """Cached requests: the steps of a search ask for much of it again."""
@@ -100,7 +107,7 @@ class Candidates:
 
     def _looked_for(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
         gram, b = self.evidence.projected(self.design(chosen))
-        taken = {term.key for term in chosen}
+        taken = {term.key for term in chosen} | self._barred
         own, total = np.diag(gram), np.diag(self.evidence.total)[1:]
         free = [term for term in self.hypotheses.catalogue if term.key not in taken]
         out: list[tuple[float, list[Term]]] = []

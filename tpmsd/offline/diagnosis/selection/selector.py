@@ -47,12 +47,14 @@ class Selector(Candidates):
         hypotheses: Hypotheses,
         last: bool = False,
         beyond: Callable[[Sequence[Term]], float] = lambda terms: 0.0,
+        barred: frozenset[tuple[str, ...]] = frozenset(),
     ) -> None:
         """With `last` it is the verdict that is asked for, and not what the noise is estimated beside.
 
         `beyond` tells what terms bring beyond their linear responses, nats: rivals are compared with it.
+        `barred` are keys of terms that are no candidates.
         """
-        super().__init__(evidence, hypotheses)
+        super().__init__(evidence, hypotheses, barred)
         self.last = last
         self.beyond = beyond
         self._bounds = hypotheses.car.bounds
