@@ -1,11 +1,11 @@
 """Effects concealed in real recordings: is what was drawn named first, and does its interval hold the value?
 
-    python -m bench run concealed [DRIVE ...] [--count 1] [--seeds 3]
+    python -m bench run concealed [DRIVE ...] [--count 1] [--seeds 3] [--first-seed 1]
 
 In: drive folders. Out: a line per case and the shares. Each case is what a stranger does: `tpmsd simulate`
 with `--onto --conceal`, `diagnose`, `unseal --untouched`. The program draws what the drive can show by its
-own noise (twice the size at the limit of identifiability), and not what the diagnosis finds. A drive that
-can show nothing is no case.
+own noise (twice the size that `not_detectable` of the untouched drive states, or more), and not what the
+diagnosis finds. A drive that can show nothing is no case.
 """
 
 from __future__ import annotations
@@ -75,6 +75,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("drives", nargs="*", type=Path, metavar="DRIVE", help="default: those of the van")
     parser.add_argument("--count", type=int, default=1, help="effects per case")
     parser.add_argument("--seeds", type=int, default=3, help="cases per drive")
+    parser.add_argument("--first-seed", type=int, default=1, help="seed of each drive's first case")
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
@@ -84,7 +85,7 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         folder = Path(made)
         for drive in args.drives or [RECORDINGS / name for name in NAMES]:
             untouched = diagnosed(drive, folder / f"{drive.name}.json")
-            for seed in range(1, args.seeds + 1):
+            for seed in range(args.first_seed, args.first_seed + args.seeds):
                 row = case(drive, args.count, seed, untouched, folder)
                 if row is None:
                     print(f"{drive.name} seed {seed}: cannot show {args.count} at usual sizes", flush=True)

@@ -16,6 +16,7 @@ import pytest
 from bench.campaigns.offline.injected import Injected
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
+from tpmsd.car.config.load import load_config
 from tpmsd.car.physics.catalogue import make_effect, parse_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.interfaces.cli.diagnose import read_recording
@@ -25,6 +26,7 @@ from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.injection import Injection
 from tpmsd.offline.simulator.sealed import unseal
 
 NOTHING = (
@@ -318,6 +320,21 @@ def test_the_truth_of_an_open_injection_is_written(tmp_path: Path) -> None:
     assert {"program": "tpmsd simulate", "onto": "in", "effects": effects} == truth
     document = json.loads(report.read_text())
     assert (effects, ["gnss.nmea"], None) == tuple(document[k] for k in ("effects", "changed", "sealed"))
+
+
+def test_effects_on_fixes_are_those_of_the_time_at_which_they_were_valid(tmp_path: Path) -> None:
+    """Fixes that are 0.2 s older than configured change as those of 0.2 s before."""
+    write_drive(tmp_path / "in", simulate_drive(replace(SPEC, duration_s=20.0)))
+    config = load_config(tmp_path / "in")
+    recording = read_recording(tmp_path / "in")
+    smoothed = ExtendedModel((make_effect("gnss_smoothing", time_constant_s=1.0),))
+    host_s = recording.start_s + np.arange(5.0, 15.0, 0.5)
+
+    plain, late = (Injection(recording, config, smoothed, age_s) for age_s in (0.0, 0.2))
+
+    then = plain.fixes(host_s - 0.2).acting_mps
+    assert np.allclose(late.fixes(host_s).acting_mps, then, rtol=0.0, atol=1e-4)
+    assert not np.allclose(plain.fixes(host_s).acting_mps, then, rtol=0.0, atol=0.1)
 
 
 def test_concealed_effects_are_sealed_and_drawn_by_the_seed(

@@ -105,15 +105,15 @@ def _conceal(args: argparse.Namespace, onto: Onto) -> tuple[list[str], str]:
     import numpy as np
 
     from tpmsd.car.physics.model import ExtendedModel
-    from tpmsd.offline.planning.conceal import draw
+    from tpmsd.offline.planning.conceal import Showing, draw
     from tpmsd.offline.simulator.onto import effects_of, inject
     from tpmsd.offline.simulator.sealed import SEALED, seal
 
     seed = secrets.randbits(63) if args.seed is None else args.seed
     with Progress(1.0, "examine") as progress:
-        rng = np.random.default_rng(seed)
-        model = ExtendedModel(draw(onto.recording, args.conceal, rng, progress.update))
-    changed = inject(onto, model, args.out)
+        showing = Showing(onto.recording, progress.update)
+        model = ExtendedModel(draw(showing, args.conceal, np.random.default_rng(seed)))
+    changed = inject(onto, model, args.out, showing.latency_s)
     truth = {"onto": onto.drive.folder.resolve().name, "seed": seed, "effects": effects_of(model)}
     return changed, seal(args.out / SEALED, truth, secrets.token_bytes(SALT_BYTES))
 

@@ -41,7 +41,12 @@ class Injection:
         ConfigError: an effect cannot be injected: it is in every recording already.
     """
 
-    def __init__(self, recording: Recording, config: Config, model: ExtendedModel) -> None:
+    def __init__(
+        self, recording: Recording, config: Config, model: ExtendedModel, latency_s: float = 0.0
+    ) -> None:
+        """`latency_s` is the recording's GNSS latency beyond the configured one: effects on a fix are those
+        of the motion at which it was valid.
+        """
         for effect in model:
             if by_slopes(effect):
                 raise ConfigError(f"{effect.name} cannot be injected: slopes are in every recording already")
@@ -49,7 +54,7 @@ class Injection:
         self._model = model
         self._car, self._motion = about.car, about.motion
         self._start_s = recording.start_s
-        self._known_latency_s = config.gnss.latency_s
+        self._known_latency_s = config.gnss.latency_s + latency_s
         self._edges_s = recording.edges_s
         self._factor = turn_factors(self._motion, self._car, model)
         middle = 0.5 * (self._factor[1:] + self._factor[:-1])

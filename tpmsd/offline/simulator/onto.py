@@ -83,15 +83,17 @@ def check_target(out: Path, onto: Path, force: bool) -> None:
         raise ConfigError(f"{out}: holds a recording with effects already; --force replaces it")
 
 
-def inject(onto: Onto, model: ExtendedModel, out: Path) -> list[str]:
+def inject(onto: Onto, model: ExtendedModel, out: Path, latency_s: float = 0.0) -> list[str]:
     """Write the folder; the names of the files in which something changed.
+
+    `latency_s` is the recording's GNSS latency beyond the configured one.
 
     Raises:
         ConfigError: an effect cannot be injected into this recording.
         InputError: a log cannot be read.
         TpmsdError: the disk does not take it.
     """
-    injection = Injection(onto.recording, onto.config, model)
+    injection = Injection(onto.recording, onto.config, model, latency_s)
     if onto.config.gnss.source == "can":
         for effect in model:
             if RECEIVER_READ in acts_on(effect):

@@ -46,7 +46,7 @@ def not_detectable(study: Study, selection: Selection, selector: Selector) -> tu
         if name in names or not _is_asked_for(effect):
             continue
         terms = [t for t in study.hypotheses.catalogue if t.effect == name and t.drive is None and t.typical]
-        smallest, share = _smallest(study, selector, chosen, gram, terms)
+        smallest, share = smallest_sizes(study, selector, chosen, gram, terms)
         for one in effect.parameters:
             if isinstance(one, Parameter) and one.probe > 0.0 and not terms:
                 smallest[one.name] = (None, one.unit)
@@ -61,16 +61,21 @@ def _is_asked_for(effect: type[Effect]) -> bool:
     return not any(getattr(effect, mark) for mark in SEARCHED_APART)
 
 
-def _smallest(
+def smallest_sizes(
     study: Study, selector: Selector, chosen: list[Term], gram: FloatArray, terms: list[Term]
 ) -> tuple[dict[str, tuple[float | None, str]], float]:
-    """Sizes by parameter, each where it shows least, and the least of them in usual sizes (infinite where
-    nothing of the effect shows)."""
+    """Return the smallest size of an effect's parameters that is found beside `chosen`, and the least of them
+    in usual sizes.
+
+    `terms` are those of the effect, `gram` (p, p) is the Gram matrix with `chosen` projected out. Each is
+    the size of the wheel pattern that shows least, None where none shows; the share is infinite where
+    nothing of the effect shows.
+    """
     sizes: dict[str, float] = {}
     for name in dict.fromkeys(name for term in terms for name in term.parameters):
         alone = [t for t in terms if t.parameters == (name,)]
         for term in alone or [t for t in terms if name in t.parameters]:
-            size = _size(study, selector, chosen, gram, term, term.parameters.index(name))
+            size = smallest_size(study, selector, chosen, gram, term, term.parameters.index(name))
             sizes[name] = max(sizes.get(name, 0.0), size)
     if not sizes:
         return {}, math.inf
@@ -83,8 +88,8 @@ def _smallest(
     }, share
 
 
-def _size(
-    study: Study, selector: Selector, chosen: list[Term], gram: FloatArray, term: Term, which: int
+def smallest_size(
+    study: Study, selector: Selector, chosen: list[Term], gram: FloatArray, term: Term, which: int = 0
 ) -> float:
     """Return the size of one of a term's values that would be chosen in 19 of 20 drives; infinite if none
     would.
