@@ -50,6 +50,12 @@ def test_replay_imports_no_scipy(tmp_path: Path) -> None:
     assert "" == imported(["replay", str(tmp_path)], names)
 
 
+def test_simulate_imports_no_statistics(tmp_path: Path) -> None:
+    """A drive is made without the packages of signals and statistics, which take longest to import."""
+    arguments = ["simulate", str(tmp_path / "drive"), "--duration", "5"]
+    assert "" == imported(arguments, ["scipy.signal", "scipy.stats", "scipy.ndimage", "pandas"])
+
+
 def test_mf4_is_brought_in_after_all(tmp_path: Path) -> None:
     """A command that left asammdf out reads an MF4 file as if it had not."""
     pytest.importorskip("asammdf")

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tests.offline.simulator.drives import straight, world_of
 from tpmsd.foundation.errors import ConfigError
@@ -17,6 +18,16 @@ from tpmsd.offline.simulator.route import make_route
 from tpmsd.offline.simulator.world import ROUGHNESS_STD_M
 
 NOMINAL = np.full(4, 0.316)
+
+
+def test_gauss_markov_noise_is_that_of_a_filter() -> None:
+    """To the last bit what `scipy.signal.lfilter` makes of the same numbers."""
+    phi = float(np.exp(-0.5 / 5.0))
+    white = np.random.default_rng(2).standard_normal((500, 2))
+    drive = np.sqrt(1 - phi**2) * white
+    drive[:1] = white[:1]
+    noise = gauss_markov(np.random.default_rng(2), 500, 0.5, 1.2, 5.0, 2)
+    assert np.array_equal(1.2 * np.asarray(lfilter([1.0], [1.0, -phi], drive, axis=0)), noise)
 
 
 def test_gauss_markov_noise_has_its_size_and_memory() -> None:

@@ -9,7 +9,6 @@ Roads, noise and instruments are those of the recording.
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from tpmsd.car.config.model import Config
 from tpmsd.car.physics.model import ExtendedModel
@@ -150,6 +149,8 @@ def requantised(readings: FloatArray, more: FloatArray) -> FloatArray:
 def _smoothed(values: FloatArray, sigma: float) -> FloatArray:
     """Return (m,) by a Gaussian, carried on at the ends by reflection in their points: what rises goes on
     rising."""
+    from scipy.ndimage import gaussian_filter1d
+
     width = min(int(4.0 * sigma + 1.0), len(values) - 1)
     before = 2.0 * values[0] - values[width:0:-1]
     after = 2.0 * values[-1] - values[-2 : -width - 2 : -1]

@@ -5,8 +5,9 @@ In: a Generator, a length, a standard deviation and a time constant. Out: statio
 
 from __future__ import annotations
 
+from itertools import accumulate
+
 import numpy as np
-from scipy.signal import lfilter
 
 from tpmsd.foundation.wheels import FloatArray
 
@@ -18,10 +19,13 @@ def gauss_markov(
     correlation time.
 
     x[k+1] = phi x[k] + sqrt(1 - phi^2) std w[k], phi = exp(-step / time constant): its autocorrelation at a
-    lag of one time constant is 1/e.
+    lag of one time constant is 1/e. `scipy.signal.lfilter` gives the same bits, but takes longer to import
+    than a short drive takes to simulate.
     """
     phi = float(np.exp(-step_s / time_constant_s))
     white = rng.standard_normal((count, columns))
     drive = np.sqrt(1 - phi**2) * white
     drive[:1] = white[:1]
-    return std * np.asarray(lfilter([1.0], [1.0, -phi], drive, axis=0))
+    for column in drive.T:
+        column[:] = list(accumulate(column.tolist(), lambda before, own: phi * before + own))
+    return np.asarray(std * drive)
