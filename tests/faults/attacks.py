@@ -90,6 +90,13 @@ def played_ticks(change: Callable[[list[Tick], float], Iterable[Tick]], route: s
     return outcome
 
 
+@functools.cache
+def unattacked(route: str, method: str) -> Outcome:
+    """The drive as it is, played with this filter, which is the one that drives are played with meanwhile."""
+    assert method == drives.PLAYED_WITH[-1]
+    return played_ticks(lambda ticks, start_s: ticks, route)
+
+
 def played_items(change: Callable[[list[Item], float], Iterable[Item]], route: str = ROUTE) -> Outcome:
     """Play the frames and sentences as changed, from the decoder on."""
     config, items, _ = attacked(route)
@@ -204,7 +211,7 @@ def table(methods: list[str], routes: list[str], wanted: list[Attack]) -> int:
     for route in routes:
         for method in methods:
             drives.PLAYED_WITH.append(method)
-            honest = played_ticks(lambda ticks, start_s: ticks, route)
+            honest = unattacked(route, method)
             for attack in wanted:
                 found = verdict(attack.play(route), honest)
                 broken += attack.promised and not found.held

@@ -24,7 +24,7 @@ from tests.faults.attack_changes import (
     turned,
     utc_jumps,
 )
-from tests.faults.attacks import Attack, played_items, played_ticks, summary, table
+from tests.faults.attacks import ROUTE, Attack, played_items, played_ticks, summary, table, unattacked
 from tests.faults.drives import FOUND, FROM_S, TO_S, Outcome, played
 from tests.faults.test_wheels import impatient, tyre_alarms
 from tpmsd.foundation.wheels import WHEELS
@@ -50,7 +50,7 @@ def offset_mm(one: Outcome, other: Outcome, time_s: float) -> float:
 
 @pytest.fixture(scope="module")
 def honest(method: str) -> Outcome:
-    return played_ticks(lambda ticks, start_s: ticks)
+    return unattacked(ROUTE, method)
 
 
 def test_an_honest_drive_is_quiet(honest: Outcome) -> None:
