@@ -46,7 +46,7 @@ UNIT_FACTORS = {
     "lateral acceleration in g": 1.0 / GRAVITY_MPS2,
 }
 """Lateral acceleration over speed times yaw rate, which is 1 but for side slip and bank, by a wrong unit."""
-NEAR_FACTOR = 0.15
+NEAR_FACTOR = 0.25
 """Relative distance from one of these factors: side slip and scales of instruments change it by less."""
 PARALLEL = 0.8
 """Correlation of lateral acceleration with speed times yaw rate from which their ratio says anything."""
