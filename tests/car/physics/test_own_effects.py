@@ -19,6 +19,8 @@ from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec, course
 from tests.conftest import REPO
 from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.own_effects import (
     effects_of_entry_point,
     effects_of_file,
@@ -264,3 +266,11 @@ def test_folders_that_are_named_twice_count_once(folder: Path, monkeypatch: pyte
         assert "bend_sinking" in EFFECTS
     finally:
         EFFECTS.pop("bend_sinking", None)
+
+
+@pytest.mark.parametrize("base", [Effect, DynamicsEffect])
+def test_an_effect_may_be_written_with_the_former_names(base: type) -> None:
+    """The manoeuvre is read from `telling_drive`, the wheel patterns from `places` as well."""
+    old = type("Old", (base,), {"name": "old", "telling_drive": "brake twice", "places": ("fl", "fr")})
+
+    assert ("brake twice", ("fl", "fr")) == (old.distinguished_by, old.wheel_patterns)  # type: ignore[attr-defined]

@@ -80,7 +80,7 @@ def test_every_effect_says_what_it_is(name: str) -> None:
 
     assert cls.formula
     assert cls.sentence
-    assert name == "unknown" or cls.telling_drive
+    assert name == "unknown" or cls.distinguished_by
     assert name == "unknown" or "Source:" in (cls.__doc__ or "")
     for p in cls.numbers():
         assert p.prior is not None

@@ -66,7 +66,7 @@ class Probe:
     value: float
     """At which to take the response."""
     neutral: float
-    place: str = ""
+    wheel_pattern: str = ""
     at: float | None = None
     """Value of the parameter that enters nonlinearly."""
     second: float | None = None
@@ -76,7 +76,7 @@ class Probe:
     def key(self) -> tuple[str, ...]:
         """Return its name among the columns of a design."""
         grid = () if self.at is None else (f"{self.at:g}",)
-        return (self.effect, self.parameter, *((self.place,) if self.place else ()), *grid)
+        return (self.effect, self.parameter, *((self.wheel_pattern,) if self.wheel_pattern else ()), *grid)
 
     def made(self) -> Effect:
         """Return the effect with this parameter at its probing value, others neutral or typical."""
@@ -84,8 +84,8 @@ class Probe:
         values: dict[str, object] = {self.parameter: self.value} if self.parameter else {}
         for p in cls.parameters:
             if isinstance(p, WheelParameter | TextParameter):
-                if self.place:
-                    values[p.name] = self.place
+                if self.wheel_pattern:
+                    values[p.name] = self.wheel_pattern
             elif isinstance(p, Parameter) and p.name != self.parameter and p.name in _required(cls):
                 values[p.name] = p.neutral if p.probe > 0.0 else p.typical
         if cls.grid is not None and self.at is not None:
@@ -107,12 +107,12 @@ def probes() -> tuple[Probe, ...]:
             continue
         if effect.kind is Kind.FREE:
             continue
-        for place in effect.places or ("",):
+        for wheel_pattern in effect.wheel_patterns or ("",):
             if not effect.parameters:
-                out.append(Probe(name, "", 1.0, 0.0, place))
+                out.append(Probe(name, "", 1.0, 0.0, wheel_pattern))
             for p in _linear(effect):
                 for at in (None,) if effect.grid is None else effect.grid.values:
-                    out.append(Probe(name, p.name, p.neutral + p.probe, p.neutral, place, at))
+                    out.append(Probe(name, p.name, p.neutral + p.probe, p.neutral, wheel_pattern, at))
     return tuple(out)
 
 
@@ -132,7 +132,7 @@ def groups() -> tuple[tuple[Probe, ...], ...]:
     """Sets of probes that make sense together: each that needs no other, and all of an effect."""
     by_effect: dict[tuple[str, str, float | None], list[Probe]] = {}
     for probe in probes():
-        by_effect.setdefault((probe.effect, probe.place, probe.at), []).append(probe)
+        by_effect.setdefault((probe.effect, probe.wheel_pattern, probe.at), []).append(probe)
     out: list[tuple[Probe, ...]] = []
     for (name, _, _), free in by_effect.items():
         if EFFECTS[name].always_fitted:
@@ -164,7 +164,7 @@ LOST = _the("of counts lost at walking pace", lambda effect: effect.at_walking_p
 MISSED = _the("of counts told by the ripple", lambda effect: effect.by_ripple)
 ADDED = _the("of counts that are added", lambda effect: effect.mirror_of == MISSED.name)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
-RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.places))
+RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.wheel_patterns))
 """Effects that a calibration estimates."""
 ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.always_fitted)
 """Effects that are fitted along with every model."""

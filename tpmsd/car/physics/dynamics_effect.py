@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.baselines.inputs import Inputs
-from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value
+from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value, rename_former
 from tpmsd.foundation.errors import ConfigError
 
 PHYSICS, INSTRUMENT, EVENT, FREE = "physics", "instrument", "event", "free"
@@ -33,8 +33,8 @@ class DynamicsEffect:
     formula: ClassVar[str] = ""
     sentence: ClassVar[str] = ""
     """A clause that says what it is."""
-    telling_drive: ClassVar[str] = ""
-    """The drive in which it shows and is parted from its twins."""
+    distinguished_by: ClassVar[str] = ""
+    """Recommended manoeuvre by which it shows beside what resembles it."""
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
     channel: ClassVar[str] = "yaw_rate"
     """The output in which it shows most, where the drive does not tell."""
@@ -70,6 +70,10 @@ class DynamicsEffect:
     def unit_of(self, parameter: str) -> str:
         """Return the unit of one of its parameters; empty where it has none."""
         return next(p.unit for p in self.parameters if p.name == parameter)
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        rename_former(cls)
 
     @classmethod
     def numbers(cls) -> tuple[Parameter, ...]:

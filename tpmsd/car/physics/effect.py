@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from tpmsd.car.physics.parameters import (
     Value,
     VectorParameter,
     WheelParameter,
+    rename_former,
 )
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -109,7 +110,7 @@ class Grid:
     """A further parameter that enters nonlinearly, if there is one."""
 
 
-ODD_SIGN = 4.0
+IMPOSSIBLE_SIGN = 4.0
 """Nats against a physically impossible sign, which a wrong configuration may show: odds of fifty."""
 RARE = 4.0
 """Nats against what few drives show: odds of fifty."""
@@ -128,7 +129,7 @@ class Effect:
     answers: ClassVar[tuple[str, ...]] = ()
     """Clauses for an effect that was found: format strings over its parameters (`in_words`), each used where
     all of its parameters were found."""
-    telling_drive: ClassVar[str] = ""
+    distinguished_by: ClassVar[str] = ""
     """Recommended manoeuvre by which it shows beside what resembles it."""
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
     """Channel and covariate over which it shows: wheel, wheel_ratio, gnss_speed, gnss_course, yaw_rate."""
@@ -162,7 +163,7 @@ class Effect:
     """True if it acts at all times alike, so that its place is the whole drive."""
     drifts_into: ClassVar[str] = ""
     """A reading, of which this is the constant part of a slow error."""
-    places: ClassVar[tuple[str, ...]] = ()
+    wheel_patterns: ClassVar[tuple[str, ...]] = ()
     """Wheels or groups of wheels on which it may act, one hypothesis each; empty: it knows its wheels."""
     contrast: ClassVar[bool] = False
     """True if it acts on wheels with both signs, so that it shows between them although all take part."""
@@ -208,6 +209,10 @@ class Effect:
             except ValueError as error:
                 raise ConfigError(f"effect {self.name}: {error}") from None
 
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        rename_former(cls)
+
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
         """Return whether a car that moves so can show it at all; else it is no hypothesis on such a drive."""
@@ -236,8 +241,8 @@ class Effect:
     @classmethod
     def against(cls, value: float) -> float:
         """Nats against a first value (difference from neutral): rare values are penalised."""
-        odd = ODD_SIGN if cls.one_sign and value < 0.0 else 0.0
-        return odd + (RARE if cls.rare else 0.0)
+        penalty = IMPOSSIBLE_SIGN if cls.one_sign and value < 0.0 else 0.0
+        return penalty + (RARE if cls.rare else 0.0)
 
     @classmethod
     def goes_before(cls, value: float) -> bool:

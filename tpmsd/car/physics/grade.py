@@ -22,7 +22,7 @@ class GradeTracker:
     """Least-squares slope of height over way, over the last `WINDOW_M`."""
 
     def __init__(self) -> None:
-        self._way_m = 0.0
+        self._distance_m = 0.0
         self._points: deque[tuple[float, float]] = deque()
         self._origin = (0.0, 0.0)
         self._sums = (0.0, 0.0, 0.0, 0.0)
@@ -41,35 +41,35 @@ class GradeTracker:
         """Way over the map per way along the road."""
         return math.sqrt(1.0 - self.sine**2)
 
-    def move(self, way_m: float) -> None:
+    def move(self, distance_m: float) -> None:
         """Add a point, after the car has rolled on."""
-        self._way_m += way_m
+        self._distance_m += distance_m
 
     def update(self, up_m: float) -> None:
         """Take the height of a fix; NaN is left out."""
         if not math.isfinite(up_m):
             return
         points = self._points
-        if points and self._way_m - points[-1][0] < 2.0:
+        if points and self._distance_m - points[-1][0] < 2.0:
             return  # a standing car's heights would only weigh down one end
-        points.append((self._way_m, up_m))
-        self._count(self._way_m, up_m, 1.0)
-        while self._way_m - points[0][0] > WINDOW_M:
+        points.append((self._distance_m, up_m))
+        self._count(self._distance_m, up_m, 1.0)
+        while self._distance_m - points[0][0] > WINDOW_M:
             self._count(*points.popleft(), -1.0)
-        if len(points) == 1 or self._way_m - self._origin[0] > REBASE_M:
+        if len(points) == 1 or self._distance_m - self._origin[0] > REBASE_M:
             self._rebase()
         if len(points) < MIN_FIXES or points[-1][0] - points[0][0] < MIN_SPAN_M:
             return
         count = len(points)
-        way, up, square, product = self._sums
-        slope = (product - way * up / count) / (square - way * way / count)
+        along, up, square, product = self._sums
+        slope = (product - along * up / count) / (square - along * along / count)
         self.sine = min(max(slope, -MAX_GRADE), MAX_GRADE)
 
-    def _count(self, way_m: float, up_m: float, sign: float) -> None:
+    def _count(self, distance_m: float, up_m: float, sign: float) -> None:
         """Add a point to the sums, or take it out."""
-        way, up, square, product = self._sums
-        x, y = way_m - self._origin[0], up_m - self._origin[1]
-        self._sums = (way + sign * x, up + sign * y, square + sign * x * x, product + sign * x * y)
+        along, up, square, product = self._sums
+        x, y = distance_m - self._origin[0], up_m - self._origin[1]
+        self._sums = (along + sign * x, up + sign * y, square + sign * x * x, product + sign * x * y)
 
     def _rebase(self) -> None:
         """Form the sums anew, about the newest point."""

@@ -65,8 +65,8 @@ def rounded(value: float, std: float | None, with_std: bool = True) -> str:
     """Return a value to the first digit of its standard deviation; to two of it where that begins with 1."""
     if std is None or not math.isfinite(std) or std <= 0.0:
         return f"{value:.3g}"
-    place = math.floor(math.log10(std))
-    digits = -place + (1 if with_std and round(std / 10.0**place) <= 1 else 0)
+    power_of_std = math.floor(math.log10(std))
+    digits = -power_of_std + (1 if with_std and round(std / 10.0**power_of_std) <= 1 else 0)
     largest = max(abs(value), std)
     if not 1e-3 <= largest < 1e6:
         power = math.floor(math.log10(largest))

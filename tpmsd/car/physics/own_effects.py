@@ -190,8 +190,8 @@ def checked(effect: type[Effect], where: str) -> type[Effect]:
     parameters = {one.name for one in effect.parameters}
     fields = {one.name for one in dataclasses.fields(effect)}
     if parameters != fields:
-        odd = " ".join(sorted(parameters ^ fields))
-        raise ConfigError(f"{where}: parameters and fields differ: {odd}")
+        unmatched = " ".join(sorted(parameters ^ fields))
+        raise ConfigError(f"{where}: parameters and fields differ: {unmatched}")
     if effect.kind in (Kind.FREE, Kind.NUISANCE):
         raise ConfigError(f"{where}: an effect of one's own cannot be {effect.kind.value}")
     for mark in RESERVED:

@@ -46,10 +46,10 @@ class PulseRate(Effect):
     """The counter of one wheel shows pulses more or less than its ring has, at a rate that goes with time."""
 
     kind = Kind.INSTRUMENT
-    telling_drive = "hold several speeds from 10 to 35 m/s for a minute each"
+    distinguished_by = "hold several speeds from 10 to 35 m/s for a minute each"
     shows_in = ("wheel_ratio", "speed")
     one_sign = True
-    places = WHEELS
+    wheel_patterns = WHEELS
     more: ClassVar[float]
     """Pulses shown for each of the rate: 1 or -1."""
     wheel: str

@@ -83,7 +83,7 @@ class AntennaChange:
     def at(self, time_s: FloatArray) -> FixChange:
         """Return the change at times of validity (m,), seconds since the motion's start."""
 
-        def place(truth: AntennaTruth) -> tuple[FloatArray, FloatArray]:
+        def position(truth: AntennaTruth) -> tuple[FloatArray, FloatArray]:
             east = np.interp(time_s, self._time_s, truth.east_m)
             return east, np.interp(time_s, self._time_s, truth.north_m)
 
@@ -91,7 +91,7 @@ class AntennaChange:
             east = np.interp(when, self._time_s, truth.shown_east_mps)
             return np.asarray(east + 1j * np.interp(when, self._time_s, truth.shown_north_mps))
 
-        (east, north), (plain_east, plain_north) = place(self._acting), place(self._plain)
+        (east, north), (plain_east, plain_north) = position(self._acting), position(self._plain)
         return FixChange(
             east - plain_east,
             north - plain_north,

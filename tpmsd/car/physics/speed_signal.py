@@ -15,7 +15,7 @@ class SpeedSignalFault(Effect):
     """All wheels are read alike, so that only the receiver shows it, and only on a bus without counts."""
 
     kind = Kind.INSTRUMENT
-    telling_drive = "hold several speeds from 5 to 35 m/s for a minute each"
+    distinguished_by = "hold several speeds from 5 to 35 m/s for a minute each"
     shows_in = ("wheel", "speed")
     needs = ("speeds", "gnss")
     looks = Look.COMMON

@@ -141,6 +141,6 @@ def _finding(finding: DynamicsFinding) -> dict[str, Any]:
         out["acts_on"] = finding.acts_on
     if finding.shape:
         out["shape"] = [{"at": x, "value": value, "std": std} for x, value, std in finding.shape]
-    if finding.indistinguishable_from and finding.telling_drive:
-        out["advice"] = finding.telling_drive
+    if finding.indistinguishable_from and finding.distinguished_by:
+        out["advice"] = finding.distinguished_by
     return out

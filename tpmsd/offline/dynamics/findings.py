@@ -119,7 +119,7 @@ def _finding(
         loglik_gain_per_s=slot.heldout_gain / duration,
         evidence=slot.evidence,
         indistinguishable_from=twins,
-        telling_drive=term.effect.telling_drive,
+        distinguished_by=term.effect.distinguished_by,
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
         stand_in=with_nameless_term or term.unusual,

@@ -159,7 +159,7 @@ class {title}(DynamicsEffect):
     name = "{name}"
     formula = "{what} = coefficient * {formula}"
     sentence = "a closed form that was proposed and has no physics yet"
-    telling_drive = "repeat the drive with other values of {covariates}"
+    distinguished_by = "repeat the drive with other values of {covariates}"
     channel = "{channel}"
     covariate = "{covariate}"
     parameters = (

@@ -64,7 +64,7 @@ class DynamicsFinding:
     loglik_gain_per_s: float
     evidence: float
     indistinguishable_from: tuple[str, ...]
-    telling_drive: str
+    distinguished_by: str
     shape: tuple[tuple[float, float, float], ...] = ()
     """Curve of a spline: covariate, value, standard deviation."""
     acts_on: str = ""

@@ -65,7 +65,7 @@ def _doubts(sure: list[DynamicsFinding]) -> list[str]:
     for one in sure:
         if one.indistinguishable_from:
             twins = listed(list(one.indistinguishable_from), "or")
-            advice = f"; to part them, {one.telling_drive}" if one.telling_drive else ""
+            advice = f"; to part them, {one.distinguished_by}" if one.distinguished_by else ""
             out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
     if large := [one.effect for one in sure if one.unusual]:
         are, they = ("is", "it") if len(large) == 1 else ("are", "they")

@@ -201,7 +201,9 @@ def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | No
     there is none."""
     known = _probes(name)
     first = known[0].parameter if known else ""
-    usable = [probe for probe in known if probe.parameter == first and _is_read(probe.place, showing.wheels)]
+    usable = [
+        probe for probe in known if probe.parameter == first and _is_read(probe.wheel_pattern, showing.wheels)
+    ]
     if not usable:
         return None
     probe, cls = usable[int(rng.integers(len(usable)))], EFFECTS[name]

@@ -144,8 +144,8 @@ def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
         out.append("It may stand in for something that no effect of the catalogue describes.")
     if finding.indistinguishable_from:
         out.append(f"Confounded on this drive with: {', '.join(finding.indistinguishable_from)}.")
-        if finding.telling_drive:
-            out.append(f"To part them, {finding.telling_drive}.")
+        if finding.distinguished_by:
+            out.append(f"To part them, {finding.distinguished_by}.")
     return tuple(sentence for sentence in out if sentence)
 
 

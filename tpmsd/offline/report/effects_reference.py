@@ -51,7 +51,8 @@ def _entry(name: str, effect: type[Effect]) -> dict[str, Any]:
         ],
         "shows_in": {"channel": effect.shows_in[0], "covariate": effect.shows_in[1]},
         "needs": list(effect.needs),
-        "telling_drive": effect.telling_drive,
+        "distinguished_by": effect.distinguished_by,
+        "telling_drive": effect.distinguished_by,  # name of the key before
         "try": ready_command(effect),
     }
 
@@ -94,8 +95,8 @@ def effects_summary(names: Sequence[str], drive: str = "", identifiable: Sequenc
         if p["prior"]:
             lines.append(f"      {p['prior']['mean']:g} +- {p['prior']['std']:g}: {p['prior']['source']}")
     lines.append(f"  shows in {entry['shows_in']['channel']} over {entry['shows_in']['covariate']}")
-    if entry["telling_drive"]:
-        lines.append(f"  to tell it: {entry['telling_drive']}")
+    if entry["distinguished_by"]:
+        lines.append(f"  to tell it: {entry['distinguished_by']}")
     lines.append(f"  source: {entry['source']}")
     lines.append(f"  to try it: {entry['try']}")
     return "\n".join(lines)

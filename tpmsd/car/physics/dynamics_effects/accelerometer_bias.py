@@ -21,7 +21,7 @@ class AccelerometerBias(DynamicsEffect):
     kind = INSTRUMENT
     formula = "accelerations read = truth + (long_mps2, lat_mps2)"
     sentence = "an accelerometer reads a constant more than acts"
-    telling_drive = "drive the same road there and back"
+    distinguished_by = "drive the same road there and back"
     channel = "accel_lat"
     covariate = "time"
     shows_in = MappingProxyType({"long_mps2": "accel_long", "lat_mps2": "accel_lat"})

@@ -21,7 +21,7 @@ class AccelerometerDelay(DynamicsEffect):
     kind = INSTRUMENT
     formula = "a_y read at t = a_y at t - delay_s"
     sentence = "the lateral acceleration is read late"
-    telling_drive = "steer quickly from side to side"
+    distinguished_by = "steer quickly from side to side"
     channel = "accel_lat"
     covariate = "steering_rate"
     twins = ("accelerometer_position", "roll_dynamics")

@@ -20,7 +20,7 @@ class AccelerometerPosition(DynamicsEffect):
     kind = INSTRUMENT
     formula = "a_y read = a_y + forward_m * dr/dt"
     sentence = "the accelerometer sits ahead of or behind the centre of gravity"
-    telling_drive = "change lanes quickly at 20 m/s"
+    distinguished_by = "change lanes quickly at 20 m/s"
     channel = "accel_lat"
     covariate = "steering_rate"
     twins = ("roll_dynamics",)

@@ -22,7 +22,7 @@ class AccelerometerRoll(DynamicsEffect):
     kind = INSTRUMENT
     formula = "a_y read = a_y * (1 + coefficient)"
     sentence = "the accelerometer rolls with the body"
-    telling_drive = "hold steady bends from 1 to 6 m/s2 on a level road"
+    distinguished_by = "hold steady bends from 1 to 6 m/s2 on a level road"
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("mass_error",)

@@ -21,7 +21,7 @@ class AccelerometerTilt(DynamicsEffect):
     kind = INSTRUMENT
     formula = "a_y read = a_y - yaw_rad * a_x"
     sentence = "the accelerometers are turned in their mount"
-    telling_drive = "brake firmly on a straight ten times"
+    distinguished_by = "brake firmly on a straight ten times"
     channel = "accel_lat"
     covariate = "accel_long"
     twins = ("yaw_moment",)

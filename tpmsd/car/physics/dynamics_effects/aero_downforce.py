@@ -23,7 +23,7 @@ class AeroDownforce(DynamicsEffect):
     kind = PHYSICS
     formula = "F_z = rho/2 * A * v^2 per axle"
     sentence = "the air changes the axles' loads"
-    telling_drive = "take the same bend at its limit at two speeds"
+    distinguished_by = "take the same bend at its limit at two speeds"
     channel = "accel_lat"
     covariate = "speed"
     twins = ("tyre_saturation",)

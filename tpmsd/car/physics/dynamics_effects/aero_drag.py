@@ -20,7 +20,7 @@ class AeroDrag(DynamicsEffect):
     kind = PHYSICS
     formula = "F_x = -rho/2 * A * v * abs(v)"
     sentence = "the air resists"
-    telling_drive = "coast in neutral from 35 m/s to 10 m/s, both ways"
+    distinguished_by = "coast in neutral from 35 m/s to 10 m/s, both ways"
     channel = "speed"
     covariate = "speed"
     twins = ("rolling_resistance", "drive_force_error")

@@ -21,7 +21,7 @@ class BrakeForceError(DynamicsEffect):
     kind = PHYSICS
     formula = "F_brake = reading * (1 + relative)"
     sentence = "the brake force is not the one stated"
-    telling_drive = "brake on the level at several forces, the car weighed"
+    distinguished_by = "brake on the level at several forces, the car weighed"
     channel = "speed"
     covariate = "accel_long"
     twins = ("mass_error",)

@@ -22,7 +22,7 @@ class CamberThrust(DynamicsEffect):
     kind = PHYSICS
     formula = "F_y = -c * F_z * u * r / g on each axle"
     sentence = "leaning wheels push outwards in bends"
-    telling_drive = "hold steady bends at two speeds and change lanes quickly"
+    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
     channel = "velocity_lat"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error", "mass_error")

@@ -20,7 +20,7 @@ class CgHeightError(DynamicsEffect):
     kind = PHYSICS
     formula = "h = configured + height_m"
     sentence = "the height of the centre of gravity is not the configured one"
-    telling_drive = "brake and accelerate hard in bends near the limit"
+    distinguished_by = "brake and accelerate hard in bends near the limit"
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("tyre_saturation", "load_dependent_stiffness")

@@ -20,7 +20,7 @@ class CgPositionError(DynamicsEffect):
     kind = PHYSICS
     formula = "a = configured - forward_m, b = configured + forward_m"
     sentence = "the centre of gravity is not where configured"
-    telling_drive = "hold steady bends at two speeds and change lanes quickly"
+    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error",)

@@ -23,7 +23,7 @@ class ComplianceSteer(DynamicsEffect):
     kind = PHYSICS
     formula = "front slip angle = geometric / (1 + k * C_f), k = c * l / (m * b)"
     sentence = "the front wheels give way under side force"
-    telling_drive = "hold steady bends at two speeds and change lanes quickly"
+    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error",)

@@ -21,7 +21,7 @@ class CorneringStiffnessError(DynamicsEffect):
     kind = PHYSICS
     formula = "C = configured * (1 + front | rear)"
     sentence = "the axles' cornering stiffness is not the configured one"
-    telling_drive = "hold steady bends at two speeds and change lanes quickly"
+    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cg_position_error", "mass_error", "compliance_steer")

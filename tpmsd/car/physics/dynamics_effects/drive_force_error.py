@@ -21,7 +21,7 @@ class DriveForceError(DynamicsEffect):
     kind = PHYSICS
     formula = "F_drive = reading * (1 + relative)"
     sentence = "the drive force is not the one stated"
-    telling_drive = "accelerate on the level at several forces, the car weighed"
+    distinguished_by = "accelerate on the level at several forces, the car weighed"
     channel = "speed"
     covariate = "accel_long"
     twins = ("mass_error",)

@@ -21,7 +21,7 @@ class DriveShareError(DynamicsEffect):
     kind = PHYSICS
     formula = "front share of the drive force = configured + relative"
     sentence = "the drive force acts on the axles in other shares than configured"
-    telling_drive = "accelerate firmly in bends, and coast through the same bends"
+    distinguished_by = "accelerate firmly in bends, and coast through the same bends"
     channel = "yaw_rate"
     covariate = "accel_long"
     twins = ("tyre_saturation", "yaw_moment")

@@ -22,7 +22,7 @@ class DriveSlipError(DynamicsEffect):
     kind = NUISANCE
     formula = "sigma / (1 + sigma) = (1 + relative) * F_x / C_sigma"
     sentence = "slip under drive and brake force changes the side forces by another amount than configured"
-    telling_drive = "accelerate and brake firmly in bends, and coast through the same bends"
+    distinguished_by = "accelerate and brake firmly in bends, and coast through the same bends"
     channel = "yaw_rate"
     covariate = "accel_long"
     twins = ("drive_share_error", "tyre_saturation")

@@ -20,7 +20,7 @@ class GyroDelay(DynamicsEffect):
     kind = INSTRUMENT
     formula = "yaw rate read at t = yaw rate at t - delay_s"
     sentence = "the yaw rate is read late"
-    telling_drive = "steer quickly from side to side"
+    distinguished_by = "steer quickly from side to side"
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("steering_delay", "yaw_inertia_error")

@@ -23,7 +23,7 @@ class LargeAngles(DynamicsEffect):
     kind = NUISANCE
     formula = "F_y = F_f * cos(delta) + F_x * sin(delta) + F_r, alpha = delta - atan(v_y / u)"
     sentence = "the angles of steering and slip are not small"
-    telling_drive = "drive tight bends slowly, accelerate and brake in them"
+    distinguished_by = "drive tight bends slowly, accelerate and brake in them"
     channel = "accel_lat"
     covariate = "steering"
     twins = ("steering_ratio_error", "yaw_moment")

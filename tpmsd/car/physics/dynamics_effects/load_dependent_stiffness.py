@@ -23,7 +23,7 @@ class LoadDependentStiffness(DynamicsEffect):
     kind = PHYSICS
     formula = "C = C_0 * (1 - c * z^2), z = load transfer over static load"
     sentence = "an axle's cornering stiffness falls with lateral load transfer"
-    telling_drive = "hold steady bends from 2 to 8 m/s2"
+    distinguished_by = "hold steady bends from 2 to 8 m/s2"
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("tyre_saturation", "cg_height_error")

@@ -21,7 +21,7 @@ class LockedDifferential(DynamicsEffect):
     kind = PHYSICS
     formula = "M_z = -c * C_sigma * t^2 / 2 * r / u"
     sentence = "the wheels of the driven axle turn alike"
-    telling_drive = "drive tight bends slowly under power"
+    distinguished_by = "drive tight bends slowly under power"
     channel = "yaw_rate"
     covariate = "yaw_rate"
     twins = ("cornering_stiffness_error", "steering_ratio_error")

@@ -20,7 +20,7 @@ class MassError(DynamicsEffect):
     kind = PHYSICS
     formula = "m = configured * (1 + relative)"
     sentence = "the car's mass is not the configured one"
-    telling_drive = "accelerate and brake firmly with known forces, and steer in between"
+    distinguished_by = "accelerate and brake firmly with known forces, and steer in between"
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("drive_force_error", "cornering_stiffness_error")

@@ -31,7 +31,7 @@ class RollDynamics(DynamicsEffect):
     kind = PHYSICS
     formula = "dv/dt gains 0.4 * d2q/dt2 / w^2; d2q/dt2 + 2 D w dq/dt + w^2 q = w^2 a_y"
     sentence = "the body rolls and takes time for it"
-    telling_drive = "weave at 0.5 to 2 Hz at a constant speed"
+    distinguished_by = "weave at 0.5 to 2 Hz at a constant speed"
     channel = "velocity_lat"
     covariate = "steering_rate"
     states = ("roll_q", "roll_rate_q")

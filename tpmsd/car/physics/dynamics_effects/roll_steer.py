@@ -23,7 +23,7 @@ class RollSteer(DynamicsEffect):
     kind = PHYSICS
     formula = "rear slip angle = geometric + c * u * r"
     sentence = "the rear axle steers as the body rolls"
-    telling_drive = "hold steady bends from 1 to 6 m/s2 at two speeds"
+    distinguished_by = "hold steady bends from 1 to 6 m/s2 at two speeds"
     channel = "velocity_lat"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error", "compliance_steer")

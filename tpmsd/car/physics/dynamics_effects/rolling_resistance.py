@@ -20,7 +20,7 @@ class RollingResistance(DynamicsEffect):
     kind = PHYSICS
     formula = "F_x = -c * m * g"
     sentence = "the tyres resist rolling"
-    telling_drive = "coast in neutral from 20 m/s to 5 m/s, both ways"
+    distinguished_by = "coast in neutral from 20 m/s to 5 m/s, both ways"
     channel = "speed"
     covariate = "time"
     twins = ("road_grade", "accelerometer_bias")

@@ -20,7 +20,7 @@ class SteeringDelay(DynamicsEffect):
     kind = INSTRUMENT
     formula = "delta at t = reading at t - delay_s"
     sentence = "the road wheels follow the steering reading late"
-    telling_drive = "steer quickly from side to side"
+    distinguished_by = "steer quickly from side to side"
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("gyro_delay", "tyre_relaxation", "yaw_inertia_error")

@@ -20,7 +20,7 @@ class SteeringOffset(DynamicsEffect):
     kind = INSTRUMENT
     formula = "reading = truth + offset_rad"
     sentence = "the steering angle reads a constant on the straight"
-    telling_drive = "drive straight on for a minute there and back"
+    distinguished_by = "drive straight on for a minute there and back"
     channel = "yaw_rate"
     covariate = "time"
     twins = ("yaw_rate_bias", "side_wind", "road_bank")

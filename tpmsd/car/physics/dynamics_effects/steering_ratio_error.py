@@ -20,7 +20,7 @@ class SteeringRatioError(DynamicsEffect):
     kind = INSTRUMENT
     formula = "delta = reading / (configured ratio * ratio)"
     sentence = "the steering's ratio is not the configured one"
-    telling_drive = "drive full circles slowly, to both sides"
+    distinguished_by = "drive full circles slowly, to both sides"
     channel = "yaw_rate"
     covariate = "steering"
     twins = ("cornering_stiffness_error", "yaw_rate_scale")

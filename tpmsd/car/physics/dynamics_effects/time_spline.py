@@ -59,7 +59,7 @@ class RoadGrade(_Spline):
     kind = PHYSICS
     formula = "du/dt gains -g * sin(grade(t))"
     sentence = "the road rises and falls"
-    telling_drive = "drive the same road there and back"
+    distinguished_by = "drive the same road there and back"
     channel = "speed"
     needs_forces = True
     parameters = _vectors("rad")
@@ -80,7 +80,7 @@ class RoadBank(_Spline):
     kind = PHYSICS
     formula = "dv/dt gains -g * sin(bank(t))"
     sentence = "the road is banked"
-    telling_drive = "drive the same road there and back"
+    distinguished_by = "drive the same road there and back"
     channel = "velocity_lat"
     parameters = _vectors("rad")
 

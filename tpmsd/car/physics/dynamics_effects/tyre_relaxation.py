@@ -27,7 +27,7 @@ class TyreRelaxation(DynamicsEffect):
     kind = PHYSICS
     formula = "length_m / u * d(alpha')/dt = alpha - alpha'"
     sentence = "the tyres' side force follows with a length"
-    telling_drive = "steer quickly from side to side at 10 and at 25 m/s"
+    distinguished_by = "steer quickly from side to side at 10 and at 25 m/s"
     channel = "yaw_rate"
     covariate = "steering_rate"
     states = ("relaxed_front", "relaxed_rear")

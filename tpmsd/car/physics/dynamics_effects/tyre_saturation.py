@@ -24,7 +24,7 @@ class TyreSaturation(DynamicsEffect):
     kind = PHYSICS
     formula = "F = (2 - l) l * F_linear, l = mu * F_z / (2 * F_linear) < 1"
     sentence = "the tyres' side force is limited by friction"
-    telling_drive = "steer slowly into a bend until the tyres slide"
+    distinguished_by = "steer slowly into a bend until the tyres slide"
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("load_dependent_stiffness", "cg_height_error")

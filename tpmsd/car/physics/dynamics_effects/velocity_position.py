@@ -21,7 +21,7 @@ class VelocityPosition(DynamicsEffect):
     kind = INSTRUMENT
     formula = "v read = v + forward_m * r"
     sentence = "the lateral speed is read ahead of or behind the centre of gravity"
-    telling_drive = "turn tightly at walking pace and hold steady bends at 20 m/s"
+    distinguished_by = "turn tightly at walking pace and hold steady bends at 20 m/s"
     channel = "velocity_lat"
     covariate = "yaw_rate"
     twins = ("cg_position_error", "cornering_stiffness_error")

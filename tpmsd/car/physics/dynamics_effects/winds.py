@@ -51,7 +51,7 @@ class SideWind(DynamicsEffect):
     kind = EVENT
     formula = "F_y = rho/2 * 4.5 m2 * u * speed, M_z = 0.25 m * F_y, in a span of time"
     sentence = "a wind blows from the side"
-    telling_drive = "drive the same road there and back at a constant speed"
+    distinguished_by = "drive the same road there and back at a constant speed"
     channel = "accel_lat"
     twins = ("road_bank", "steering_offset")
     parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
@@ -77,7 +77,7 @@ class HeadWind(DynamicsEffect):
     kind = EVENT
     formula = "F_x = -rho/2 * A * ((u + speed)^2 - u^2) in a span of time"
     sentence = "a wind blows from ahead"
-    telling_drive = "drive the same road there and back at a constant speed"
+    distinguished_by = "drive the same road there and back at a constant speed"
     channel = "speed"
     needs_forces = True
     twins = ("road_grade",)

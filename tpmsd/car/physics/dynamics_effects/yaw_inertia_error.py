@@ -20,7 +20,7 @@ class YawInertiaError(DynamicsEffect):
     kind = PHYSICS
     formula = "I_z = configured * (1 + relative)"
     sentence = "the yaw inertia is not the configured one"
-    telling_drive = "steer quickly from side to side at 20 m/s"
+    distinguished_by = "steer quickly from side to side at 20 m/s"
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("tyre_relaxation", "steering_delay")

@@ -21,7 +21,7 @@ class YawMoment(DynamicsEffect):
     kind = PHYSICS
     formula = "M_z = c * F_x"
     sentence = "drive or brake forces turn the car"
-    telling_drive = "brake firmly on a straight with the steering wheel held"
+    distinguished_by = "brake firmly on a straight with the steering wheel held"
     channel = "yaw_rate"
     covariate = "accel_long"
     twins = ("accelerometer_tilt",)

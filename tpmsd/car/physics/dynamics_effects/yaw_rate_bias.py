@@ -20,7 +20,7 @@ class YawRateBias(DynamicsEffect):
     kind = INSTRUMENT
     formula = "yaw rate read = truth + bias"
     sentence = "the gyro reads a rate on the straight"
-    telling_drive = "stand still for a minute with the ignition on"
+    distinguished_by = "stand still for a minute with the ignition on"
     channel = "yaw_rate"
     covariate = "time"
     twins = ("steering_offset",)

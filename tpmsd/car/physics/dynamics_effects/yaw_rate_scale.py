@@ -20,7 +20,7 @@ class YawRateScale(DynamicsEffect):
     kind = INSTRUMENT
     formula = "yaw rate read = scale * truth"
     sentence = "the gyro's scale is off"
-    telling_drive = "drive ten full circles to each side"
+    distinguished_by = "drive ten full circles to each side"
     channel = "yaw_rate"
     covariate = "yaw_rate"
     twins = ("steering_ratio_error",)

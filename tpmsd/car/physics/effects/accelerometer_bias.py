@@ -32,7 +32,7 @@ class AccelerometerBias(Effect):
         "the accelerometers read {long_mps2:size} {long_mps2:too much|too little} forward",
         "the accelerometers read {lat_mps2:size} {lat_mps2:too much|too little} to the left",
     )
-    telling_drive = "drive the same road there and back: a bank and a slope change their signs"
+    distinguished_by = "drive the same road there and back: a bank and a slope change their signs"
     shows_in = ("accel_lat", "time")
     reads = ("accel_long", "accel_lat")
     confounded = ("accelerometer_tilt", "road_bank")
@@ -64,7 +64,7 @@ class AccelerometerBias(Effect):
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A small zero level is every sensor's own."""
+        """Return the reason why a small zero level is usual, as every sensor has one."""
         if abs(value) - 2.0 * std > USUAL_MPS2:
             return ""
         return f"an accelerometer reads {value:.2f} +- {std:.2f} m/s2 more than acts, as they do"

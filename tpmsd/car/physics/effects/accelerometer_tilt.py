@@ -36,7 +36,7 @@ class AccelerometerTilt(Effect):
         "they are pitched by {pitch_rad:size deg} {pitch_rad:nose up|nose down}",
         "they lean by {roll_rad:size deg} to the {roll_rad:right|left}",
     )
-    telling_drive = "brake firmly on a straight and take bends at a constant speed, ten times each"
+    distinguished_by = "brake firmly on a straight and take bends at a constant speed, ten times each"
     shows_in = ("accel_lat", "accel_long")
     reads = ("accel_long", "accel_lat")
     stays = "no estimate depends on the accelerometers' mount"

@@ -26,7 +26,7 @@ class AmbientPressure(Effect):
     answers = (
         "the tyres {per_m:grow|shrink} with the height above the sea, by {per_m} of the radius per metre",
     )
-    telling_drive = "drive up and down a mountain of 500 m"
+    distinguished_by = "drive up and down a mountain of 500 m"
     shows_in = ("wheel", "grade")
     needs = ("gnss", "slopes")
     one_sign = True

@@ -10,7 +10,7 @@ from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import ANTENNA_FORWARD_M
 
 BEHIND_M, BESIDE_M = 1.5, 1.2
-"""How far behind the rear axle, before the front one, and off the middle a car's roof reaches."""
+"""Reach of a car's roof behind the rear axle, before the front one and off the middle, m."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class AntennaLeverArm(Effect):
         "the antenna is {forward_m:size m} further {forward_m:ahead|back} than configured",
         "the antenna is {left_m:size m} further to the {left_m:left|right} than configured",
     )
-    telling_drive = "drive full circles at walking pace, to both sides, then bends at speed"
+    distinguished_by = "drive full circles at walking pace, to both sides, then bends at speed"
     shows_in = ("gnss_course", "yaw_rate")
     beside_value = ("lateral_slip",)
     parameters = (
@@ -69,7 +69,7 @@ class AntennaLeverArm(Effect):
 
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
-        """What is called an antenna's place must lie on the car's roof."""
+        """Return the bounds within which the antenna lies on the car's roof."""
         ahead, left = car.antenna_forward_m, car.antenna_left_m
         longest = car.geometry.wheelbase_m + BEHIND_M
         return {

@@ -37,13 +37,13 @@ class BrakeDrag(Effect):
     sentence = "a brake drags on one wheel, which grows as it warms up"
     noun = "a dragging brake"
     answers = ("the brake of {wheel} drags, by a slip of {slip:size %}",)
-    telling_drive = "roll fast for ten minutes and slowly for ten, without braking, twice"
+    distinguished_by = "roll fast for ten minutes and slowly for ten, without braking, twice"
     shows_in = ("wheel_ratio", "time")
     one_sign = True
     rare = True
     own_per_drive = True
     looks = Look.WHEEL
-    places = ("fl", "fr", "rl", "rr")
+    wheel_patterns = ("fl", "fr", "rl", "rr")
     grid = Grid(
         "cooling_s",
         values=(120.0, 360.0),

@@ -35,11 +35,11 @@ class BrakeHeat(Effect):
     sentence = "brakes warm wheels, which grow and cool down again"
     noun = "heat of the brakes"
     answers = ("brakes warm the wheels {wheels}, which grow by {growth} of braking work per mass",)
-    telling_drive = "brake firmly from 30 m/s ten times, then roll for ten minutes"
+    distinguished_by = "brake firmly from 30 m/s ten times, then roll for ten minutes"
     shows_in = ("wheel_ratio", "time")
     one_sign = True
     looks = Look.WHEEL
-    places = ("front", "rear", "fl", "fr", "rl", "rr")
+    wheel_patterns = ("front", "rear", "fl", "fr", "rl", "rr")
     grid = Grid(
         "cooling_s",
         values=(80.0, 200.0, 500.0),

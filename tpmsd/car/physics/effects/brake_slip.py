@@ -34,7 +34,7 @@ class BrakeSlip(Effect):
         "the front wheels slip by {front} under the brakes",
         "the rear wheels slip by {rear} under the brakes",
     )
-    telling_drive = "brake firmly and gently from the same speed on a straight, ten times"
+    distinguished_by = "brake firmly and gently from the same speed on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     one_sign = True
     ratio_limits = (0.2, 1.0)

@@ -25,7 +25,7 @@ class CamberRoll(Effect):
     sentence = "in bends the wheels lean and roll on a smaller radius"
     noun = "lean of the wheels in bends"
     answers = ("in bends the wheels lean and roll on a smaller radius, by {coefficient}",)
-    telling_drive = "drive the same bend slowly and fast, to both sides"
+    distinguished_by = "drive the same bend slowly and fast, to both sides"
     shows_in = ("wheel", "accel_lat")
     one_sign = True
     parameters = (

@@ -27,7 +27,7 @@ class CentrifugalGrowth(Effect):
     sentence = "the tyres grow with speed"
     noun = "growth with speed"
     answers = ("the tyres {coefficient:grow|shrink} with speed, by {coefficient:size} times its square",)
-    telling_drive = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
+    distinguished_by = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
     shows_in = ("wheel", "speed")
     one_sign = True
     parameters = (

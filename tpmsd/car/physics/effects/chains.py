@@ -25,7 +25,7 @@ class Chains(SlipEvent):
     sentence = "an axle rolls on chains for a while"
     noun = "chains"
     answers = ("{wheels} rolled on chains for {duration_s:min}",)
-    telling_drive = "drive the stretch again without chains"
+    distinguished_by = "drive the stretch again without chains"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True
     span = True
@@ -47,6 +47,8 @@ class Chains(SlipEvent):
 
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
-        """A driven axle that turns slower by the thickness of a chain, for longer than a wheel locks; a wheel
-        alone bears no chain (it would pull the car aside)."""
+        """Return whether a driven axle turns slower by a chain's thickness, for longer than a wheel locks.
+
+        A wheel alone bears no chain (it would pull the car aside).
+        """
         return driven and axle and -THICKEST <= slip <= -THINNEST and duration_s > LONGEST_S

@@ -30,7 +30,7 @@ class ClockDrift(Effect):
     sentence = "the host's clock drifts against UTC"
     noun = "drift of the host's clock"
     answers = ("the host's clock runs {rate:size ppm} {rate:fast|slow}",)
-    telling_drive = "any drive of ten minutes with fixes that carry UTC"
+    distinguished_by = "any drive of ten minutes with fixes that carry UTC"
     shows_in = ("clock", "time")
     reads = ("clock",)
     own_per_drive = True
@@ -55,7 +55,7 @@ class ClockDrift(Effect):
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A crystal's rate."""
+        """Return the reason why a rate is usual for a crystal."""
         if abs(value) - 2.0 * std > USUAL_RATE:
             return ""
         return f"the host's clock gains {1e6 * value:.0f} +- {1e6 * std:.0f} ppm on UTC, as crystals do"

@@ -30,7 +30,7 @@ class ComplianceSteer(Effect):
     sentence = "the steering gives way in bends by more or less than a car's does"
     noun = "give in the steering"
     answers = ("the steering gives way in bends, by {coefficient} beside that of a usual car",)
-    telling_drive = "drive the same bend slowly and fast, to both sides"
+    distinguished_by = "drive the same bend slowly and fast, to both sides"
     shows_in = ("steering", "accel_lat")
     reads = ("steering",)
     stays = "no estimate depends on the steering wheel"

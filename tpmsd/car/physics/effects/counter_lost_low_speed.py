@@ -27,7 +27,7 @@ class CounterLostLowSpeed(Effect):
     sentence = "counts are lost below a speed"
     noun = "counts lost at walking pace"
     answers = ("the counters of {wheels} lose {lost:%} of their counts below {below_mps}",)
-    telling_drive = "roll at walking pace for a minute, under the open sky"
+    distinguished_by = "roll at walking pace for a minute, under the open sky"
     shows_in = ("wheel", "speed")
     needs = ("gnss_speed",)
     at_walking_pace = True

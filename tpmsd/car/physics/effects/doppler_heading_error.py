@@ -31,7 +31,7 @@ class DopplerHeadingError(Effect):
         "the receiver's velocity is {east_mps:size cm/s} too much to the {east_mps:east|west}",
         "the receiver's velocity is {north_mps:size cm/s} too much to the {north_mps:north|south}",
     )
-    telling_drive = "drive the same road there and back"
+    distinguished_by = "drive the same road there and back"
     shows_in = ("gnss_speed", "time")
     needs = ("gnss_speed",)
     own_per_drive = True

@@ -18,7 +18,7 @@ MOST = 0.9
 MOVING_MPS = 3.0
 """Below, nothing is compared."""
 LIVELY_MPS2 = 1.0
-"""What 1 % of the driving must exceed: below it the curve of a tyre on ice is a straight line."""
+"""Specific force that 1 % of the driving must exceed, m/s2: below it a tyre's curve on ice is straight."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class DriveSlipCurve(DriveSlip):
         "driven wheels slip under drive force by {slip_per_accel}, and more than in proportion to it",
         "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
     )
-    telling_drive = "accelerate gently and as firmly as the road allows, ten times each"
+    distinguished_by = "accelerate gently and as firmly as the road allows, ten times each"
     limit = "longitudinal_slip"
     grid = Grid(
         "saturation_mps2",
@@ -83,7 +83,7 @@ class DriveSlipCurve(DriveSlip):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Where the driving is lively enough for a bend in the curve."""
+        """Return whether the driving is lively enough for a bend in the curve."""
         force = np.abs(motion.specific_force_long_mps2[motion.speed_mps > MOVING_MPS])
         return bool(force.size) and float(np.quantile(force, 0.99)) > LIVELY_MPS2
 

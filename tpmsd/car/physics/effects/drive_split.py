@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import ODD_SIGN, Effect, Parameter, Prior
+from tpmsd.car.physics.effect import IMPOSSIBLE_SIGN, Effect, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
@@ -34,7 +34,7 @@ class DriveSplit(Effect):
     sentence = "one axle of a car that drives all wheels slips more than the other"
     noun = "unequal slip of the axles"
     answers = ("the {difference:front|rear} axle slips more under drive force, by {difference:size}",)
-    telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
+    distinguished_by = "accelerate firmly and coast at the same speeds on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     limit = "load_transfer_longitudinal"
     parameters = (
@@ -53,14 +53,14 @@ class DriveSplit(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Where all wheels are driven."""
+        """Return whether all wheels are driven."""
         return bool(car.driven.all())
 
     @classmethod
     def against(cls, value: float) -> float:
         """Nats against what load transfer may be, and against a size by Student's distribution."""
         load = -2.0 * MOST_LOAD_LONGITUDINAL_S2 / USUAL_RADIUS_M < value < 0.0
-        return tail_nats(value, USUAL) + (ODD_SIGN if load else 0.0)
+        return tail_nats(value, USUAL) + (IMPOSSIBLE_SIGN if load else 0.0)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) half of d * a_x, with the sign of the axle."""

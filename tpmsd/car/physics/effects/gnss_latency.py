@@ -30,7 +30,7 @@ class GnssLatency(Effect):
     sentence = "a fix arrives later than it was valid (GNSS latency)"
     noun = "age of the fixes"
     answers = ("the fixes are {latency_s:size ms} {latency_s:older|younger} than configured",)
-    telling_drive = "accelerate and brake firmly on a straight, ten times"
+    distinguished_by = "accelerate and brake firmly on a straight, ten times"
     shows_in = ("gnss_speed", "accel_long")
     one_sign = True
     parameters = (
@@ -48,7 +48,7 @@ class GnssLatency(Effect):
     latency_s: float
 
     def fix_age_s(self) -> float:
-        """The latency."""
+        """Return the latency."""
         return self.latency_s
 
     @classmethod

@@ -29,7 +29,7 @@ class GnssSmoothing(Effect):
     sentence = "the receiver smooths its speed and course"
     noun = "smoothing in the receiver"
     answers = ("the receiver smooths its speed and course over {time_constant_s}",)
-    telling_drive = "accelerate and brake as hard as the traffic allows, ten times"
+    distinguished_by = "accelerate and brake as hard as the traffic allows, ten times"
     shows_in = ("gnss_speed", "accel_long")
     needs = ("gnss_speed",)
     beside = ("velocity_lag",)
@@ -52,12 +52,12 @@ class GnssSmoothing(Effect):
 
     @classmethod
     def against(cls, value: float) -> float:
-        """A short one is a lag, which has the better known name."""
+        """Return a penalty on a short constant: a lag has the better known name."""
         return OWN if value < USUAL_S else 0.0
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A short low-pass is the receiver's own."""
+        """Return the reason why a short low-pass is usual: the receiver has its own."""
         if value - 2.0 * std > USUAL_S:
             return ""
         return f"the receiver smooths its speed over {value:.2f} +- {std:.2f} s; taken into account"

@@ -46,5 +46,5 @@ class GradeShare(Effect):
         )
 
     def grade_factor(self) -> float:
-        """The share."""
+        """Return the share."""
         return self.share

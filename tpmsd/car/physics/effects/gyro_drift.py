@@ -25,7 +25,7 @@ class GyroDrift(Effect):
     sentence = "the gyro's zero drifts through the drive"
     noun = "drift of the gyro's zero"
     answers = ("the gyro's zero drifts by {rate:deg/h/s} each second",)
-    telling_drive = "stand still for a minute at the beginning and at the end"
+    distinguished_by = "stand still for a minute at the beginning and at the end"
     shows_in = ("yaw_rate", "time")
     needs = ("yaw_rate",)
     own_per_drive = True

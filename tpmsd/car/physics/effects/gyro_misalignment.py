@@ -38,7 +38,7 @@ class GyroMisalignment(Effect):
         "the gyro leans {sideways_rad:size deg} to the {sideways_rad:left|right}",
         "the gyro leans {forward_rad:size deg} {forward_rad:forward|back}",
     )
-    telling_drive = "drive straight over sharp crests and dips, ten times"
+    distinguished_by = "drive straight over sharp crests and dips, ten times"
     shows_in = ("yaw_rate", "grade")
     needs = ("yaw_rate", "slopes")
     parameters = (

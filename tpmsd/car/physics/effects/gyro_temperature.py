@@ -28,7 +28,7 @@ class GyroTemperature(Effect):
     sentence = "the gyro's zero goes with the temperature"
     noun = "warmth in the gyro's zero"
     answers = ("the gyro's zero goes with the temperature, by {per_kelvin}",)
-    telling_drive = "drive from a warm garage into the cold"
+    distinguished_by = "drive from a warm garage into the cold"
     shows_in = ("yaw_rate", "temperature")
     needs = ("yaw_rate", "temperature")
     parameters = (

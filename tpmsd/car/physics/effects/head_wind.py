@@ -35,7 +35,7 @@ class HeadWind(Effect):
     sentence = "driven wheels slip more against the wind than with it"
     noun = "wind"
     answers = ("the wind blows from the east at {east_mps}", "the wind blows from the north at {north_mps}")
-    telling_drive = "drive the same fast road there and back in the wind"
+    distinguished_by = "drive the same fast road there and back in the wind"
     shows_in = ("wheel_ratio", "time")
     needs = ("gnss", "both_axles")
     looks = Look.WHEEL
@@ -81,12 +81,12 @@ class HeadWind(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Where one axle is driven and the other is not."""
+        """Return whether one axle is driven and the other is not."""
         return not car.driven.all()
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones."""
+        """Return the driven wheels."""
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

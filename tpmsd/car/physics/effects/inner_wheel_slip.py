@@ -43,7 +43,7 @@ class InnerWheelSlip(Effect):
         "the inner driven wheels slip under the brakes, by {braked}",
         "the other inner wheels slip under the brakes, by {free}",
     )
-    telling_drive = "speed up and brake in bends to both sides, ten times each"
+    distinguished_by = "speed up and brake in bends to both sides, ten times each"
     shows_in = ("wheel_ratio", "accel_lat")
     one_sign = True
     parameters = (
@@ -84,7 +84,7 @@ class InnerWheelSlip(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones or the others, as they were fitted."""
+        """Return the driven wheels or the others, as they were fitted."""
         asked = {"driven", "braked"} & set(fitted), {"free"} & set(fitted)
         return tuple(
             wheel

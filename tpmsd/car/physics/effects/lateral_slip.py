@@ -26,7 +26,7 @@ class LateralSlip(Effect):
     sentence = "the rear axle drifts outwards in bends"
     noun = "drift of the rear axle in bends"
     answers = ("in bends the rear axle drifts {coefficient:outwards|inwards}, by {coefficient:size}",)
-    telling_drive = "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
+    distinguished_by = "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
     shows_in = ("gnss_course", "accel_lat")
     one_sign = True
     parameters = (

@@ -34,7 +34,7 @@ class LoadStatic(Effect):
         "at a stop the rear axle was {rear_m:relieved|loaded}: its radii changed by {rear_m:mm}",
         "at a stop the front axle was {front_m:relieved|loaded}: its radii changed by {front_m:mm}",
     )
-    telling_drive = "drive the same road with the load and without, a stop of a minute between"
+    distinguished_by = "drive the same road with the load and without, a stop of a minute between"
     shows_in = ("wheel_ratio", "time")
     looks = Look.WHEEL
     own_per_drive = True
@@ -69,7 +69,7 @@ class LoadStatic(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Where there is a stop with driving on both sides."""
+        """Return whether there is a stop with driving on both sides."""
         return longest_stop_end_s(motion) is not None
 
     @classmethod

@@ -29,7 +29,7 @@ class LoadTransferLateral(Effect):
     sentence = "bends shift load between the sides and change the radii"
     noun = "load shifted by bends"
     answers = ("bends shift load between the sides and change the radii, by {coefficient}",)
-    telling_drive = "drive the same bend slowly and fast, to both sides"
+    distinguished_by = "drive the same bend slowly and fast, to both sides"
     shows_in = ("wheel_ratio", "accel_lat")
     one_sign = True
     parameters = (

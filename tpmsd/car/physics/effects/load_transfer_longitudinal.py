@@ -31,7 +31,7 @@ class LoadTransferLongitudinal(Effect):
     sentence = "driving and braking shift load between the axles and change the radii"
     noun = "load shifted by driving and braking"
     answers = ("driving and braking shift load between the axles and change the radii, by {coefficient}",)
-    telling_drive = "brake and accelerate firmly on a straight, ten times"
+    distinguished_by = "brake and accelerate firmly on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     one_sign = True
     parameters = (
@@ -55,7 +55,7 @@ class LoadTransferLongitudinal(Effect):
 
     @classmethod
     def goes_before(cls, value: float) -> bool:
-        """What 95 of 100 cars have or less."""
+        """Return whether 95 of 100 cars have this much or less."""
         return value < USUAL.mean + 2.0 * USUAL.std
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:

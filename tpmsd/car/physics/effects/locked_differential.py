@@ -32,7 +32,7 @@ class LockedDifferential(Effect):
     sentence = "the wheels of the driven axle turn alike in bends"
     noun = "a locked differential"
     answers = ("the wheels of the driven axle turn alike in bends, by {coefficient:just %}",)
-    telling_drive = "drive full circles slowly, to both sides: load transfer is small there"
+    distinguished_by = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in = ("wheel_ratio", "yaw_rate")
     one_sign = True
     rare = True
@@ -54,7 +54,7 @@ class LockedDifferential(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones."""
+        """Return the driven wheels."""
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

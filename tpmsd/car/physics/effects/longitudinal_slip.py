@@ -34,7 +34,7 @@ class LongitudinalSlip(DriveSlip):
         "driven wheels slip under drive force, by {slip_per_accel}",
         "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
     )
-    telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
+    distinguished_by = "accelerate firmly and coast at the same speeds on a straight, ten times"
     parameters = (
         Parameter(
             "slip_per_accel",

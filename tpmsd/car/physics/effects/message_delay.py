@@ -27,10 +27,10 @@ class MessageDelay(Effect):
     sentence = "the wheels of one message are older than those of another"
     noun = "wheels of unequal age"
     answers = ("the front wheels' readings are {front_s:size ms} {front_s:older|younger} than the rear ones",)
-    telling_drive = "accelerate and brake firmly on a straight, ten times"
+    distinguished_by = "accelerate and brake firmly on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     needs = ("accelerometer",)
-    """Where slopes come from heights, drive force is too uncertain to be told from a delay."""
+    """With slopes from heights, drive force is too uncertain to be told from a delay."""
     contrast = True
     parameters = (
         Parameter(
@@ -49,7 +49,7 @@ class MessageDelay(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The front ones."""
+        """Return the front wheels."""
         return WHEELS[:2]
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

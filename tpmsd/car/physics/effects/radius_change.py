@@ -44,7 +44,7 @@ class RadiusChange(Effect):
         "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
         "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
     )
-    telling_drive = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
+    distinguished_by = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
     shows_in = ("wheel_ratio", "time")
     parameters = (
         WheelParameter(description="which wheel, or wheels that change alike", several=True),

@@ -26,7 +26,7 @@ class RadiusConstant(Effect):
     shows_in = ("wheel", "speed")
     own_per_drive = True
     always_fitted = True
-    places = WHEELS
+    wheel_patterns = WHEELS
     parameters = (
         WheelParameter(),
         Parameter(

@@ -40,7 +40,7 @@ class RearAxleSteering(Effect):
     sentence = "the rear wheels are steered"
     noun = "steered rear wheels"
     answers = ("the rear wheels are steered, by {gain:just %} of the front ones' angle",)
-    telling_drive = "drive the same bends slowly and fast, to both sides"
+    distinguished_by = "drive the same bends slowly and fast, to both sides"
     shows_in = ("gnss_course", "accel_lat")
     one_sign = True
     rare = True
@@ -80,8 +80,10 @@ class RearAxleSteering(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Where bends are driven below and above the crossover: on one side alone it is an antenna's place or
-        a side slip."""
+        """Return whether bends are driven below and above the crossover.
+
+        On one side alone it is an antenna's position or a side slip.
+        """
         bends = motion.speed_mps[np.abs(motion.yaw_rate_radps) > BEND_RADPS]
         if not bends.size:
             return False

@@ -35,7 +35,7 @@ class RoadBank(Effect):
         "the road is banked: gravity bears {bank_share:%} of the force in bends",
         "the road leans by {crown_rad:size deg} to the {crown_rad:right|left}",
     )
-    telling_drive = "drive the same bends at two speeds, and flat ones"
+    distinguished_by = "drive the same bends at two speeds, and flat ones"
     shows_in = ("accel_lat", "accel_lat")
     reads = ("accel_lat",)
     stays = "it belongs to the road"
@@ -65,7 +65,7 @@ class RoadBank(Effect):
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A share that a body's roll or a scale may make."""
+        """Return the reason why a share is usual: a body's roll or a scale may make it."""
         if abs(value) - 2.0 * std > USUAL:
             return ""
         return f"a share of {value:.2f} +- {std:.2f} of the lateral acceleration is not read; bodies roll so"

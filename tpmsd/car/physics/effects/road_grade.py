@@ -28,7 +28,7 @@ class RoadGrade(Effect):
     sentence = "wheels roll along slopes, the receiver reports the horizontal"
     noun = "slopes"
     answers = ("wheels roll along slopes, of which the receiver reports the horizontal",)
-    telling_drive = "drive up and down a long slope of 5 % or more at constant speed"
+    distinguished_by = "drive up and down a long slope of 5 % or more at constant speed"
     shows_in = ("wheel", "grade")
     one_sign = True
 

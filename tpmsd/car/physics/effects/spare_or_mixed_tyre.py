@@ -28,7 +28,7 @@ class SpareOrMixedTyre(Effect):
     answers = (
         "the tyre of {wheel} is {deviation_m:size mm} {deviation_m:larger|smaller} in radius than the others",
     )
-    telling_drive = "drive once with the spare and once without"
+    distinguished_by = "drive once with the spare and once without"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True
     confounded = ("radius_constant", "tone_ring_error")
@@ -48,7 +48,7 @@ class SpareOrMixedTyre(Effect):
     deviation_m: float
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """It is what calibration takes up."""
+        """Return the reason: calibration takes it up."""
         return f"the radius of {self.wheel} is what is calibrated"
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:

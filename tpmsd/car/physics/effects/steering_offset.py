@@ -30,7 +30,7 @@ class SteeringOffset(Effect):
     answers = (
         "the steering wheel's sensor reads {offset_rad:size deg} {offset_rad:left|right} on the straight",
     )
-    telling_drive = "drive straight on for a minute there and back"
+    distinguished_by = "drive straight on for a minute there and back"
     shows_in = ("steering", "time")
     reads = ("steering",)
     stays = "no estimate depends on the steering wheel"

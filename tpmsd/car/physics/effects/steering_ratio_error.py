@@ -28,7 +28,7 @@ class SteeringRatioError(Effect):
     sentence = "the steering's ratio is not the configured one"
     noun = "an error of the steering's ratio"
     answers = ("the steering's ratio is {ratio:just %} {ratio:larger|smaller} than configured ({ratio})",)
-    telling_drive = "drive full circles slowly, to both sides: nothing slips sideways there"
+    distinguished_by = "drive full circles slowly, to both sides: nothing slips sideways there"
     shows_in = ("steering", "steering")
     reads = ("steering",)
     stays = "no estimate depends on the steering wheel"
@@ -49,7 +49,7 @@ class SteeringRatioError(Effect):
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A ratio within what racks vary by; `value` is the difference from one."""
+        """Return the reason why a ratio is usual: racks vary by it; `value` is the difference from one."""
         if abs(value) - 2.0 * std > USUAL:
             return ""
         return f"the steering's ratio is {1.0 + value:.3f} +- {std:.3f} of the configured one"

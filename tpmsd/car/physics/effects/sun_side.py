@@ -32,7 +32,7 @@ class SunSide(Effect):
         "the sunny side is warmer: with the sun in the east its radii differ by {east_m:mm} in half",
         "with the sun in the north the sides differ by {north_m:mm} in half",
     )
-    telling_drive = "drive the same road there and back in the sun"
+    distinguished_by = "drive the same road there and back in the sun"
     shows_in = ("wheel_ratio", "time")
     looks = Look.WHEEL
     own_per_drive = True

@@ -39,7 +39,7 @@ class ThermalGrowth(Effect):
     answers = (
         "the tyres {amplitude_m:grow|shrink} by {amplitude_m:size mm} in warming up ({time_constant_s:min})",
     )
-    telling_drive = "after half an hour, hold the speed of the first minutes once more"
+    distinguished_by = "after half an hour, hold the speed of the first minutes once more"
     shows_in = ("wheel", "time")
     one_sign = True
     parameters = (

@@ -38,7 +38,7 @@ class ToneRingError(Effect):
         "the ring of {wheel} is uneven by {amplitude_rad:deg}",
         "the ring of {wheel} has {teeth_per_rev} teeth",
     )
-    telling_drive = "roll at walking pace on a smooth straight for a minute"
+    distinguished_by = "roll at walking pace on a smooth straight for a minute"
     shows_in = ("wheel_ratio", "wheel_angle")
     parameters = (
         WheelParameter(description="which wheel; all of them where it is not given"),
@@ -67,20 +67,20 @@ class ToneRingError(Effect):
         return f"uneven by {value:.1e} +- {std:.1e} rad once per turn, as rings are"
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
-        """The first harmonic on its wheel, zero on the others."""
+        """Return the first harmonic on its wheel, zero on the others."""
         if not self._has(wheel):
             return np.zeros_like(angle_rad)
         return harmonic_rad(angle_rad, self.amplitude_rad, self.phase_rad)
 
     def true_teeth_per_rev(self, wheel: int) -> float | None:
-        """The wrong wheel's number of teeth, None for the others."""
+        """Return the wrong wheel's number of teeth, None for the others."""
         return self.teeth_per_rev if self._has(wheel) else None
 
     def _has(self, wheel: int) -> bool:
         return self.wheel is None or wheel == WHEELS.index(self.wheel)
 
     def left_in(self) -> str | None:
-        """The ripple: its phase is unknown after a restart."""
+        """Return the ripple, whose phase is unknown after a restart."""
         if self.amplitude_rad == 0.0:
             return None
         return (

@@ -29,7 +29,7 @@ class TorqueSlip(Effect):
     sentence = "driven wheels slip under the drive torque"
     noun = "slip under drive torque"
     answers = ("driven wheels slip under the drive torque, by {slip_per_nm}",)
-    telling_drive = "accelerate firmly, coast and brake at the same speeds on a straight, ten times each"
+    distinguished_by = "accelerate firmly, coast and brake at the same speeds on a straight, ten times each"
     shows_in = ("wheel_ratio", "torque")
     needs = ("torque",)
     one_sign = True
@@ -70,7 +70,7 @@ class TorqueSlip(Effect):
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones."""
+        """Return the driven wheels."""
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

@@ -33,7 +33,7 @@ class TrackWidthError(Effect):
         "the rear track is {rear_m:size mm} {rear_m:wider|narrower} than configured",
         "the front track is {front_m:size mm} {front_m:wider|narrower} than configured",
     )
-    telling_drive = "drive full circles slowly, to both sides: load transfer is small there"
+    distinguished_by = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in = ("wheel_ratio", "yaw_rate")
     parameters = (
         Parameter(

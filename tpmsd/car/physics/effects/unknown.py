@@ -18,7 +18,7 @@ CHANNELS: dict[str, tuple[str, float]] = {
     "gnss_course": ("rad", 1.0),
     "yaw_rate": ("rad/s", 1.0),
 }
-"""What a term may act on beside wheels: unit, and the largest size that is thinkable."""
+"""Readings that a term may act on beside wheels: unit, and the largest size that is thinkable."""
 MAX_RADIUS_CHANGE_M = 0.05
 
 
@@ -129,7 +129,7 @@ class Unknown(Effect):
         return CHANNELS.get(on, ("m", MAX_RADIUS_CHANGE_M))[1]
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """A shape over time belongs to its drive; others need what they depend on."""
+        """Return the reason: a term over time belongs to its drive, others need their covariate."""
         if self.covariate in ("time", "distance"):
             return f"a shape over {self.covariate} belongs to the drive on which it was found"
         role = ROLES.get(self.covariate)

@@ -31,7 +31,7 @@ class VelocityLag(Effect):
     sentence = "the receiver's speed and course are older than its position"
     noun = "a lag of the receiver's speed"
     answers = ("the receiver's speed and course are {lag_s:size ms} {lag_s:older|younger} than its position",)
-    telling_drive = "accelerate and brake firmly on a straight under the open sky, ten times"
+    distinguished_by = "accelerate and brake firmly on a straight under the open sky, ten times"
     shows_in = ("gnss_speed", "accel_long")
     needs = ("gnss_speed", "gnss_position")
     parameters = (
@@ -51,13 +51,13 @@ class VelocityLag(Effect):
 
     @classmethod
     def against(cls, value: float) -> float:
-        """The usual lag is cheap, an unusual one dear."""
+        """Return a penalty that rises from the usual lag to an unusual one."""
         beyond = (abs(value) - USUAL_S) / (UNUSUAL_S - USUAL_S)
         return OWN * (2.0 * min(max(beyond, 0.0), 1.0) - 1.0)
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A lag that is not surely unusual is the receiver's own."""
+        """Return the reason why a lag that is not surely unusual is the receiver's own."""
         if abs(value) - 2.0 * std > UNUSUAL_S:
             return ""
         return (
@@ -65,5 +65,5 @@ class VelocityLag(Effect):
         )
 
     def velocity_age_s(self) -> float:
-        """The lag."""
+        """Return the lag."""
         return self.lag_s

@@ -31,7 +31,7 @@ class Wear(Effect):
     sentence = "the treads of all tyres wear off"
     noun = "wear of the treads"
     answers = ("the treads of all tyres wear off, by {rate:mm/km}",)
-    telling_drive = "compare the radii of drives that lie thousands of kilometres apart"
+    distinguished_by = "compare the radii of drives that lie thousands of kilometres apart"
     shows_in = ("wheel", "distance")
     needs = ("gnss",)
     one_sign = True

@@ -22,7 +22,7 @@ class WheelLock(SlipEvent):
     sentence = "braked wheels turn slower than they roll for a while, or stand"
     noun = "locked wheels"
     answers = ("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",)
-    telling_drive = "brake gently on the stretch, and look whether a brake drags"
+    distinguished_by = "brake gently on the stretch, and look whether a brake drags"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True
     span = True

@@ -36,7 +36,7 @@ class WheelSpeedFilter(Effect):
     sentence = "the control unit smooths the wheel speeds"
     noun = "smoothing of the wheel speeds"
     answers = ("the control unit smooths the wheel speeds over {time_constant_s}",)
-    telling_drive = "accelerate and brake as hard as the traffic allows, ten times"
+    distinguished_by = "accelerate and brake as hard as the traffic allows, ten times"
     shows_in = ("wheel", "accel_long")
     needs = ("speeds", "gnss")
     beside = ("velocity_lag", "gnss_latency")
@@ -60,12 +60,12 @@ class WheelSpeedFilter(Effect):
 
     @classmethod
     def against(cls, value: float) -> float:
-        """A short one is a lag, which has the better known name."""
+        """Return a penalty on a short constant: a lag has the better known name."""
         return super().against(value) + (OWN if value < USUAL_S else 0.0)
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """A short low-pass is the bus's own."""
+        """Return the reason why a short low-pass is usual: the bus has its own."""
         if value - 2.0 * std > USUAL_S:
             return ""
         return f"the bus smooths its wheel speeds over {value:.2f} +- {std:.2f} s; taken into account"

@@ -22,7 +22,7 @@ class WheelSpin(SlipEvent):
     sentence = "driven wheels spin for a while"
     noun = "spinning wheels"
     answers = ("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",)
-    telling_drive = "drive the stretch again with less drive"
+    distinguished_by = "drive the stretch again with less drive"
     shows_in = ("wheel_ratio", "time")
     own_per_drive = True
     span = True

@@ -29,7 +29,7 @@ class YawRateBias(Effect):
     sentence = "the gyro reads a rate on the straight"
     noun = "an offset of the gyro"
     answers = ("the gyro reads {bias:deg/s} on the straight",)
-    telling_drive = "stand still for a minute with the ignition on"
+    distinguished_by = "stand still for a minute with the ignition on"
     shows_in = ("yaw_rate", "time")
     parameters = (
         Parameter(

@@ -25,7 +25,7 @@ class YawRateScale(Effect):
     sentence = "the gyro's scale is off"
     noun = "an error of the gyro's scale"
     answers = ("your gyro reads {scale:just %} {scale:high|low} ({scale})",)
-    telling_drive = "drive ten full circles to each side"
+    distinguished_by = "drive ten full circles to each side"
     shows_in = ("yaw_rate", "yaw_rate")
     parameters = (
         Parameter(

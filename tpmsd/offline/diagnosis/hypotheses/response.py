@@ -142,7 +142,7 @@ def _response(reader: Reader, probe: Probe, base: ExtendedModel) -> FloatArray:
     """(w, 9) to a unit of a parameter: from neutral where the effect is not in the model, else the tangent at
     the value that it has there (the response of a low-pass of 1 s is not a multiple of that of 0.1 s)."""
     there = next((one for one in base if one.name == probe.effect), None)
-    if there is None or not probe.parameter or probe.place or probe.at is not None:
+    if there is None or not probe.parameter or probe.wheel_pattern or probe.at is not None:
         return reader.change(base, probe.made()) / (probe.value - probe.neutral)
     value = float(getattr(there, probe.parameter))
     step = SETTINGS.hypotheses.tangent_share * (value - probe.neutral) or probe.value - probe.neutral
@@ -159,7 +159,7 @@ def grid_column(
 ) -> FloatArray:
     """(w, 9) response to an effect's linear parameter at a place (`wanted`) where its nonlinear ones have
     these values, at `base`."""
-    like = next(p for p in probes() if (p.effect, p.parameter, p.place) == wanted)
+    like = next(p for p in probes() if (p.effect, p.parameter, p.wheel_pattern) == wanted)
     probe = replace(like, at=at[0], second=at[1])
     change = reader.change(ROLLING if base is None else base, probe.made())
     return np.asarray(change / (probe.value - probe.neutral))

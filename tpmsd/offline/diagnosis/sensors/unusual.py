@@ -71,7 +71,7 @@ def _finding(
         indistinguishable_from=tuple(
             name for name in effect.confounded if not EFFECTS[name].reads or shown & set(EFFECTS[name].reads)
         ),
-        advice=effect.telling_drive,
+        advice=effect.distinguished_by,
         own_chance=chance,
     )
 
