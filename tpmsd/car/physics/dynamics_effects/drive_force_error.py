@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
-from tpmsd.car.physics.parameters import Parameter, Prior
+from tpmsd.car.physics.dynamics_parameters import FORCE_ERROR
 
 
 @dataclass(frozen=True)
@@ -26,18 +26,7 @@ class DriveForceError(DynamicsEffect):
     covariate = "accel_long"
     twins = ("mass_error",)
     needs_forces = True
-    parameters = (
-        Parameter(
-            "relative",
-            "1",
-            0.1,
-            -0.8,
-            2.0,
-            "true over configured, minus 1",
-            probe=0.001,
-            prior=Prior(0.0, 0.1, "5 to 15 %: Rajamani, ch. 5"),
-        ),
-    )
+    parameters = (FORCE_ERROR,)
     relative: float = 0.0
 
     def adapt_inputs(self, frame: Frame) -> None:

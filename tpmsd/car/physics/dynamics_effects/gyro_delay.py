@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
-from tpmsd.car.physics.parameters import Parameter, Prior
+from tpmsd.car.physics.dynamics_parameters import READING_DELAY
 
 
 @dataclass(frozen=True)
@@ -24,18 +24,7 @@ class GyroDelay(DynamicsEffect):
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("steering_delay", "yaw_inertia_error")
-    parameters = (
-        Parameter(
-            "delay_s",
-            "s",
-            0.04,
-            -0.3,
-            0.3,
-            "age of the reading",
-            probe=0.0001,
-            prior=Prior(0.0, 0.03, "3 to 50 ms: data sheets, buses"),
-        ),
-    )
+    parameters = (READING_DELAY,)
     delay_s: float = 0.0
 
     def read(self, frame: Frame) -> None:

@@ -1,0 +1,31 @@
+"""Parameters that several effects of vehicle dynamics share.
+
+In: nothing. Out: `Parameter` records.
+"""
+
+from __future__ import annotations
+
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+FORCE_ERROR = Parameter(
+    "relative",
+    "1",
+    0.1,
+    -0.8,
+    2.0,
+    "true over configured, minus 1",
+    probe=0.001,
+    prior=Prior(0.0, 0.1, "5 to 15 %: Rajamani, ch. 5"),
+)
+"""Error of a force's reading."""
+READING_DELAY = Parameter(
+    "delay_s",
+    "s",
+    0.04,
+    -0.3,
+    0.3,
+    "age of the reading",
+    probe=0.0001,
+    prior=Prior(0.0, 0.03, "3 to 50 ms: data sheets, buses"),
+)
+"""Age of an instrument's reading."""
