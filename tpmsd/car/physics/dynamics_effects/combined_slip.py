@@ -22,7 +22,7 @@ class CombinedSlip(DynamicsEffect):
     kind = NUISANCE
     formula = "F_y = F_y(alpha, mu * F_z * sqrt(1 - (F_x / (mu * F_z))^2))"
     sentence = "a longitudinal force takes side force by the friction ellipse"
-    telling_drive = "accelerate and brake firmly in bends, and coast through the same bends"
+    distinguished_by = "accelerate and brake firmly in bends, and coast through the same bends"
     channel = "accel_lat"
     covariate = "accel_long"
     twins = ("drive_slip_error", "drive_share_error")
