@@ -413,7 +413,7 @@ _SHARED_TWICE = """
     AccelerometerBias AccelerometerTilt Baseline Belief Calibration Change Channel Column
     ComplianceSteer Connection Diagnosis Drive Effect EstimatorSettings Fault Field Finding Frame
     Geometry Gram GyroDelay HeadWind Hypotheses Inputs Layout LockedDifferential Look Moment
-    Motion NotDetectable Parameter Part Place Plan Point Probe Proposal Quantity Recording
+    Motion NotDetectable Parameter Part Plan Point Probe Proposal Quantity Recording
     RoadBank RoadGrade Rolling Rows Seen SignalPlan Stack Stage SteeringOffset
     SteeringRatioError Style Summary Term Track Unknown Verdict YawRateBias YawRateScale
     """
@@ -479,7 +479,7 @@ TERMS_DONE = (
         f"tpmsd/offline/{room}"
         for room in ("calibration", "discovery", "drive_checks", "drives", "fleet", "inference", "rings")
     ),
-    *(f"tpmsd/offline/{room}" for room in ("planning", "signals", "simulator", "tables")),
+    *(f"tpmsd/offline/{room}" for room in ("dynamics", "planning", "signals", "simulator", "tables")),
     "tpmsd/offline/report",
     *("tpmsd/interfaces/bridges", "tpmsd/interfaces/cli"),
 )

@@ -22,7 +22,7 @@ from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, discoveries, enough
 from tpmsd.offline.dynamics.drive import DynamicsDrive
-from tpmsd.offline.dynamics.located import nameless_penalty, places
+from tpmsd.offline.dynamics.located import located_terms, nameless_penalty
 from tpmsd.offline.dynamics.noise import Noise
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import free_run, outputs_along
@@ -59,17 +59,17 @@ def certified(
     left = largest_evidence(search)
     maxima = _maxima(search, None, left, replicates.most, rng)
     certain = discoveries([one.tail for one in chances], SETTINGS.false_discovery)
-    told = tuple(
+    judged = tuple(
         replace(
             finding,
             p_value=one.p_value,
             p_value_is_bound=one.is_bound,
-            status=FINDING if sure and finding.status == FINDING else SUSPICION,
+            status=FINDING if is_certain and finding.status == FINDING else SUSPICION,
         )
-        for finding, one, sure in zip(findings, chances, certain, strict=True)
+        for finding, one, is_certain in zip(findings, chances, certain, strict=True)
     )
     rest = chance(left, maxima)
-    return told, Certificate(max(drawn, len(maxima)), left, rest.p_value, beyond(left, maxima), len(maxima))
+    return judged, Certificate(max(drawn, len(maxima)), left, rest.p_value, beyond(left, maxima), len(maxima))
 
 
 def _maxima(
@@ -99,7 +99,7 @@ def largest_evidence(search: Search) -> float:
     """Return the largest log evidence of anything that may be added to a model."""
     look = search.look(search.offered())
     scores = [look.score(k) for k in range(len(look.offered))]
-    scores += [place.evidence for place in places(search)]
+    scores += [located.evidence for located in located_terms(search)]
     return float(max([score for score in scores if np.isfinite(score)], default=0.0))
 
 

@@ -93,13 +93,13 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[
     if not probes:
         blocks = len(drive.starts)
         return Gram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
-    merged, places = _merged(probes, drive.starts)
+    merged, indices = _merged(probes, drive.starts)
     inner = _gram(setup, theta, at, noise, merged)
     if len(merged) == len(probes):
         return inner
     information = np.zeros((len(drive.starts), len(probes), len(probes)))
     gradient = np.zeros((len(drive.starts), len(probes)))
-    for block, index in enumerate(places.T):
+    for block, index in enumerate(indices.T):
         used = np.flatnonzero(index >= 0)
         own = index[used]
         information[block][np.ix_(own, own)] = inner.information[block][np.ix_(used, used)]
@@ -114,25 +114,25 @@ def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], Int
     """
     blocks = len(starts)
     out: list[Probe] = []
-    places: list[IntArray] = []
+    indices: list[IntArray] = []
     for k, probe in enumerate(probes):
         if probe.weights is None:
             out.append(probe)
-            places.append(np.full(blocks, k))
+            indices.append(np.full(blocks, k))
             continue
         acts = np.logical_or.reduceat(probe.weights != 0.0, starts)
         for j in range(len(out) - 1, -1, -1):
             other, weights = out[j], out[j].weights
             if other.theta is not probe.theta or weights is None:
                 continue
-            if not np.any(acts & (places[j] >= 0)):
+            if not np.any(acts & (indices[j] >= 0)):
                 out[j] = Probe(probe.theta, probe.size, weights + probe.weights)
-                places[j] = np.where(acts, k, places[j])
+                indices[j] = np.where(acts, k, indices[j])
                 break
         else:
             out.append(probe)
-            places.append(np.where(acts, k, -1))
-    return out, np.array(places)
+            indices.append(np.where(acts, k, -1))
+    return out, np.array(indices)
 
 
 def _gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> Gram:

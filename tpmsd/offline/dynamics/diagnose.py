@@ -103,9 +103,9 @@ def _model(
 ) -> tuple[tuple[DynamicsEffect, ...], tuple[dict[str, float], ...]]:
     """Return the effects of the extended model with their standard deviations; suspicions stay out of it."""
     effects, stds = list(search.fixed), [dict[str, float]() for _ in search.fixed]
-    sure = {one.term for one in found if one.status == FINDING}
+    certain = {one.term for one in found if one.status == FINDING}
     for k, term in enumerate(search.terms):
-        if k in sure or term.nuisance:
+        if k in certain or term.nuisance:
             pairs = zip(term.free, map(float, look.slot(k).std), strict=True)
             effects.append(term.effect)
             stds.append({name: std for name, std in pairs if not name.startswith("heights[")})

@@ -25,8 +25,8 @@ from tpmsd.offline.dynamics.result import (
     SUSPICION,
     DynamicsFinding,
     FittedNuisance,
+    Location,
     NotDetectable,
-    Place,
     Quantity,
     Residuals,
 )
@@ -34,7 +34,7 @@ from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import usual_sizes
 
-SURE = 0.05
+MAX_P_VALUE = 0.05
 """Largest p-value, all alternatives counted, of a finding; beyond it is a suspicion."""
 
 
@@ -87,10 +87,10 @@ def _finding(
     known = np.isfinite(readings)
     change = np.where(known, change, 0.0)
     strength = np.sqrt((change**2).mean(axis=0)) / search.noise.outputs
-    place = int(np.argmax(strength))
-    channel = setup.channels[place]
+    output = int(np.argmax(strength))
+    channel = setup.channels[output]
     before, after = (
-        math.sqrt(float(np.nanmean((readings[:, place] - guess[:, place]) ** 2)))
+        math.sqrt(float(np.nanmean((readings[:, output] - guess[:, output]) ** 2)))
         for guess in (without, with_all)
     )
     duration = max(float(setup.drive.time_s[-1] - setup.drive.time_s[0]), 1.0)
@@ -108,11 +108,11 @@ def _finding(
     confidence = 1.0 / (1.0 + against)
     return DynamicsFinding(
         effect=term.name,
-        status=FINDING if p_value <= SURE else SUSPICION,
+        status=FINDING if p_value <= MAX_P_VALUE else SUSPICION,
         confidence=0.5 * confidence if with_nameless_term else confidence,
         p_value=p_value,
         parameters=_quantities(slot),
-        where=_place(few.setup, few, slot, channel, change[:, place]),
+        where=_location(few.setup, few, slot, channel, change[:, output]),
         rms_before=before,
         rms_after=after,
         loglik_gain=slot.heldout_gain,
@@ -124,7 +124,7 @@ def _finding(
         acts_on=getattr(term.effect, "on", ""),
         stand_in=with_nameless_term or term.unusual,
         unusual=term.unusual,
-        residuals=_residuals(few, slot, readings[:, place], without[:, place], with_all[:, place]),
+        residuals=_residuals(few, slot, readings[:, output], without[:, output], with_all[:, output]),
     )
 
 
@@ -206,20 +206,20 @@ def _shape(slot: Slot) -> tuple[tuple[float, float, float], ...]:
     )
 
 
-def _place(setup: Setup, few: Search, slot: Slot, channel: str, change: FloatArray) -> Place:
+def _location(setup: Setup, few: Search, slot: Slot, channel: str, change: FloatArray) -> Location:
     """Return covariate and range of the rows that hold nine tenths of the change, or the time spans."""
     effect = slot.term.effect
     if effect.kind == EVENT:
         onset, duration = (float(getattr(effect, name)) for name in ("onset_s", "duration_s"))
-        return Place(channel, None, None, ((onset, onset + duration),))
+        return Location(channel, None, None, ((onset, onset + duration),))
     covariate = _covariate(effect)
     along = few.covariates[covariate]
     order = np.argsort(along)
     mass = np.cumsum(change[order] ** 2)
     if not mass[-1] > 0.0:
-        return Place(channel, covariate, None)
+        return Location(channel, covariate, None)
     low, high = (float(along[order][np.searchsorted(mass, part * mass[-1])]) for part in (0.05, 0.95))
-    return Place(channel, covariate, (low, high))
+    return Location(channel, covariate, (low, high))
 
 
 def not_detectable(search: Search, look: Look, threshold: float) -> tuple[NotDetectable, ...]:

@@ -31,20 +31,20 @@ OUTPUT_SIZES = 5.0
 
 
 @dataclass(frozen=True)
-class Place:
+class LocatedTerm:
     """A term that may be added, with the log evidence for it."""
 
     term: Term
     evidence: float
 
 
-def places(search: Search) -> list[Place]:
+def located_terms(search: Search) -> list[LocatedTerm]:
     """Return the terms that may be added, best first."""
     found = [*slopes(search), *_winds(search), *nameless(search)]
-    return sorted(found, key=lambda place: -place.evidence)
+    return sorted(found, key=lambda located: -located.evidence)
 
 
-def slopes(search: Search) -> list[Place]:
+def slopes(search: Search) -> list[LocatedTerm]:
     """Return slopes across and along the road as splines over time, one of each the model does not have,
     best first."""
     time = search.setup.drive.time_s
@@ -57,7 +57,7 @@ def slopes(search: Search) -> list[Place]:
     grade = search.setup.baseline.forces and RoadGrade.name not in there
     if grade and _slow(search, RoadGrade((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(RoadGrade(knots, flat), SETTINGS.grade_std_rad))
-    return sorted(_scored(search, terms), key=lambda place: -place.evidence)
+    return sorted(_scored(search, terms), key=lambda located: -located.evidence)
 
 
 def _slow(search: Search, flat: RoadBank | RoadGrade) -> bool:
@@ -66,7 +66,7 @@ def _slow(search: Search, flat: RoadBank | RoadGrade) -> bool:
     return slow_share(search, scores, SETTINGS.time_knot_s) > SETTINGS.slow_share
 
 
-def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[Place]:
+def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[LocatedTerm]:
     if not terms:
         return []
     look = search.look(terms)
@@ -76,7 +76,7 @@ def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[Pla
         if len(term_columns.index) < 2:
             continue
         addition = look.statistics.addition(joined(look.columns), term_columns)
-        out.append(Place(term, addition.log_evidence() - penalty))
+        out.append(LocatedTerm(term, addition.log_evidence() - penalty))
     return out
 
 
@@ -90,7 +90,7 @@ def _seen(statistics: Statistics, columns: Columns) -> Columns:
 # -- wind ----------------------------------------------------------------------------------------------------
 
 
-def _winds(search: Search) -> list[Place]:
+def _winds(search: Search) -> list[LocatedTerm]:
     """Return the likeliest span of wind from the side, and from ahead where speed is an output."""
     time = search.setup.drive.time_s
     edges = np.array(spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s))
@@ -109,7 +109,7 @@ def _winds(search: Search) -> list[Place]:
         span = _edges(search, moved, (float(edges[first]), float(edges[last])), prior.std, ratio)
         effect = kind(0.0, span.onset_s, span.duration_s)
         term = Term(effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0}, spread=span.spread)
-        out.append(Place(term, evidence))
+        out.append(LocatedTerm(term, evidence))
     return out
 
 
@@ -201,7 +201,7 @@ def _best_span(
 # -- terms without a name ------------------------------------------------------------------------------------
 
 
-def nameless(search: Search) -> list[Place]:
+def nameless(search: Search) -> list[LocatedTerm]:
     """Return terms without a name, each equation and output over each covariate."""
     values = search.covariates
     sizes = _sizes(search)
@@ -232,7 +232,7 @@ def nameless(search: Search) -> list[Place]:
         found.append((p_value, k))
     found.sort()
     likely = [terms[k] for p_value, k in found[:3] if p_value < SETTINGS.screen_p]
-    return sorted(_scored(search, likely, penalty), key=lambda place: -place.evidence)
+    return sorted(_scored(search, likely, penalty), key=lambda located: -located.evidence)
 
 
 def _sizes(search: Search) -> dict[str, float]:
@@ -257,9 +257,9 @@ def _knots(values: FloatArray, over: str) -> tuple[float, ...]:
     return tuple(float(x) for x in np.linspace(low, high, SETTINGS.spline_knots))
 
 
-def refined(search: Search, place: Place) -> Term:
+def refined(search: Search, located: LocatedTerm) -> Term:
     """Return the term of a place with heights or a size fitted, ready to be added."""
-    look = search.look([place.term])
+    look = search.look([located.term])
     estimate, _ = look.statistics.fit(joined([*look.columns, look.added[0]]))
-    own = estimate[len(estimate) - len(place.term.free) :]
-    return replace(place.term.moved(own))
+    own = estimate[len(estimate) - len(located.term.free) :]
+    return replace(located.term.moved(own))

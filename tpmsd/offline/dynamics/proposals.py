@@ -40,7 +40,7 @@ def proposals(search: Search) -> tuple[Proposal, ...]:
     forms = _forms(search, unnamed)
     found = [
         (NATS_PER_COVARIATE * (len(form.covariates) + len(form.numbers)) - one.heldout_gain, one)
-        for on in _places(search, unnamed)
+        for on in _equations(search, unnamed)
         for form, one in _forms_on(search, unnamed, forms, on)
     ]
     best: list[Proposal] = []
@@ -80,7 +80,7 @@ def _forms_on(
     return out
 
 
-def _places(search: Search, unnamed: Sequence[int]) -> list[str]:
+def _equations(search: Search, unnamed: Sequence[int]) -> list[str]:
     """Return the outputs that are named, and both lateral equations where one of them is."""
     named = {str(getattr(search.terms[k].effect, "on", "")) for k in unnamed}
     if named & {"force_y", "moment"}:

@@ -25,7 +25,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class Location:
     """Location at which baseline and recording differ."""
 
     channel: str
@@ -55,7 +55,7 @@ class DynamicsFinding:
     confidence: float
     p_value: float
     parameters: Mapping[str, Quantity]
-    where: Place
+    where: Location
     rms_before: float
     """Residual of the output where it shows, predicted without it."""
     rms_after: float

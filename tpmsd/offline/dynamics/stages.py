@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.offline.dynamics.located import nameless, places, refined, slopes
+from tpmsd.offline.dynamics.located import located_terms, nameless, refined, slopes
 from tpmsd.offline.dynamics.look import threshold_of
 from tpmsd.offline.dynamics.noise import Noise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
@@ -72,8 +72,8 @@ def _nameless_first(setup: Setup, fixed: tuple[DynamicsEffect, ...], threshold: 
     search = Search(setup, fixed)
     search.keep_stage()
     search.admit()
-    for place in nameless(search)[: SETTINGS.tried]:
-        if place.evidence > threshold and search.attempt([*search.terms, refined(search, place)]):
+    for located in nameless(search)[: SETTINGS.tried]:
+        if located.evidence > threshold and search.attempt([*search.terms, refined(search, located)]):
             search.keep_stage()
             _grow(search, threshold, 4, lambda share: None)
             return search
@@ -99,19 +99,19 @@ def _sloped(search: Search, threshold: float) -> bool:
 
     Were it asked last, delays of instruments would stand in for it: they let readings wander.
     """
-    for place in slopes(search)[:1]:
-        if place.evidence > threshold:
-            rivals = search.ranked(search.offered(), place.evidence)
-            return not rivals and search.attempt([*search.terms, refined(search, place)])
+    for located in slopes(search)[:1]:
+        if located.evidence > threshold:
+            rivals = search.ranked(search.offered(), located.evidence)
+            return not rivals and search.attempt([*search.terms, refined(search, located)])
     return False
 
 
 def _locate(search: Search, threshold: float) -> bool:
     """Add the best term at a place; False if there is none."""
-    for place in places(search)[: SETTINGS.tried]:
+    for located in located_terms(search)[: SETTINGS.tried]:
         # Where the catalogue explains more, and predicts worse, no lesser place is the right one.
-        if not place.evidence > max([threshold, *search.rejected.values()]):
+        if not located.evidence > max([threshold, *search.rejected.values()]):
             break
-        if search.attempt([*search.terms, refined(search, place)]):
+        if search.attempt([*search.terms, refined(search, located)]):
             return True
     return False

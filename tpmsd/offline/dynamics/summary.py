@@ -37,16 +37,16 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
     base = f"the {diagnosis.baseline} model"
     if diagnosis.given:
         base += f" with {listed(list(diagnosis.given))}"
-    sure = [one for one in diagnosis.findings if one.status != SUSPICION]
+    named = [one for one in diagnosis.findings if one.status != SUSPICION]
     out = []
     if diagnosis.verdict == CONSISTENT:
         out.append(f"The drive agrees with {base}: nothing beyond noise was found.")
     else:
-        clauses = [clause(one) for one in sure]
+        clauses = [clause(one) for one in named]
         more = "this" if len(clauses) == 1 else f"{len(clauses)} things"
         out.append(f"{base[:1].upper()}{base[1:]} leaves out {more}: {'; '.join(clauses)}.")
         out += [_fit(diagnosis)] if diagnosis.outputs else []
-    out += _doubts(sure)
+    out += _doubts(named)
     for one in diagnosis.findings:
         if one.status == SUSPICION:
             out.append(f"Suspected, not sure: {clause(one)}.")
@@ -59,18 +59,18 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
     return out
 
 
-def _doubts(sure: list[DynamicsFinding]) -> list[str]:
+def _doubts(named: list[DynamicsFinding]) -> list[str]:
     """Return what the findings may be confounded with, or stand in for."""
     out = []
-    for one in sure:
+    for one in named:
         if one.indistinguishable_from:
             twins = listed(list(one.indistinguishable_from), "or")
             advice = f"; to part them, {one.distinguished_by}" if one.distinguished_by else ""
             out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
-    if large := [one.effect for one in sure if one.unusual]:
+    if large := [one.effect for one in named if one.unusual]:
         are, they = ("is", "it") if len(large) == 1 else ("are", "they")
         out.append(f"{listed(large)} {are} larger than cars have: {they} may stand in for something else.")
-    if doubtful := [one.effect for one in sure if one.stand_in and not one.unusual]:
+    if doubtful := [one.effect for one in named if one.stand_in and not one.unusual]:
         out.append(
             f"What has no name may be the cause of {listed(doubtful)} as well, which stand in for it then."
         )
@@ -84,7 +84,7 @@ def clause(finding: DynamicsFinding) -> str:
         over = f"over {(where.covariate or 'time').replace('_', ' ')}"
         if where.range is not None:
             over += f" from {where.range[0]:.3g} to {where.range[1]:.3g}"
-        return f"something without a name in the {_place(finding.acts_on)} {over}"
+        return f"something without a name in the {_equation(finding.acts_on)} {over}"
     sentence = DYNAMICS_EFFECTS[finding.effect].sentence
     return f"{sentence} ({finding.effect}: {_numbers(finding.parameters)})"
 
@@ -97,7 +97,7 @@ def _numbers(parameters: Mapping[str, Quantity]) -> str:
     )
 
 
-def _place(on: str) -> str:
+def _equation(on: str) -> str:
     """Return an equation or an output in words."""
     acts = {"force_x": "longitudinal force", "force_y": "lateral force", "moment": "yaw moment"}
     return acts.get(on) or OUTPUT_NAMES.get(on, on)
@@ -173,7 +173,7 @@ def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> st
     for form in diagnosis.proposals[:1]:
         lines += [
             "",
-            f"What has no name is described by {form.formula} in the {_place(form.on)}: coefficient"
+            f"What has no name is described by {form.formula} in the {_equation(form.on)}: coefficient"
             f" {form.coefficient:.4g} +- {form.std:.2g} {form.on_unit} per {form.unit},"
             f" {form.heldout_gain:.1f} nats on held-out blocks.",
         ]
