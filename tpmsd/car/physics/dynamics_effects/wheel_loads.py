@@ -21,7 +21,7 @@ class WheelLoads(DynamicsEffect):
     kind = NUISANCE
     formula = "F_axle = F(F_z / 2 * (1 - z)) + F(F_z / 2 * (1 + z)), z = 2 h u r / (g t)"
     sentence = "an axle's two wheels carry unequal loads in bends"
-    telling_drive = "hold steady bends up to the limit"
+    distinguished_by = "hold steady bends up to the limit"
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("tyre_saturation", "load_dependent_stiffness")
