@@ -17,7 +17,9 @@ from tpmsd.offline.diagnosis.hypotheses.prices import grid_price
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
 
-HEAT = next(group for group in groups() if group[0].effect == "brake_heat" and group[0].place == "front")
+HEAT = next(
+    group for group in groups() if group[0].effect == "brake_heat" and group[0].wheel_pattern == "front"
+)
 
 
 def _lagged(values: FloatArray, step_s: float, tau_s: float) -> FloatArray:
