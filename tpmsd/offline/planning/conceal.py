@@ -29,6 +29,7 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import Refined
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.detectable import smallest_size, smallest_sizes
+from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import examine
 from tpmsd.offline.inference.recording import Recording
@@ -43,7 +44,6 @@ MOST_ALIKE = 0.95
 """Cosine of the angle to another effect's sensitivity from which a name is a matter of luck."""
 LOSS_M = 1.4e-3
 """Loss of radius (m) at 20 % less pressure, of which UN R64 requires a warning."""
-LATENCY = "gnss_latency"
 TRIES = 20
 """Draws of place and time of a change of radius, until one is large enough."""
 
@@ -86,8 +86,8 @@ class Showing:
     @property
     def latency_s(self) -> float:
         """Age of the fixes that the recording has of its own, s; 0 where none is found."""
-        own = (one for one in self.found.selection.chosen if one.term.effect == LATENCY)
-        return next((float(one.values[0]) for one in own), 0.0)
+        found = [effect_of(one.term, one.values) for one in self.found.selection.chosen]
+        return sum(one[0].fix_age_s() for one in found if one is not None)
 
     def limit(self, name: str, parameter: str) -> float:
         """Return the smallest size of an effect's parameter that the recording shows; infinite if none."""
