@@ -71,11 +71,16 @@ def open_log(path: Path) -> TextIO:
     A name that ends in `.gz` is unpacked. Latin-1 takes any byte, and universal newlines take all line ends,
     also mixed. Damage of compressed data is raised by the first read.
     """
-    packed = path.name.lower().endswith(".gz")
-    file = cast(io.BufferedReader, gzip.GzipFile(path, "rb")) if packed else path.open("rb")
+    file = _unpacked(path)
     try:
         if file.peek(len(codecs.BOM_UTF8)).startswith(codecs.BOM_UTF8):
             file.read(len(codecs.BOM_UTF8))
     except (OSError, EOFError, zlib.error):
-        file.seek(0)
+        file.close()
+        file = _unpacked(path)  # what failed once would read as empty
     return io.TextIOWrapper(file, encoding="latin-1")
+
+
+def _unpacked(path: Path) -> io.BufferedReader:
+    packed = path.name.lower().endswith(".gz")
+    return cast(io.BufferedReader, gzip.GzipFile(path, "rb")) if packed else path.open("rb")

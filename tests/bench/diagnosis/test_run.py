@@ -111,7 +111,7 @@ def test_the_report_has_a_row_for_kinds_with_a_miss_alone() -> None:
     text = markdown(summary([ROW, right, {**right, "kind": "small", "told": 0, "told_found": 0}]))
 
     assert "| gnss_latency | 1 | 1/1 | 0/1 | 0/1 | 1 | 99 |" in text
-    assert "found with the right name first: habit 1/1.\nNo drive can tell: small 1." in text
+    assert "first on all 1 other drives that can tell, of 1 kinds.\nNo drive can tell: small 1." in text
 
 
 def test_a_failure_is_listed_with_the_command_that_makes_its_drive_again() -> None:
