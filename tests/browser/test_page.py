@@ -60,7 +60,10 @@ def test_a_puncture_turns_the_right_tyre_red_and_a_restart_is_survived(tmp_path:
             url = line_with(said, "http://").split()[0]
             page.get(url)
             wait_until("four tyres", lambda: page.execute_script(STATES).count("tyre") == 4)
-            assert "The hatchback" == page.find_element("css selector", "h1").text
+            wait_until(
+                "the car's name",
+                lambda: page.find_element("css selector", "h1").text == "The hatchback",
+            )
             assert "soft" not in page.execute_script(STATES)
             raised = float(line_with(alarms, "RAISED deflation rl").split()[-1])
             wait_until("red", lambda: "soft" in page.execute_script(STATES), 10.0)
