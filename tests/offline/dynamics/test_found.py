@@ -16,7 +16,7 @@ from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.document import dynamics_document
-from tpmsd.offline.dynamics.findings import left_over
+from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing
 from tpmsd.offline.dynamics.look import p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
@@ -248,14 +248,18 @@ def test_a_name_is_no_surer_than_the_part_of_the_error_that_it_explains() -> Non
 
 
 def test_values_at_the_default_are_no_news() -> None:
-    """F over blocks: one value is Student's t, 0 has a p-value of 1."""
+    """F over blocks: one value is Student's t, 0 has a p-value of 1. Values at the default have even odds at
+    best, those two standard deviations away exp(2)."""
+    assert odds_of_nothing(80.0, 0.0) == 1.0
+    assert odds_of_nothing(80.0, 4.0) == pytest.approx(math.exp(-2.0))
+    assert odds_of_nothing(3.0, 400.0) == pytest.approx(math.exp(-3.0))
     assert p_value_of(0.0, 1, 15) == 1.0
     assert p_value_of(2.5**2, 1, 15) == pytest.approx(2.0 * float(stdtr(14, -2.5)))
     assert p_value_of(9.0, 2, 15) == pytest.approx(float(fdtrc(2, 14, 4.5)))
 
 
 def test_a_banked_road_is_asked_before_delays_of_instruments(root: str) -> None:
-    """Alone and in the first step; a delay, which lets readings wander, would stand in for it."""
+    """Alone and in the first step; a delay, which lets readings drift, would stand in for it."""
     found = diagnosed(root, hidden(road_bank={"amplitude_rad": 0.04}), "single-track", 60.0, 1152)
 
     assert [one.effect for one in found.findings] == ["road_bank"]

@@ -99,8 +99,7 @@ def _finding(
     rivals = [(rival.name, value) for rival, value in slot.rivals]
     twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
-    # a Bayes factor is at most exp(distance / 2)
-    against += math.exp(min(-min(slot.evidence, 0.5 * slot.distance), 50.0))
+    against += odds_of_nothing(slot.evidence, slot.distance)
     with_nameless_term = search.stand_in and term.name != "unknown"
     against += math.exp(min(term.stand_in_nats, 50.0))
     if term.name != "unknown":
@@ -126,6 +125,15 @@ def _finding(
         unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, output], without[:, output], with_all[:, output]),
     )
+
+
+def odds_of_nothing(evidence: float, distance: float) -> float:
+    """Return the odds that a term's values are those that do nothing, by its log evidence (nats).
+
+    A Bayes factor is at most exp(d^2 / 2) ([Edwards 1963]), with `distance` d^2 in squared standard
+    deviations: a value whose interval holds the default is hardly better than none, whatever the fit gains.
+    """
+    return math.exp(min(-min(evidence, 0.5 * distance), 50.0))
 
 
 def left_over(readings: FloatArray, without: FloatArray, with_all: FloatArray, noise: FloatArray) -> float:
