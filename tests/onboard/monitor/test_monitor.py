@@ -29,16 +29,16 @@ def learned(wheels: tuple[int, ...] = ALL, **settings_: float) -> Player:
 
 def test_alarms_do_not_depend_on_the_rate_of_ticks() -> None:
     """Ten ticks a second, two or one: a loss of 2 % is raised, and cleared, at the same time to a second."""
-    told = []
+    announced = []
     for dt_s in (0.1, 0.5, 1.0):
         player = Player(monitor(ALL), dt_s=dt_s)
         player.play(70.0)
         events = player.play(30.0, one(2, -0.02)) + player.play(80.0)
-        told.append([(*kind, event.time_s) for kind, event in zip(said(events), events, strict=True)])
-    for other in told[1:]:
-        assert [row[:3] for row in told[0]] == [row[:3] for row in other]
-        assert [row[3] for row in told[0]] == pytest.approx([row[3] for row in other], rel=0.0, abs=1.0)
-    assert ("deflation", "rl", "raised") == told[0][0][:3]
+        announced.append([(*kind, event.time_s) for kind, event in zip(said(events), events, strict=True)])
+    for other in announced[1:]:
+        assert [row[:3] for row in announced[0]] == [row[:3] for row in other]
+        assert [row[3] for row in announced[0]] == pytest.approx([row[3] for row in other], rel=0.0, abs=1.0)
+    assert ("deflation", "rl", "raised") == announced[0][0][:3]
 
 
 # -- learning -----------------------------------------------------------------------------------------------

@@ -92,10 +92,10 @@ def test_a_bank_of_one_window_is_its_table(change_mm: tuple[float, ...]) -> None
     """Also where a wheel is larger by less than its row of sizes expects: the odds of a loss beside it are
     against all of that row."""
     spread = np.full((4, 4), 5e-4**2) + np.eye(4) * 1.5e-4**2
-    told = verdict(ALL, 1e-3 * np.array(change_mm), spread)
-    found = posterior([Window("minutes", told, members(4), members(4))])
-    assert found.deflated == pytest.approx(told.deflated, abs=1e-9)
-    assert found.sizes[0] == pytest.approx(told.sizes[0] - told.larger.sum(), abs=1e-9)
+    judged = verdict(ALL, 1e-3 * np.array(change_mm), spread)
+    found = posterior([Window("minutes", judged, members(4), members(4))])
+    assert found.deflated == pytest.approx(judged.deflated, abs=1e-9)
+    assert found.sizes[0] == pytest.approx(judged.sizes[0] - judged.larger.sum(), abs=1e-9)
 
 
 def at_once(change_mm: FloatArray, believed: FloatArray) -> Posterior:

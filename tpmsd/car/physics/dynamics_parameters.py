@@ -1,6 +1,6 @@
 """Parameters that several effects of vehicle dynamics share.
 
-In: nothing. Out: `Parameter` records.
+Out: `Parameter` records.
 """
 
 from __future__ import annotations
@@ -29,3 +29,10 @@ READING_DELAY = Parameter(
     prior=Prior(0.0, 0.03, "3 to 50 ms: data sheets, buses"),
 )
 """Age of an instrument's reading."""
+
+
+def physical_share(description: str, source: str) -> Parameter:
+    """Return the coefficient of physics that every car has: 0 leaves it out, 1 is the formula, give or take
+    0.3 for what the formula takes as known; `source` says what that is."""
+    prior = Prior(1.0, 0.3, source)
+    return Parameter("coefficient", "1", 1.0, -1.0, 3.0, description, probe=0.001, prior=prior)

@@ -97,7 +97,7 @@ def total(search: Search, judge: Search) -> float:
 def _sloped(search: Search, threshold: float) -> bool:
     """Add a slope of the road that beats the catalogue; False if none does.
 
-    Were it asked last, delays of instruments would stand in for it: they let readings wander.
+    Were it asked last, delays of instruments would stand in for it: they let readings drift.
     """
     for located in slopes(search)[:1]:
         if located.evidence > threshold:

@@ -15,7 +15,7 @@ from tpmsd.car.physics.baselines.frame import Real
 from tpmsd.foundation.wheels import FloatArray
 
 _SHAPE, _CURVATURE = 1.3, -0.5
-_MOST_PULL = 0.95
+_MOST_LONGITUDINAL = 0.95
 """Largest share of friction taken by a longitudinal force: beyond it the root has no derivative."""
 _STILL_N = 1e-6
 """Linear force below which nothing slides, so that no division is by zero."""
@@ -46,10 +46,12 @@ def grip_share(
     return np.asarray(out)
 
 
-def beside_pull(pull_n: FloatArray, friction: Real, load_n: FloatArray) -> FloatArray:
+def lateral_friction_share(longitudinal_n: FloatArray, friction: Real, load_n: FloatArray) -> FloatArray:
     """Return the share of friction that a longitudinal force leaves to the side, by the friction ellipse.
 
     sqrt(1 - (F_x / mu F_z)^2) ([Hindiyeh 2014]).
     """
     limit = np.maximum(friction * np.maximum(load_n, 0.0), _STILL_N)
-    return np.asarray(np.sqrt(1.0 - np.clip(pull_n / limit, -_MOST_PULL, _MOST_PULL) ** 2))
+    return np.asarray(
+        np.sqrt(1.0 - np.clip(longitudinal_n / limit, -_MOST_LONGITUDINAL, _MOST_LONGITUDINAL) ** 2)
+    )

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer, like
-from tpmsd.car.physics.baselines.dugoff import beside_pull, grip_share
+from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
 from tpmsd.car.physics.baselines.frame import Frame, Real
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
@@ -22,8 +22,8 @@ def _axle_share(frame: Frame, friction: Real) -> FloatArray:
     """Return the share of the linear force that each axle carries, (2, ...): the mean of its two wheels."""
     linear, load = np.abs(frame.side), frame.load
     if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
-        pull = np.stack(np.broadcast_arrays(*axle_forces(frame)))
-        load = load * (1.0 - frame.ellipse * (1.0 - beside_pull(pull, friction, load)))
+        longitudinal = np.stack(np.broadcast_arrays(*axle_forces(frame)))
+        load = load * (1.0 - frame.ellipse * (1.0 - lateral_friction_share(longitudinal, friction, load)))
     if isinstance(frame.wheel_loads, float) and frame.wheel_loads == 0.0:
         return grip_share(linear, 1.0, friction, load, frame.tyre_shape)
     part = frame.wheel_loads * frame.transfer

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, aligned, axle_forces, lateral_transfer, like
-from tpmsd.car.physics.baselines.dugoff import beside_pull, grip_share
+from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
@@ -92,9 +92,9 @@ def _by_ellipse(frame: Frame, linear_side: FloatArray, load: FloatArray) -> Floa
     """Return the side forces whose limit is what the longitudinal force leaves of friction, (4, ...)."""
     assert frame.friction is not None
     front, rear = (0.5 * np.asarray(one) for one in axle_forces(frame))
-    pull = np.stack(np.broadcast_arrays(front, front, rear, rear))
-    pull, load = aligned(pull, load)
-    left = load * beside_pull(pull, frame.friction, load)
+    longitudinal = np.stack(np.broadcast_arrays(front, front, rear, rear))
+    longitudinal, load = aligned(longitudinal, load)
+    left = load * lateral_friction_share(longitudinal, frame.friction, load)
     return linear_side * grip_share(np.abs(linear_side), 1.0, frame.friction, left, frame.tyre_shape)
 
 

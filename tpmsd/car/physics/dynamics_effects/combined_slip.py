@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.parameters import Parameter, Prior
+from tpmsd.car.physics.dynamics_parameters import physical_share
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,9 @@ class CombinedSlip(DynamicsEffect):
     twins = ("drive_slip_error", "drive_share_error")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        Parameter(
-            "coefficient",
-            "1",
-            1.0,
-            -1.0,
-            3.0,
+        physical_share(
             "share of the ellipse, 0 for the baseline's own law",
-            probe=0.001,
-            prior=Prior(1.0, 0.3, "1 by the ellipse; the axles' shares of force are known to a third"),
+            "1 by the ellipse; the axles' shares of force are known to a third",
         ),
     )
     coefficient: float = 0.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.parameters import Parameter, Prior
+from tpmsd.car.physics.dynamics_parameters import physical_share
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,9 @@ class LargeAngles(DynamicsEffect):
     twins = ("steering_ratio_error", "yaw_moment")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        Parameter(
-            "coefficient",
-            "1",
-            1.0,
-            -1.0,
-            3.0,
+        physical_share(
             "share of the difference between finite and small angles",
-            probe=0.001,
-            prior=Prior(
-                1.0, 0.3, "1 by geometry; the shares of the forces at the front are known to a third"
-            ),
+            "1 by geometry; the shares of the forces at the front are known to a third",
         ),
     )
     coefficient: float = 0.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
-from tpmsd.car.physics.parameters import Parameter, Prior
+from tpmsd.car.physics.dynamics_parameters import physical_share
 
 
 @dataclass(frozen=True)
@@ -27,15 +27,9 @@ class WheelLoads(DynamicsEffect):
     twins = ("tyre_saturation", "load_dependent_stiffness")
     grid = ({"coefficient": 1.0},)
     parameters = (
-        Parameter(
-            "coefficient",
-            "1",
-            1.0,
-            -1.0,
-            3.0,
+        physical_share(
             "share of the quasi-static load transfer",
-            probe=0.001,
-            prior=Prior(1.0, 0.3, "1 by statics; roll stiffness splits it between the axles"),
+            "1 by statics; roll stiffness splits it between the axles",
         ),
     )
     coefficient: float = 0.0
