@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import pkgutil
 from dataclasses import replace
@@ -19,6 +20,7 @@ from tpmsd.car.physics.baselines.single_track import SingleTrack
 from tpmsd.car.physics.baselines.table import BASELINES
 from tpmsd.car.physics.baselines.three_dof import ThreeDof
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS, make_dynamics_effect
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter
 from tpmsd.foundation.errors import ConfigError
 
@@ -71,6 +73,27 @@ def test_neutral_values_change_nothing(name: str, kind: str) -> None:
         assert frame.outputs[key] == pytest.approx(value, rel=1e-12, abs=1e-12)
     for key in ("v", "r", "u"):
         assert frame.rates[key] == pytest.approx(plain.rates[key], rel=1e-12, abs=1e-12)
+
+
+def usual(name: str) -> DynamicsEffect:
+    """Return an effect at its usual size."""
+    cls = DYNAMICS_EFFECTS[name]
+    values = {p.name: p.typical for p in cls.parameters if isinstance(p, Parameter) and p.probe > 0.0}
+    return cls(**values)
+
+
+@pytest.mark.parametrize("kind", list(BASELINES))
+def test_a_model_is_the_same_whichever_effect_was_found_first(kind: str) -> None:
+    """Scale and bias, ratio and offset do not commute: the car has one order, so that a probe that puts
+    its effect last differs by its parameter alone."""
+    model = BASELINES[kind](CAR, kind == "three-dof")
+    x = FORCED if model.forces else X
+    classes = [cls for cls in DYNAMICS_EFFECTS.values() if cls.applies(model.nonlinear, model.forces)]
+    names = [cls.name for cls in classes if not cls.states and cls.numbers()]
+    for one, other in itertools.combinations([usual(name) for name in names], 2):
+        first, second = (model.frame(x, U, theta) for theta in ((one, other), (other, one)))
+        assert first.outputs == second.outputs, (one.name, other.name)
+        assert first.rates == second.rates, (one.name, other.name)
 
 
 @pytest.mark.parametrize("name", sorted(DYNAMICS_EFFECTS))

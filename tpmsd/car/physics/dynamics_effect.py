@@ -8,7 +8,7 @@ on arrays of any shape that broadcasts with the frame's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -52,6 +52,8 @@ class DynamicsEffect:
     """Outputs by parameter, for parameters that show in one output alone."""
     twins: ClassVar[tuple[str, ...]] = ()
     """Effects that it is often confounded with, for the reference."""
+    order: ClassVar[int] = 0
+    """Effects that share a hook act in the order of this number, then of their names."""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:
@@ -126,3 +128,12 @@ class DynamicsEffect:
 
     def read(self, frame: Frame) -> None:
         """Change what the instruments read."""
+
+
+def in_order(theta: Sequence[DynamicsEffect]) -> list[DynamicsEffect]:
+    """Return effects in the order in which they act, whichever was put into the model first.
+
+    A derivative by one parameter compares two models: were its effect the last to act in one of them alone,
+    the difference would hold what the order does, over the size of the probe.
+    """
+    return sorted(theta, key=lambda effect: (effect.order, effect.name))

@@ -19,7 +19,7 @@ from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame, Real, frame_of
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
-from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect, in_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
@@ -98,7 +98,7 @@ class Baseline(ABC):
     def rates(self, x: FloatArray, u: Inputs, theta: Theta) -> FloatArray:
         """Return the time derivatives of the states, (..., n)."""
         names = self.states(theta)
-        frame = self._moved({name: x[..., k] for k, name in enumerate(names)}, u, theta)
+        frame = self._moved({name: x[..., k] for k, name in enumerate(names)}, u, in_order(theta))
         rates = [frame.rates[name] for name in names]
         return np.stack(np.broadcast_arrays(*rates), axis=-1)
 
@@ -114,6 +114,7 @@ class Baseline(ABC):
         """
         names = self.states(theta) if states is None else states
         state = {name: x[..., k] for k, name in enumerate(names)}
+        theta = in_order(theta)
         frame = self._moved(state, u, theta)
         self._instruments(frame, theta)
         if frame.delays:

@@ -18,6 +18,7 @@ class AccelerometerBias(DynamicsEffect):
     """
 
     name = "accelerometer_bias"
+    order = 1
     kind = INSTRUMENT
     formula = "accelerations read = truth + (long_mps2, lat_mps2)"
     sentence = "an accelerometer reads a constant more than acts"

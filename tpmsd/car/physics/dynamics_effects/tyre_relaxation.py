@@ -24,6 +24,7 @@ class TyreRelaxation(DynamicsEffect):
     """
 
     name = "tyre_relaxation"
+    order = 1
     kind = PHYSICS
     formula = "length_m / u * d(alpha')/dt = alpha - alpha'"
     sentence = "the tyres' side force follows with a length"

@@ -17,6 +17,7 @@ class YawRateBias(DynamicsEffect):
     """
 
     name = "yaw_rate_bias"
+    order = 1
     kind = INSTRUMENT
     formula = "yaw rate read = truth + bias"
     sentence = "the gyro reads a rate on the straight"
