@@ -14,12 +14,12 @@ import numpy as np
 
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.kalman import Belief, Noise, Ukf
-from tpmsd.car.vehicle_state.model import MIN_SPEED_MPS, Inputs, R, U, V
+from tpmsd.car.vehicle_state.kalman import FilterNoise, GaussianState, Ukf
+from tpmsd.car.vehicle_state.model import MIN_SPEED_MPS, R, StepInputs, U, V
 from tpmsd.car.vehicle_state.slips import wheel_slips
 from tpmsd.foundation.wheels import FloatArray
 
-NOISE = Noise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3))
+NOISE = FilterNoise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3))
 """For a car known by its geometry alone and ticks of a tenth of a second."""
 START_STD = (0.2, 0.3, 0.05)
 DEAF_S = 2.0
@@ -83,10 +83,10 @@ class SlipObserver:
             return None
         if self._filter is None:
             mean = np.array([self._car.rear_m * yaw_rate_radps, speed_mps, yaw_rate_radps])
-            start = Belief(mean, np.diag(np.square(START_STD)))
+            start = GaussianState(mean, np.diag(np.square(START_STD)))
             self._filter = Ukf(self._car, NOISE, start, RobustSettings())
         reading = np.array([accel_lat_mps2, yaw_rate_radps, speed_mps])
-        belief = self._filter.step(Inputs(dt_s, accel_long_mps2, steer_rad), reading)
+        belief = self._filter.step(StepInputs(dt_s, accel_long_mps2, steer_rad), reading)
         weights = self._filter.weights
         share = math.exp(-dt_s / TRUST_TAU_S)
         self._trust = share * self._trust + (1.0 - share) * float(weights[1])
@@ -96,7 +96,7 @@ class SlipObserver:
             return None
         return self._estimate(belief, accel_long_mps2, steer_rad)
 
-    def _estimate(self, belief: Belief, accel_long_mps2: float, steer_rad: float) -> SlipEstimate:
+    def _estimate(self, belief: GaussianState, accel_long_mps2: float, steer_rad: float) -> SlipEstimate:
         v, u, r = belief.mean[V], max(float(belief.mean[U]), MIN_SPEED_MPS), belief.mean[R]
         side_slip = math.atan2(v - self._car.rear_m * r, u)
         by_state = np.array([1.0, -side_slip, -self._car.rear_m]) / u

@@ -25,7 +25,7 @@ from bench.worlds.motion import Array, Course
 from bench.worlds.spec import Spec, draw_spec
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.effect import Effect
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, Motion, driven_mask
 
 ON_WHEELS = (
@@ -72,7 +72,7 @@ def by_the_catalogue(effect: str, drawn: Drawn, spec: Spec, course: Course) -> t
         heading_start_rad=float(course.heading[0]),
     )
     motion = replace(motion, measured={"temperature": causes.ambient_k(course, spec)})
-    geometry = Geometry(
+    geometry = WheelPositions(
         track_front_m=spec.track_front_m, track_rear_m=spec.track_rear_m, wheelbase_m=spec.wheelbase_m
     )
     car = Car(

@@ -17,7 +17,7 @@ from tests.onboard.daemon.test_loop import SCALE
 from tests.onboard.daemon.test_loop import run as run_daemon
 from tpmsd.foundation.schemas import NAMES, schema_of
 from tpmsd.interfaces.bridges.mqtt_messages import Announcer, Topics, state_document
-from tpmsd.interfaces.bridges.summary import Alarm, Summary, summarise
+from tpmsd.interfaces.bridges.summary import Alarm, DaemonSummary, summarise
 from tpmsd.interfaces.cli.main import main
 from tpmsd.interfaces.cli.output import json_text
 from tpmsd.offline.fleet.report import report_document
@@ -132,7 +132,7 @@ def test_an_event_of_mqtt_is_as_its_schema_says(state: str) -> None:
     announcer = Announcer(Topics("car"), 10.0)
     announcer.recall(None)
     alarm = Alarm("deflation", "rl", 1.0, -2.0, "soft")
-    quiet = Summary("1", True, (), (), False, "ok", "ok")
+    quiet = DaemonSummary("1", True, (), (), False, "ok", "ok")
     announcer.take(replace(quiet, alarms=(alarm,)))
     announcer.take(quiet)
     event = json.loads(announcer.events[["raised", "cleared"].index(state)].payload)

@@ -23,8 +23,8 @@ import numpy as np
 from bench.worlds.commonroad_car import DT_S, GRAVITY_MPS2, Driver, Now, Run, parameters, run
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.kalman import Ekf, FilterNoise, GaussianState, StateFilter, Ukf
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.particle import UnscentedParticleFilter
 from tpmsd.foundation.wheels import FloatArray
 
@@ -190,7 +190,7 @@ def workshop(car: Any = None) -> CarDynamics:
 
 # -- filters ------------------------------------------------------------------------------------------------
 
-Make = Callable[[CarDynamics, Belief, np.random.Generator], StateFilter]
+Make = Callable[[CarDynamics, GaussianState, np.random.Generator], StateFilter]
 
 
 def filters(particles: int) -> dict[str, Make]:
@@ -199,7 +199,7 @@ def filters(particles: int) -> dict[str, Make]:
     ARUKF is ARUPF with one Gaussian and no particles; the starred filters draw from the near-optimal
     proposal.
     """
-    noise, robust = Noise(), RobustSettings()
+    noise, robust = FilterNoise(), RobustSettings()
 
     def upf(settings: RobustSettings | None, carry: bool) -> Make:
         return lambda car, start, rng: UnscentedParticleFilter(
@@ -229,13 +229,13 @@ class Score:
 
 def score(make: Make, car: CarDynamics, drive: Drive, seed: int) -> Score:
     """Run a filter over a drive."""
-    start = Belief(np.array([0.0, drive.start_speed, 0.0]), np.diag([0.1, 0.15, 0.01]) ** 2)
+    start = GaussianState(np.array([0.0, drive.start_speed, 0.0]), np.diag([0.1, 0.15, 0.01]) ** 2)
     filter_ = make(car, start, np.random.default_rng(seed))
     estimate = np.empty_like(drive.truth)
     estimate[0] = start.mean
     began = time.process_time()
     for k in range(1, len(estimate)):
-        inputs = Inputs(DT_S, float(drive.accel_long[k - 1]), float(drive.steer[k - 1]))
+        inputs = StepInputs(DT_S, float(drive.accel_long[k - 1]), float(drive.steer[k - 1]))
         estimate[k] = filter_.step(inputs, drive.reading[k]).mean
     took = (time.process_time() - began) / (len(estimate) - 1)
     off = estimate - drive.truth

@@ -34,8 +34,8 @@ from bench.campaigns.car.vehicle_state import (
 )
 from bench.worlds.commonroad_car import DT_S, Run, parameters, run
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.kalman import Belief
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.kalman import GaussianState
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.foundation.wheels import FloatArray
 
 MASS_KG, YAW_INERTIA_KGM2, FRONT_M, REAR_M, HEIGHT_M = 1558.0, 2538.0, 1.48, 1.08, 0.432
@@ -121,12 +121,12 @@ def print_ratios(rows: list[dict[str, Any]]) -> None:
 
 def series_of(label: str, car: CarDynamics, drive: Drive, particles: int) -> FloatArray:
     """(n, 3) v, u, r as a filter has them."""
-    start = Belief(np.array([0.0, drive.start_speed, 0.0]), np.diag([0.1, 0.15, 0.01]) ** 2)
+    start = GaussianState(np.array([0.0, drive.start_speed, 0.0]), np.diag([0.1, 0.15, 0.01]) ** 2)
     filter_ = filters(particles)[label](car, start, np.random.default_rng(1))
     out = np.empty_like(drive.truth)
     out[0] = start.mean
     for k in range(1, len(out)):
-        inputs = Inputs(DT_S, float(drive.accel_long[k - 1]), float(drive.steer[k - 1]))
+        inputs = StepInputs(DT_S, float(drive.accel_long[k - 1]), float(drive.steer[k - 1]))
         out[k] = filter_.step(inputs, drive.reading[k]).mean
     return out
 

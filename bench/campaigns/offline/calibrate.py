@@ -27,7 +27,7 @@ from scipy.optimize import minimize
 
 from bench.campaigns.offline.calibrate_coverage import covered, report
 from bench.worlds.commonroad_course import SPEED_MPS, CourseTruth, drive
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import RL, RR, FloatArray
 from tpmsd.offline.calibration.joint import JointFit, fit
@@ -98,7 +98,7 @@ def vehicle(truth: CourseTruth) -> Vehicle:
     """The car with both circumferences at the start value and its geometry known."""
     return Vehicle(
         np.full(4, START_M / (2 * math.pi)),
-        Geometry(truth.track_front_m, truth.track_rear_m, truth.wheelbase_m),
+        WheelPositions(truth.track_front_m, truth.track_rear_m, truth.wheelbase_m),
         driven_mask("rear"),
     )
 

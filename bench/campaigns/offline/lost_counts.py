@@ -30,7 +30,7 @@ from bench.worlds.folder import WHEELS, wheel_messages
 from bench.worlds.instruments import Array, Drive
 from bench.worlds.latch import draw_beat, draw_latch
 from bench.worlds.spec import Spec, draw_spec
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
@@ -121,7 +121,7 @@ def recorded(drive: Drive) -> Recording:
     return Recording(
         car=Car(
             radius_m=np.full(4, spec.radius_m),
-            geometry=Geometry(spec.track_front_m, spec.track_rear_m, spec.wheelbase_m),
+            geometry=WheelPositions(spec.track_front_m, spec.track_rear_m, spec.wheelbase_m),
             driven=driven_mask(spec.driven),
             teeth_per_rev=spec.teeth,
             antenna_forward_m=spec.antenna_forward_m,

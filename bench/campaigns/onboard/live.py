@@ -43,7 +43,7 @@ from bench.places import REPO
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import CanConfig, Config
 from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.onboard.daemon.bus_link import Bus, open_can
+from tpmsd.onboard.daemon.bus_link import BusInterface, open_can
 from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.sinks.sd_notify import Notifier
@@ -184,7 +184,7 @@ def run(config: Config, line: int, seconds: float, filtered: bool) -> Row:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
     real = has_vcan()
 
-    def open_bus(can: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> Bus:
+    def open_bus(can: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> BusInterface:
         if real:
             return open_can(can, filters if filtered else None, channel)
         return LiveCan(can, bus=PairBus(ours))

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from tests.car.config.conftest import GOOD_DBC, GOOD_TOML, Make
 from tpmsd.car.config.check import check
 from tpmsd.car.config.dbc import load_dbc
-from tpmsd.car.config.plan import Plan
+from tpmsd.car.config.plan import ConfigurationPlan
 from tpmsd.car.config.problems import ConfigProblems
 
 
-def plan_of(path: Path) -> Plan:
+def plan_of(path: Path) -> ConfigurationPlan:
     """The plan of a configuration that is right."""
     result = check(path)
     assert result.problems == ()

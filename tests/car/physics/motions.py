@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, Motion, driven_mask
 from tpmsd.foundation.wheels import FloatArray
 
-GEOMETRY = Geometry(track_front_m=1.53, track_rear_m=1.52, wheelbase_m=2.63)
+GEOMETRY = WheelPositions(track_front_m=1.53, track_rear_m=1.52, wheelbase_m=2.63)
 
 
 def car(driven: str = "front", **changes: float) -> Car:

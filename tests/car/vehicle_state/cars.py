@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.kalman import Belief
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.kalman import GaussianState
+from tpmsd.car.vehicle_state.model import StepInputs
 
 PAPER_CAR = CarDynamics(
     mass_kg=1558.0,
@@ -23,8 +23,8 @@ PAPER_CAR = CarDynamics(
     drive_front_share=1.0,
 )
 """Table 1 of Liu et al. (2022); the stiffnesses are ours, the table has none."""
-START = Belief(np.array([0.0, 20.0, 0.0]), np.diag([0.1, 0.2, 0.01]) ** 2)
+START = GaussianState(np.array([0.0, 20.0, 0.0]), np.diag([0.1, 0.2, 0.01]) ** 2)
 
 
-def steering(steer_rad: float, accel_long_mps2: float = 0.0, dt_s: float = 0.01) -> Inputs:
-    return Inputs(dt_s, accel_long_mps2, steer_rad)
+def steering(steer_rad: float, accel_long_mps2: float = 0.0, dt_s: float = 0.01) -> StepInputs:
+    return StepInputs(dt_s, accel_long_mps2, steer_rad)

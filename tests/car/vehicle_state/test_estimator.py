@@ -12,8 +12,8 @@ from tpmsd.car.config.dynamics_record import DynamicsConfig
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.configured import configured_car
 from tpmsd.car.vehicle_state.estimator import FILTERS, VehicleStateEstimator, make_filter, state_of
-from tpmsd.car.vehicle_state.kalman import Belief, Noise
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.kalman import FilterNoise, GaussianState
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.errors import ConfigError
 
@@ -25,7 +25,7 @@ def drive(count: int = 200) -> tuple[np.ndarray, list[tuple[float, ...]]]:
     state = np.array([0.0, 20.0, 0.0])
     states, given = [], []
     for k in range(count):
-        step = Inputs(DT_S, 0.5 * math.sin(0.05 * k), 0.03 * math.sin(0.1 * k))
+        step = StepInputs(DT_S, 0.5 * math.sin(0.05 * k), 0.03 * math.sin(0.1 * k))
         state = model.advance(PAPER_CAR, state, step)
         lateral, yaw, speed = (float(value) for value in model.readings(PAPER_CAR, state, step))
         states.append(state)
@@ -73,7 +73,7 @@ def test_the_side_slip_has_the_deviation_of_its_parts() -> None:
     """The spread of atan2(v, u) over draws of a belief is the stated one."""
     rng = np.random.default_rng(3)
     covariance = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.0], [0.0, 0.0, 1e-4]])
-    belief = Belief(np.array([0.8, 18.0, 0.2]), covariance)
+    belief = GaussianState(np.array([0.8, 18.0, 0.2]), covariance)
     drawn = rng.multivariate_normal(belief.mean, covariance, 200_000)
     state = state_of(belief)
     assert np.arctan2(drawn[:, 0], drawn[:, 1]).std() == pytest.approx(state.side_slip_std_rad, rel=0.02)
@@ -113,7 +113,7 @@ def test_means_over_a_tick_tell_the_state_at_its_end(method: str) -> None:
     of a tick is met more than twice as well as by an estimator that takes the means for values at the end."""
     state, fine = np.array([0.0, 20.0, 0.0]), []
     for k in range(2000):
-        step = Inputs(0.005, 0.0, 0.04 * math.sin(2.0 * math.pi * 0.5 * 0.005 * k))
+        step = StepInputs(0.005, 0.0, 0.04 * math.sin(2.0 * math.pi * 0.5 * 0.005 * k))
         state = model.advance(PAPER_CAR, state, step)
         state[model.U] = 20.0
         fine.append([*model.readings(PAPER_CAR, state, step), step.steer_rad, state[model.V]])
@@ -163,9 +163,9 @@ def test_other_names_are_refused() -> None:
     """A filter is one of four."""
     with pytest.raises(ValueError, match="ekf ukf upf arupf"):
         VehicleStateEstimator(PAPER_CAR, "pf", np.random.default_rng(1))
-    start = Belief(np.array([0.0, 20.0, 0.0]), np.eye(3))
+    start = GaussianState(np.array([0.0, 20.0, 0.0]), np.eye(3))
     with pytest.raises(ValueError, match="ekf ukf upf arupf"):
-        make_filter("pf", PAPER_CAR, Noise(), start, np.random.default_rng(1))
+        make_filter("pf", PAPER_CAR, FilterNoise(), start, np.random.default_rng(1))
 
 
 def test_the_configured_car_is_that_of_the_tables() -> None:

@@ -10,11 +10,11 @@ import pytest
 from tests.car.vehicle_state.cars import PAPER_CAR, START
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
-from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.kalman import Ekf, FilterNoise, GaussianState, StateFilter, Ukf
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.particle import UnscentedParticleFilter
 
-NOISE = Noise()
+NOISE = FilterNoise()
 MAKERS: dict[str, Callable[[int], StateFilter]] = {
     "ekf": lambda seed: Ekf(PAPER_CAR, NOISE, START),
     "ukf": lambda seed: Ukf(PAPER_CAR, NOISE, START),
@@ -40,7 +40,7 @@ def slalom(
     state = np.array([0.0, 20.0, 0.0])
     truth, inputs, readings = [], [], []
     for k in range(count):
-        step = Inputs(0.02, -0.5 if k > 150 else 0.3, 0.03 * np.sin(0.06 * k))
+        step = StepInputs(0.02, -0.5 if k > 150 else 0.3, 0.03 * np.sin(0.06 * k))
         state = model.advance(PAPER_CAR, state, step)
         state = state + np.array(NOISE.process) * np.sqrt(step.dt_s) * rng.standard_normal(3)
         reading = model.readings(PAPER_CAR, state, step) + np.array(NOISE.readings) * rng.standard_normal(3)
@@ -54,11 +54,11 @@ def slalom(
     return np.array(truth), inputs, np.array(readings)
 
 
-def run(filter_: StateFilter, inputs: list, readings: np.ndarray) -> list[Belief]:
+def run(filter_: StateFilter, inputs: list, readings: np.ndarray) -> list[GaussianState]:
     return [filter_.step(i, r) for i, r in zip(inputs, readings, strict=True)]
 
 
-def rmse(beliefs: list[Belief], truth: np.ndarray) -> np.ndarray:
+def rmse(beliefs: list[GaussianState], truth: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean((np.array([b.mean for b in beliefs]) - truth) ** 2, axis=0))
 
 
@@ -111,7 +111,7 @@ def test_one_wild_reading_changes_nothing() -> None:
 def test_silent_sensors_leave_the_model_alone(name: str) -> None:
     """Without any reading the state is what the model makes of the inputs, ever less sure."""
     filter_ = MAKERS[name](1)
-    inputs = Inputs(0.02, 0.0, 0.0)
+    inputs = StepInputs(0.02, 0.0, 0.0)
     first = filter_.step(inputs, np.full(3, np.nan))
     for _ in range(50):
         last = filter_.step(inputs, np.full(3, np.nan))

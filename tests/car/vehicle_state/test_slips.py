@@ -13,7 +13,7 @@ from bench.vehicle_state.observer import SlipObserver
 from tests.car.vehicle_state.cars import PAPER_CAR, steering
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.loads import wheel_loads
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.settings import SETTINGS
 from tpmsd.car.vehicle_state.slips import angle_for_force, slip_traces, wheel_slips
 from tpmsd.car.vehicle_state.tyre import DugoffTyre
@@ -93,7 +93,7 @@ def drive(count: int = 300) -> tuple[np.ndarray, list[tuple[float, ...]]]:
     state = np.array([0.0, 20.0, 0.0])
     states, given_ = [], []
     for k in range(count):
-        step = Inputs(0.1, 0.5 * math.sin(0.05 * k), 0.03 * math.sin(0.2 * k))
+        step = StepInputs(0.1, 0.5 * math.sin(0.05 * k), 0.03 * math.sin(0.2 * k))
         state = model.advance(PAPER_CAR, state, step)
         lateral, yaw, speed = model.readings(PAPER_CAR, state, step)
         states.append(state)

@@ -14,7 +14,7 @@ import tpmsd
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.tables.encode import encode
 from tpmsd.offline.tables.gather import on_earth
-from tpmsd.offline.tables.signals import Fixes, Series, Signals
+from tpmsd.offline.tables.signals import Fixes, SignalReadings, Signals
 from tpmsd.onboard.timeline.local_plane import LocalPlane
 
 CAR = {
@@ -129,7 +129,7 @@ def test_sentences_keep_what_they_are_given() -> None:
     fixes = Fixes(
         utc, utc, latitude, longitude, altitude, std, speed, course, np.array([4.0]), np.array([0.9])
     )
-    wheel = Series(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
+    wheel = SignalReadings(np.array([0.0, 1.0]), np.array([0.0, 1.0]))
     encoded = encode(Signals({"rl": wheel, "rr": wheel}, fixes=fixes))
     assembler = NmeaAssembler()
     for item in encoded.items:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tests.interfaces.bridges.documents import alarm, document
 from tpmsd.interfaces.bridges.home_assistant import discovery
 from tpmsd.interfaces.bridges.mqtt_messages import MAX_EVENTS, Announcer, Topics, recalled
-from tpmsd.interfaces.bridges.summary import Summary, summarise
+from tpmsd.interfaces.bridges.summary import DaemonSummary, summarise
 
 TOPICS = Topics("tpmsd/car")
 
@@ -104,7 +104,7 @@ def test_no_alarm_is_lost_or_doubled_whatever_dies_when(course: list[list[str] |
     log: list[tuple[str, str]] = []
     online, may_repeat = True, False
     announcer = ready(retained)
-    current: Summary = summarise(document())
+    current: DaemonSummary = summarise(document())
     raised_at: dict[str, float] = {}
     clock_s = 0.0
 

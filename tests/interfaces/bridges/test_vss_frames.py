@@ -18,7 +18,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.car.config.load import load_config
-from tpmsd.interfaces.bridges.vss_frames import LATE_S, WINDOW_S, Delays, Frame, NotSent, VssFrames, vss_dbc
+from tpmsd.interfaces.bridges.vss_frames import (
+    LATE_S,
+    WINDOW_S,
+    Delays,
+    NotSent,
+    VssFrame,
+    VssFrames,
+    vss_dbc,
+)
 from tpmsd.interfaces.bridges.vss_names import FIX_TYPE, GNSS_TIME, is_wheel
 from tpmsd.interfaces.cli.drive_reading import read_ticks
 from tpmsd.interfaces.cli.main import main
@@ -65,7 +73,7 @@ def test_paths_are_those_of_the_specification() -> None:
 )
 def test_a_value_and_its_frame(path: str, value: object, identifier: int, data: bytes) -> None:
     """Little endian, in the steps that the DBC states; times are Unix milliseconds."""
-    assert Frame(identifier, data) == VssFrames().take(path, 5.0, value, 5.0)
+    assert VssFrame(identifier, data) == VssFrames().take(path, 5.0, value, 5.0)
 
 
 @pytest.mark.parametrize(
@@ -99,9 +107,9 @@ def test_what_is_not_renewed_is_not_sent_again() -> None:
     frames.note(FL, 1.0)
 
     assert NotSent.NOT_RENEWED is frames.take(FL, 1.0, 50.0, 1.1)
-    assert isinstance(frames.take(FL, 2.0, 50.0, 2.1), Frame)
+    assert isinstance(frames.take(FL, 2.0, 50.0, 2.1), VssFrame)
     assert NotSent.NOT_RENEWED is frames.take(FL, 2.0, 50.0, 2.2)
-    assert isinstance(frames.take(FL, 3.0, 50.0, 3.1), Frame)
+    assert isinstance(frames.take(FL, 3.0, 50.0, 3.1), VssFrame)
 
 
 def test_what_was_held_up_is_not_sent() -> None:
@@ -110,7 +118,7 @@ def test_what_was_held_up_is_not_sent() -> None:
     for k in range(500):
         stamp_s = 0.02 * k
         now_s = max(stamp_s, 5.0 if 2.0 < stamp_s < 5.0 else 0.0) + 0.005
-        if isinstance(frames.take(FL, stamp_s, 50.0, now_s), Frame):
+        if isinstance(frames.take(FL, stamp_s, 50.0, now_s), VssFrame):
             sent.append(stamp_s)
 
     assert [0.02 * k for k in range(500) if not 2.0 < 0.02 * k < 5.0 - LATE_S] == sent
@@ -190,7 +198,7 @@ def replayable(drive: Path, folder: Path, angular: bool) -> Path:
     frames, lines = VssFrames(), []
     for point in sorted(written(drive, angular), key=lambda one: one.time_s):
         made = frames.take(point.path, point.time_s, point.value, point.time_s)
-        assert isinstance(made, Frame)
+        assert isinstance(made, VssFrame)
         lines.append(f"({point.time_s:.6f}) vcan0 {made.identifier:03X}#{made.data.hex().upper()}")
     (folder / "can.log").write_text("\n".join(lines) + "\n", "ascii")
     (folder / "vss.dbc").write_text(vss_dbc(), "utf-8")

@@ -16,7 +16,7 @@ from tests.interfaces.bridges.databroker import Databroker, databroker
 from tpmsd.interfaces.bridges import vss_input
 from tpmsd.interfaces.bridges.can_wire import CanWire, link_kind
 from tpmsd.interfaces.bridges.vss_connection import DatabrokerSettings
-from tpmsd.interfaces.bridges.vss_frames import Frame, vss_dbc
+from tpmsd.interfaces.bridges.vss_frames import VssFrame, vss_dbc
 from tpmsd.interfaces.bridges.vss_input import VssInput
 from tpmsd.interfaces.cli.main import main
 
@@ -32,9 +32,9 @@ class Wire(CanWire):
 
     def __init__(self) -> None:
         super().__init__("virtual", "unused", LOG)
-        self.sent: list[Frame] = []
+        self.sent: list[VssFrame] = []
 
-    def send(self, frame: Frame) -> bool:
+    def send(self, frame: VssFrame) -> bool:
         self.sent.append(frame)
         return True
 
@@ -56,7 +56,7 @@ def listening(bridge: VssInput, broker: Databroker, port: int = 0) -> Iterator[N
             server.close()
 
 
-def kmh(frames: list[Frame]) -> list[tuple[int, float]]:
+def kmh(frames: list[VssFrame]) -> list[tuple[int, float]]:
     """Identifier and value of frames of wheel speeds."""
     return [(frame.identifier, int.from_bytes(frame.data, "little", signed=True) * 1e-4) for frame in frames]
 
@@ -159,12 +159,12 @@ def test_a_databroker_without_wheels_is_no_source(caplog: pytest.LogCaptureFixtu
 def test_frames_go_on_a_bus_that_comes_late(caplog: pytest.LogCaptureFixture) -> None:
     """While the bus cannot be opened frames are lost and that is said once; python-can reads what is sent."""
     wire = CanWire("no-such-backend", "x", LOG)
-    assert not wire.send(Frame(0x6C0, b"1234"))
-    assert not wire.send(Frame(0x6C0, b"1234"))
+    assert not wire.send(VssFrame(0x6C0, b"1234"))
+    assert not wire.send(VssFrame(0x6C0, b"1234"))
     assert 1 == len(caplog.messages)
     wire = CanWire("virtual", "tests.vss", LOG)
     with can.Bus(interface="virtual", channel="tests.vss") as ear:
-        assert wire.send(Frame(0x6C1, b"1234"))
+        assert wire.send(VssFrame(0x6C1, b"1234"))
         heard = ear.recv(5.0)
     wire.close()
 

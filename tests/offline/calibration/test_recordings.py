@@ -12,7 +12,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.interfaces.cli.calibrate import read_recordings
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.calibration.calibrate import calibrate
-from tpmsd.offline.calibration.result import Calibration, Effect
+from tpmsd.offline.calibration.result import Calibration, EstimatedEffect
 from tpmsd.offline.inference.recording import Recording
 
 
@@ -30,7 +30,7 @@ def van(drives: list[Recording], recordings: Path) -> list[Calibration]:
     return [calibrate([drive], vehicle)[0] for drive in drives]
 
 
-def off(one: Calibration, other: Calibration, wheel: str, growth: Effect) -> float:
+def off(one: Calibration, other: Calibration, wheel: str, growth: EstimatedEffect) -> float:
     """How far two radii are apart at the speed of the first, in standard deviations."""
     a, b = one.wheels[wheel], other.wheels[wheel]
     squares = one.reference_speed_mps**2 - other.reference_speed_mps**2

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from tpmsd.offline.calibration.result import Calibration, Effect, WheelResult
+from tpmsd.offline.calibration.result import Calibration, EstimatedEffect, WheelResult
 from tpmsd.offline.calibration.wording import summary
 
-LATENCY = {"latency@0": Effect(0.07, 0.01, "s"), "load_lateral": Effect(2e-4, 1e-5, "s2")}
+LATENCY = {"latency@0": EstimatedEffect(0.07, 0.01, "s"), "load_lateral": EstimatedEffect(2e-4, 1e-5, "s2")}
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from bench.worlds.kinematic import Array, Drive
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.offline.inference.recording import Recording
 
@@ -31,7 +31,7 @@ def recording_of(drive: Drive, counted: bool = True) -> Recording:
     return Recording(
         car=Car(
             radius_m=np.full(4, spec.radius_m),
-            geometry=Geometry(spec.track_front_m, spec.track_rear_m, spec.wheelbase_m),
+            geometry=WheelPositions(spec.track_front_m, spec.track_rear_m, spec.wheelbase_m),
             driven=driven_mask(spec.driven),
             teeth_per_rev=spec.teeth,
             antenna_forward_m=spec.antenna_forward_m,

@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.plausible import limits_of
@@ -140,7 +140,7 @@ def test_no_track_is_off_by_the_width_of_a_tyre(rear_m: float, thinkable: bool) 
     """However sure it looks."""
     u = directions(1)
     track = Term("track_width_error", columns(1, width=2), ("rear_m",), 3.5)
-    geometry = Geometry(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
+    geometry = WheelPositions(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
     car = Car(np.full(4, 0.3), geometry, driven_mask("rear"))
     given = Given(2, [track], [], limits_of(car))
     selector = Selector(evidence(100.0 * rear_m * u[:, 0], 100.0 * u), given, last=True)
@@ -154,7 +154,7 @@ def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: boo
     u = directions(2)
     names = ("forward_m", "left_m")
     arm = Term("antenna_lever_arm", columns(1, 2, width=3), names, 7.0)
-    geometry = Geometry(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
+    geometry = WheelPositions(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
     car = Car(np.full(4, 0.3), geometry, driven_mask("rear"), antenna_forward_m=configured_m)
     given = Given(3, [arm], [], limits_of(car))
     chosen = Selector(evidence(-220.0 * u[:, 0], 100.0 * u), given, last=True).select().chosen

@@ -11,7 +11,7 @@ from bench.worlds.course import Course
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Array, Spec, course
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
 from tpmsd.car.vehicle_state.settings import SETTINGS
 from tpmsd.car.vehicle_state.slip_shapes import dynamics_of, wheel_slip_shapes
@@ -76,7 +76,7 @@ def on_a_straight(accel_mps2: Array, driven: str) -> tuple[Motion, Car]:
         heading_rad=still,
         steering_rad=still,
     )
-    car = Car(radius_m=np.full(4, 0.3), geometry=Geometry(1.5, 1.5, 2.6), driven=driven_mask(driven))
+    car = Car(radius_m=np.full(4, 0.3), geometry=WheelPositions(1.5, 1.5, 2.6), driven=driven_mask(driven))
     return motion, car
 
 

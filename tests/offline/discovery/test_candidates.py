@@ -10,8 +10,8 @@ import pytest
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.discovery.candidates import Candidate, candidates
-from tpmsd.offline.discovery.reference import Reference
-from tpmsd.offline.discovery.series import Field, Series
+from tpmsd.offline.discovery.reference import ReceiverMotion
+from tpmsd.offline.discovery.series import MessageField, Series
 from tpmsd.offline.discovery.wheels import Follower
 from tpmsd.onboard.sources.can.signal_plan import BitField
 
@@ -33,13 +33,13 @@ def place(number: int) -> BitField:
     )
 
 
-def drive(seed: int, turning_radps: float) -> tuple[list[Follower], Reference]:
+def drive(seed: int, turning_radps: float) -> tuple[list[Follower], ReceiverMotion]:
     """A minute at 10 to 20 m/s: four wheels in one message, the car's speed in another; a noisy yaw rate."""
     rng = np.random.default_rng(seed)
     time_s: FloatArray = np.asarray(CELL_S * np.arange(CELLS))
     speed = 15.0 + 5.0 * np.sin(0.1 * time_s + seed)
     yaw = turning_radps * np.convolve(rng.standard_normal(CELLS + 8), np.ones(9) / 3.0, "valid")
-    reference = Reference(
+    reference = ReceiverMotion(
         edge_s=CELL_S * np.arange(CELLS + 1.0),
         speed_mps=speed + 0.02 * rng.standard_normal(CELLS),
         yaw_radps=yaw + 0.01 * rng.standard_normal(CELLS),
@@ -61,7 +61,7 @@ def _follower(
     message: str, name: str, key: int, number: int, speed: FloatArray, rng: np.random.Generator
 ) -> Follower:
     noisy = speed + 0.003 * rng.standard_normal(len(speed))
-    series = Series(Field(message, name, key, place(number)), "value", 100.0 * noisy)
+    series = Series(MessageField(message, name, key, place(number)), "value", 100.0 * noisy)
     return Follower(series, 100.0, 0.0, 0.999, speed=noisy)
 
 

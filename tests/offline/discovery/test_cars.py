@@ -19,7 +19,7 @@ from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.discovery.car_start import found_of
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
-from tpmsd.offline.discovery.library import Car, car_from, field_of, match_car
+from tpmsd.offline.discovery.library import CarPlatform, car_from, field_of, match_car
 from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.text import dbc_text
 from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
@@ -36,7 +36,7 @@ def drive() -> SimulatedDrive:
     return simulate_drive(DriveSpec(duration_s=360.0, seed=4))
 
 
-def log_of(car: Car) -> BusLog:
+def log_of(car: CarPlatform) -> BusLog:
     """The frames of a bus as the entry describes it, of one simulated drive."""
     world = drive().world
     rng = np.random.default_rng(1)
@@ -129,14 +129,14 @@ def test_an_entry_that_is_none(data: dict[str, object]) -> None:
         car_from("mine", data)
 
 
-def exchanged(car: Car) -> Car:
+def exchanged(car: CarPlatform) -> CarPlatform:
     """The bus with left and right wheels in each other's places, under names that tell nothing."""
     other = {"l": "r", "r": "l"}
     signals = {
         role: {**car.signals[role[:-1] + other[role[-1]]], "signal": f"M1.S{number}"}
         for number, role in enumerate(car.signals)
     }
-    return Car("exchanged", "Exchanged", "", signals)
+    return CarPlatform("exchanged", "Exchanged", "", signals)
 
 
 def test_a_layout_is_a_weak_prior(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_a_name_alone_is_no_match(tmp_path: Path) -> None:
     """Signals called as a platform's, in another message's place, are not that platform's."""
     toyota = CARS["toyota"]
     signals = {role: {**entry, "id": int(entry["id"]) + 1} for role, entry in toyota.signals.items()}
-    elsewhere = Car("elsewhere", "Elsewhere", "", signals)
+    elsewhere = CarPlatform("elsewhere", "Elsewhere", "", signals)
 
     assert match_car([toyota], [field_of(entry) for entry in signals.values()]) is None
     assert match_car([elsewhere], [field_of(entry) for entry in signals.values()]) is not None

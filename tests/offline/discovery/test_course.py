@@ -7,7 +7,7 @@ import pytest
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.course import course_fit
-from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.reference import ReceiverMotion
 from tpmsd.offline.discovery.result import Estimate
 from tpmsd.offline.discovery.settings import SETTINGS
 
@@ -16,7 +16,7 @@ TRACK_M, AHEAD_M, LATENCY_S, SLIP = 1.62, 1.3, 0.12, 3e-3
 
 def drive(
     load: float, noise_mps: float, difference_noise: float = 0.0
-) -> tuple[FloatArray, FloatArray, Reference]:
+) -> tuple[FloatArray, FloatArray, ReceiverMotion]:
     """Speed and difference of the rear wheels, and a reference, over twelve minutes of mixed speeds."""
     rng = np.random.default_rng(4)
     cell = SETTINGS.cell_s
@@ -30,7 +30,7 @@ def drive(
     course = course + noise_mps / speed * rng.standard_normal(len(course))
     difference = TRACK_M * yaw * (1.0 + load * speed**2) + difference_noise * rng.standard_normal(len(yaw))
     empty = np.full(len(centre), np.nan)
-    return speed, difference, Reference(edges, speed, yaw, empty, centre, speed, course, False)
+    return speed, difference, ReceiverMotion(edges, speed, yaw, empty, centre, speed, course, False)
 
 
 @pytest.mark.parametrize("load", [0.0, 4e-4])

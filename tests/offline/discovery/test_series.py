@@ -7,7 +7,7 @@ import pytest
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
-from tpmsd.offline.discovery.series import Field, unwrap
+from tpmsd.offline.discovery.series import MessageField, unwrap
 from tpmsd.onboard.sources.can.signal_plan import BitField
 
 MODULUS = 1 << 32
@@ -37,7 +37,7 @@ def test_trembling_at_rest_and_a_corrupt_frame() -> None:
     time_s, counts = encoder()
     raw = (counts.astype(np.int64) % MODULUS).astype(np.uint64)
     raw[15_000] ^= np.uint64(0xFF << 24)
-    found = unwrap(Field("ENCODERS", "COUNT", 0x120, bits(32)), log(time_s), raw)
+    found = unwrap(MessageField("ENCODERS", "COUNT", 0x120, bits(32)), log(time_s), raw)
     assert found is not None
     assert len(time_s) - 1 == len(found.time_s)
     kept = np.delete(counts, 15_000)
@@ -48,4 +48,4 @@ def test_a_speed_is_no_counter() -> None:
     """A field that falls as often as it rises is refused."""
     time_s, _ = encoder()
     raw = (2_000 + 1_000 * np.sin(time_s)).astype(np.uint64)
-    assert unwrap(Field("ENGINE", "SPEED", 0x120, bits(16)), log(time_s), raw) is None
+    assert unwrap(MessageField("ENGINE", "SPEED", 0x120, bits(16)), log(time_s), raw) is None

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.count_age import common_age, without_common_age
@@ -29,7 +29,7 @@ def recording(age_s: FloatArray, counted: bool = True) -> Recording:
     shown = np.floor(angle / step) * step if counted else angle
     nothing = np.zeros(0)
     return Recording(
-        car=Car(RADIUS_M, Geometry(1.5, 1.5, 2.6), np.ones(4, dtype=np.bool_), TEETH, 0.0, 0.0),
+        car=Car(RADIUS_M, WheelPositions(1.5, 1.5, 2.6), np.ones(4, dtype=np.bool_), TEETH, 0.0, 0.0),
         dt_s=DT_S,
         start_s=0.0,
         rotation_rad=np.diff(shown, axis=0),

@@ -12,11 +12,20 @@ from tests.car.physics.motions import car
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains
 from tpmsd.offline.planning.search import TARGET, planned
-from tpmsd.offline.simulator.manoeuvres import LIBRARY, Manoeuvre, Step, format_route, motion_of, steps_of
+from tpmsd.offline.simulator.manoeuvres import (
+    LIBRARY,
+    Manoeuvre,
+    ManoeuvrePart,
+    format_route,
+    motion_of,
+    steps_of,
+)
 
 PAIR = ("load_transfer_lateral", "track_width_error")
 """Both go with the yaw rate; only the one also goes with the speed."""
-AT_ONE_SPEED = Manoeuvre("bends at one speed", (Step(20.0, 15.0), *([Step(10.0, 15.0, 0.009)] * 2)))
+AT_ONE_SPEED = Manoeuvre(
+    "bends at one speed", (ManoeuvrePart(20.0, 15.0), *([ManoeuvrePart(10.0, 15.0, 0.009)] * 2))
+)
 
 
 def gains(manoeuvres: list[Manoeuvre], equipment: Equipment, *effects: str) -> dict[str, float]:
@@ -70,7 +79,11 @@ def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixtur
 
 def test_a_step_is_driven_as_it_says() -> None:
     """The speed in the middle of a ramp, the lateral acceleration of a bend, the slope of a hill."""
-    steps = [Step(20.0, 20.0), Step(20.0, 20.0, 0.005), Step(20.0, 20.0, 0.0, 0.06)]
+    steps = [
+        ManoeuvrePart(20.0, 20.0),
+        ManoeuvrePart(20.0, 20.0, 0.005),
+        ManoeuvrePart(20.0, 20.0, 0.0, 0.06),
+    ]
     motion = motion_of(steps, 2.63)
 
     assert pytest.approx(10.0, abs=1e-6) == motion.speed_mps[1000]

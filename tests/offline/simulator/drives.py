@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, Motion, driven_mask
 from tpmsd.offline.simulator.world import World, make_world
@@ -24,7 +24,7 @@ def straight(speed_mps: float, duration_s: float, heading_rad: float = 0.0, yaw:
 
 def world_of(motion: Motion, model: ExtendedModel | None = None, roughness_std_m: float = 0.0) -> World:
     """The plain car on this motion, on a smooth road unless told otherwise."""
-    car = Car(np.full(4, 0.316), Geometry(1.53, 1.52, 2.63), driven_mask("front"))
+    car = Car(np.full(4, 0.316), WheelPositions(1.53, 1.52, 2.63), driven_mask("front"))
     return make_world(
         motion, car, model or ExtendedModel(), np.random.default_rng(1), roughness_std_m=roughness_std_m
     )

@@ -18,7 +18,7 @@ from cantools.database.can import Database
 from tests.conftest import REPO
 from tests.onboard.daemon.fakes import DrivingBus, FakeBus, LeapingClock, ServiceManagerSocket, car, listening
 from tpmsd.car.config.model import CanConfig, Config
-from tpmsd.onboard.daemon.bus_link import Bus
+from tpmsd.onboard.daemon.bus_link import BusInterface
 from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.descriptors import Descriptors
 from tpmsd.onboard.daemon.frame_stamps import TOLERANCE_S
@@ -70,7 +70,7 @@ def run(
     config: Config,
     database: Database,
     clock: Clock,
-    bus: Bus,
+    bus: BusInterface,
     duration_s: float,
     *,
     notifier: Notifier | None = None,
@@ -81,7 +81,7 @@ def run(
 ) -> Daemon:
     """A daemon's whole life; `own_stamps`: frames are stamped by the adapter, and not by the clock."""
 
-    def open_bus(can: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> Bus:
+    def open_bus(can: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> BusInterface:
         assert isinstance(bus, FakeBus)
         return bus.opener()(can, filters, channel)
 

@@ -13,7 +13,7 @@ from tests.onboard.estimators.test_error_state import NOMINAL, TRACK_M
 from tpmsd.car.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.onboard.estimators.bank import measurements
 from tpmsd.onboard.estimators.bank.batched_kalman import Weights, square_weights
-from tpmsd.onboard.estimators.bank.error_state import GYRO, PSI, SLIP, Motion, ProcessModel, side_by_side
+from tpmsd.onboard.estimators.bank.error_state import GYRO, PSI, SLIP, ProcessModel, TickMotion, side_by_side
 from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank
 from tpmsd.onboard.estimators.bank.kernel import (
     ArrayKernel,
@@ -85,7 +85,7 @@ def assert_alike(one: Bank, other: Bank) -> None:
 
 def test_a_kernel_of_other_sources_is_not_used() -> None:
     """A module that was built before a tick had its present numbers is as good as none."""
-    motion = Motion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True)
+    motion = TickMotion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True)
     numbers = len(ProcessModel(NOMINAL, TRACK_M, False).constants(motion, 1.0))
     older, old, present = (ModuleType("_bank") for _ in range(3))
     old.MOTION_NUMBERS = present.MOTION_NUMBERS = numbers  # type: ignore[attr-defined]
@@ -107,7 +107,7 @@ def test_a_tick_moves_the_bank_alike(fast: BankKernel, count: int, wheels: int, 
         ]
     ):
         rear = np.array([6.0, 6.1])
-        motion = Motion(0.1, rear, 0.7, -1.2, informative, 0.998, witness, known, curvature)
+        motion = TickMotion(0.1, rear, 0.7, -1.2, informative, 0.998, witness, known, curvature)
         one = some_bank(count, wheels, seed)
         other = copied(one)
         drift = process.drift_at(one.level * np.random.default_rng(seed).uniform(0.1, 2.0, one.level.shape))
@@ -158,7 +158,9 @@ def test_one_triangle_moves_alike(
             *((False, 0.02, True, 0.05), (True, 0.02, False, 0.05)),
         ]
     ):
-        motion = Motion(0.1, np.array([6.0, 6.1]), 0.7, -1.2, informative, 0.998, witness, known, curvature)
+        motion = TickMotion(
+            0.1, np.array([6.0, 6.1]), 0.7, -1.2, informative, 0.998, witness, known, curvature
+        )
         one = some_bank(count, wheels, seed)
         one.mean[:, PSI] = 2.0 + apart_rad * np.linspace(-1.0, 1.0, count)
         other = copied(one)

@@ -28,9 +28,9 @@ from tpmsd.onboard.estimators.bank.error_state import (
     SLIP,
     TRK,
     E,
-    Motion,
     N,
     ProcessModel,
+    TickMotion,
     drift_covariance,
     initial_state,
 )
@@ -54,9 +54,9 @@ def some_state(count: int, seed: int) -> tuple[FloatArray, FloatArray]:
     return mean, cov
 
 
-def motions() -> st.SearchStrategy[Motion]:
+def motions() -> st.SearchStrategy[TickMotion]:
     return st.builds(
-        Motion,
+        TickMotion,
         dt_s=st.just(TICK_S),
         rear_rad=st.tuples(st.floats(0.5, 12.0), st.floats(0.97, 1.03)).map(
             lambda pair: np.array([pair[0], pair[0] * pair[1]])
@@ -68,7 +68,7 @@ def motions() -> st.SearchStrategy[Motion]:
     )
 
 
-def propagated(model: ProcessModel, mean: FloatArray, cov: FloatArray, motion: Motion) -> FloatArray:
+def propagated(model: ProcessModel, mean: FloatArray, cov: FloatArray, motion: TickMotion) -> FloatArray:
     """The covariance after a tick; the arguments stay."""
     after = cov.copy()
     model.propagate(mean.copy(), after, motion, 1.0)
@@ -77,7 +77,9 @@ def propagated(model: ProcessModel, mean: FloatArray, cov: FloatArray, motion: M
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(motions(), st.booleans(), st.integers(0, 1000))
-def test_the_jacobian_is_the_derivative_of_the_motion(motion: Motion, driven_rear: bool, seed: int) -> None:
+def test_the_jacobian_is_the_derivative_of_the_motion(
+    motion: TickMotion, driven_rear: bool, seed: int
+) -> None:
     """Each state's small change moves all states as the Jacobian says, over motions and states."""
     model = ProcessModel(NOMINAL, TRACK_M, driven_rear)
     mean, prior = some_state(1, seed)
@@ -120,7 +122,7 @@ def test_the_mean_moves_as_the_paper_says() -> None:
     mean[0, MU : MU + 2] = [0.001, -0.002]
     mean[0, PSI] = 0.5
     rear = np.array([6.0, 6.3])
-    model.propagate(mean, cov, Motion(TICK_S, rear, 0.0, 0.0, True), 1.0)
+    model.propagate(mean, cov, TickMotion(TICK_S, rear, 0.0, 0.0, True), 1.0)
     left, right = 6.0 * 0.317, 6.3 * 0.316
     way, turn = (left + right) / 2, (right - left) / TRACK_M
     assert [way * math.cos(0.5 + turn / 2), way * math.sin(0.5 + turn / 2), 0.5 + turn] == pytest.approx(
@@ -142,7 +144,7 @@ def test_the_turn_of_a_leaning_car_needs_no_other_instrument(
     lean_m = coefficient_s2 * speed_mps * turn_radps
     rolled_m = speed_mps + turn_radps * TRACK_M / 2 * np.array([-1.0, 1.0])
     rear_rad = TICK_S * rolled_m / (nominal_m + lean_m * np.array([1.0, -1.0]))
-    late = Motion(TICK_S, rear_rad, 0.0, 0.0, True, witness_turn_rad=0.0, lateral_known=False)
+    late = TickMotion(TICK_S, rear_rad, 0.0, 0.0, True, witness_turn_rad=0.0, lateral_known=False)
 
     _, turn = model.travel_and_turn(mean, late)
 
@@ -164,7 +166,7 @@ def test_a_leaning_cars_radii_turn_it_by_their_share(
     mean, _ = initial_state(1, NOMINAL)
     mean[0, [LOAD, MU]] = coefficient_s2, offset_m
     rear_rad = wheel_radps * TICK_S * np.array([1.0, 1.0 + apart])
-    free = Motion(TICK_S, rear_rad, 0.0, 0.0, True, lateral_known=False)
+    free = TickMotion(TICK_S, rear_rad, 0.0, 0.0, True, lateral_known=False)
     turn = float(model.travel_and_turn(mean, free)[1][0])
     speed_mps = float(rear_rad @ NOMINAL[:2]) / (2 * TICK_S)
     motion = replace(free, accel_lat_mps2=speed_mps * turn / TICK_S)
@@ -185,7 +187,7 @@ def test_steering_replaces_the_wheels_turn() -> None:
     model = ProcessModel(NOMINAL, TRACK_M, False)
     mean, _ = initial_state(1, NOMINAL)
     mean[0, MU] = 0.01
-    motion = Motion(TICK_S, np.array([1.0, 1.0]), 0.0, 0.0, False, steered_curvature=0.1)
+    motion = TickMotion(TICK_S, np.array([1.0, 1.0]), 0.0, 0.0, False, steered_curvature=0.1)
     way, turn = model.travel_and_turn(mean, motion)
     assert (0.326 + 0.318) / 2 == pytest.approx(way[0])
     assert 0.1 * way[0] == pytest.approx(turn[0])
@@ -197,7 +199,7 @@ def test_load_transfer_has_the_catalogues_sign() -> None:
     model = ProcessModel(NOMINAL, TRACK_M, False)
     mean, _ = initial_state(1, NOMINAL)
     rear, accel, c = np.array([6.0, 6.2]), 2.0, 1e-4
-    motion = Motion(TICK_S, rear, 0.0, accel, True)
+    motion = TickMotion(TICK_S, rear, 0.0, accel, True)
     mean[0, LOAD] = 0.0
     _, plain = model.travel_and_turn(mean, motion)
     mean[0, LOAD] = c
@@ -210,7 +212,7 @@ def test_load_transfer_has_the_catalogues_sign() -> None:
 def test_driven_rear_wheels_turn_faster_than_they_roll() -> None:
     """omega r = v (1 + c a): under drive the way is shorter than the roll, by the slip of a driven rear axle
     alone."""
-    motion = Motion(TICK_S, np.array([6.0, 6.0]), 1.5, 0.0, True)
+    motion = TickMotion(TICK_S, np.array([6.0, 6.0]), 1.5, 0.0, True)
     mean, _ = initial_state(1, NOMINAL)
     mean[0, SLIP] = 0.01
     roll = 6.0 * (0.316 + 0.318) / 2
@@ -221,7 +223,7 @@ def test_driven_rear_wheels_turn_faster_than_they_roll() -> None:
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(motions(), st.integers(0, 100))
-def test_uncertainty_grows_with_the_way(motion: Motion, seed: int) -> None:
+def test_uncertainty_grows_with_the_way(motion: TickMotion, seed: int) -> None:
     """A tick without a fix makes no variance smaller but that of the fading bias; the matrix stays a
     covariance."""
     model = ProcessModel(NOMINAL, TRACK_M, False)
@@ -239,7 +241,7 @@ def test_the_bias_of_a_receiver_is_stationary() -> None:
     model = ProcessModel(NOMINAL, TRACK_M, False)
     mean, cov = some_state(1, 1)
     mean[0, BE] = 5.0
-    motion = Motion(TICK_S, np.array([6.0, 6.0]), 0.0, 0.0, True)
+    motion = TickMotion(TICK_S, np.array([6.0, 6.0]), 0.0, 0.0, True)
     ticks = round(SETTINGS.bias_tau_s / TICK_S)
     for _ in range(ticks):
         model.propagate(mean, cov, motion, 2.0)

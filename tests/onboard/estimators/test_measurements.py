@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank import measurements
 from tpmsd.onboard.estimators.bank.error_state import (
@@ -134,7 +134,7 @@ def test_the_course_of_an_antenna_ahead_of_the_axle() -> None:
 def block(seed: int, radii: FloatArray, accel: float = 0.8) -> Block:
     """A second of a bend, with Doppler speeds and a gyro."""
     rng = np.random.default_rng(seed)
-    builder = BlockBuilder([2, 3, 0, 1], NOMINAL, Geometry(1.5, TRACK_M, 2.63))
+    builder = BlockBuilder([2, 3, 0, 1], NOMINAL, WheelPositions(1.5, TRACK_M, 2.63))
     made = None
     for k in range(1, 13):
         time_s = START_S + 0.1 * k
@@ -188,7 +188,7 @@ def test_perfect_instruments_leave_no_innovation() -> None:
     mean[0, LAT:MU] = 0.0
     true = np.array([0.002, 0.002, -0.001, 0.003])
     mean[0, MU:] = true
-    builder = BlockBuilder([2, 3, 0, 1], NOMINAL, Geometry(TRACK_M, TRACK_M, 2.63))
+    builder = BlockBuilder([2, 3, 0, 1], NOMINAL, WheelPositions(TRACK_M, TRACK_M, 2.63))
     made = None
     for k in range(1, 13):
         time_s = START_S + 0.1 * k

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.estimators.world import RADIUS_M, START_S, TRACK_M, WHEELBASE_M, Receiver, World
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Tick
@@ -23,7 +23,9 @@ FRONT_TRACK_M = 1.47
 
 def builder(order: list[int] | None = None, track_front_m: float = TRACK_M) -> BlockBuilder:
     order = ORDER if order is None else order
-    return BlockBuilder(order, np.full(len(order), RADIUS_M), Geometry(track_front_m, TRACK_M, WHEELBASE_M))
+    return BlockBuilder(
+        order, np.full(len(order), RADIUS_M), WheelPositions(track_front_m, TRACK_M, WHEELBASE_M)
+    )
 
 
 def blocks_of(ticks: list[Tick], radii: tuple[float, ...] = (0.0,) * 4) -> list[tuple[int, Block]]:

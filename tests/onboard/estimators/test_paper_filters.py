@@ -28,7 +28,7 @@ from tests.onboard.estimators.world import (
     run,
 )
 from tpmsd.car.config.model import FilterConfig
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.published.front_contrast import FrontContrast
@@ -170,7 +170,7 @@ def test_front_wheels_are_learned_beside_the_rear_pair() -> None:
     """Exact angles through bends: a front wheel's error beyond its rear neighbour's is the true one, and the
     joint covariance is that of a sum."""
     drive = World(duration_s=120.0, teeth=math.inf).drive()
-    front = FrontContrast(np.full(4, RADIUS_M), Geometry(TRACK_M, TRACK_M, WHEELBASE_M), 1 - 1 / 600)
+    front = FrontContrast(np.full(4, RADIUS_M), WheelPositions(TRACK_M, TRACK_M, WHEELBASE_M), 1 - 1 / 600)
     order = [2, 3, 0, 1]
     rear = drive.offsets_m[0][2:]
     for tick in drive.ticks:
@@ -182,7 +182,7 @@ def test_front_wheels_are_learned_beside_the_rear_pair() -> None:
     assert rear_m2 == pytest.approx(covariance[:2, 2:])
     own = covariance[2:, 2:] - rear_m2
     assert np.all(np.linalg.eigvalsh(own) > 0.0)
-    again = FrontContrast(np.full(4, RADIUS_M), Geometry(TRACK_M, TRACK_M, WHEELBASE_M), 1 - 1 / 600)
+    again = FrontContrast(np.full(4, RADIUS_M), WheelPositions(TRACK_M, TRACK_M, WHEELBASE_M), 1 - 1 / 600)
     again.restore(mean, covariance)
     assert mean == pytest.approx(again.moments(rear, rear_m2)[0])
 

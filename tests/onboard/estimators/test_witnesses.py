@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tpmsd.car.physics.grade import MAX_GRADE, MIN_SPAN_M, WINDOW_M, GradeTracker
-from tpmsd.onboard.estimators.bank.error_state import Motion, ProcessModel, initial_state
+from tpmsd.onboard.estimators.bank.error_state import ProcessModel, TickMotion, initial_state
 from tpmsd.onboard.estimators.gates.gyro_check import GyroCheck
 
 
@@ -126,7 +126,7 @@ def test_the_map_sees_the_horizontal_part_of_the_way_and_all_of_the_turn(horizon
     nominal = np.full(2, 0.3)
     model = ProcessModel(nominal, 1.5, driven_rear=False)
     mean, _ = initial_state(1, nominal)
-    motion = Motion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True, horizontal)
+    motion = TickMotion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True, horizontal)
     way, turn = model.travel_and_turn(mean, motion)
     assert way[0] == pytest.approx(6.05 * 0.3 * horizontal)
     assert turn[0] == pytest.approx(0.1 * 0.3 / 1.5)

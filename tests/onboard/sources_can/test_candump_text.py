@@ -119,7 +119,7 @@ def test_compiled_code_reads_the_common_lines_alone() -> None:
         pytest.skip("it is not built here (no compiler, or no headers of Python)")
     others = ["(1.5) can1 123#11", "(1.5) can0 123##011", "(1.5) can0 20000001#00", "(1.5) can0 800#00", "x"]
     text = "".join(f"{line}\n" for line in ["(1.5) can0 1F3#aB01", *others, "(2.25) can0 1ABCDEF0#"])
-    rows = candump_text._Rows(7)
+    rows = candump_text._LineTable(7)
     arrays = (rows.found, rows.time_s, rows.identifier, rows.size, rows.data)
     assert 2 == candump_text.compiled.lines(text.encode(), b"can0", *arrays)
     assert ([0, 6], [1.5, 2.25]) == (np.flatnonzero(rows.found).tolist(), rows.time_s[rows.found].tolist())

@@ -20,7 +20,7 @@ from tpmsd.car.config.dbc import NotedDatabase, counter_modulus, find_signal, lo
 from tpmsd.car.config.document import read_document
 from tpmsd.car.config.load import Parsed, parse
 from tpmsd.car.config.model import GNSS_ROLES, Config, SignalOptions
-from tpmsd.car.config.plan import TOP_SPEED_MPS, Plan, make_plan
+from tpmsd.car.config.plan import TOP_SPEED_MPS, ConfigurationPlan, make_plan
 from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.car.config.suggest import nearest
 from tpmsd.car.config.units import assumed_unit, stated_unit, to_si
@@ -38,7 +38,7 @@ class CheckResult:
     file: Path
     problems: tuple[Problem, ...]
     warnings: tuple[Problem, ...] = ()
-    plan: Plan | None = None
+    plan: ConfigurationPlan | None = None
     """None if there are problems."""
 
 
@@ -223,7 +223,7 @@ class _Checker:
         if "steering_wheel_angle" in signals and "steering_ratio" not in vehicle:
             self._warn("not given: the steering wheel's angle is of no use", "vehicle", "steering_ratio")
 
-    def _check_counters(self, plan: Plan) -> None:
+    def _check_counters(self, plan: ConfigurationPlan) -> None:
         """Report a counter that turns by half its range between two frames, so that forward looks like
         backward."""
         for wheel in plan.wheels:
@@ -235,7 +235,7 @@ class _Checker:
                 )
                 self._warn(what, "can.signals", wheel.source.role)
 
-    def _check_speeds(self, plan: Plan) -> None:
+    def _check_speeds(self, plan: ConfigurationPlan) -> None:
         """Report coarse steps, which bias the radii; once, for the wheel with the coarsest."""
         speeds = [wheel for wheel in plan.wheels if wheel.speed_step_mps is not None]
         coarsest = max(speeds, key=lambda wheel: wheel.speed_step_mps or 0.0, default=None)

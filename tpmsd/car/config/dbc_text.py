@@ -73,7 +73,7 @@ class _Signal:
 
 
 @dataclass(slots=True)
-class _Message:
+class _DbcMessage:
     frame_id: int
     name: str
     length: int
@@ -104,9 +104,9 @@ class DbcReader:
         """Number of all notes; `notes` holds the first `MAX_NOTES`."""
         self.known = 0
         """Lines that begin as statements of a DBC do."""
-        self._messages: list[_Message] = []
-        self._by_id: dict[int, _Message] = {}
-        self._open: _Message | None = None
+        self._messages: list[_DbcMessage] = []
+        self._by_id: dict[int, _DbcMessage] = {}
+        self._open: _DbcMessage | None = None
         self._signals = 0
         self._in_text = False
 
@@ -165,7 +165,7 @@ class DbcReader:
             raise TooLargeError(f"more than {MAX_MESSAGES} messages")
         if frame_id > _STANDARD_IDS and not frame_id & _EXTENDED_FLAG:
             self._note(line, f"message {name}: identifier {frame_id:#x} is taken as one of 29 bits")
-        self._open = _Message(frame_id, name, length, match[4], line)
+        self._open = _DbcMessage(frame_id, name, length, match[4], line)
         self._messages.append(self._open)
         self._by_id[frame_id] = self._open
 
@@ -217,7 +217,7 @@ class DbcReader:
         """Return the messages that were read, as cantools has them."""
         return [self._made(message) for message in self._messages]
 
-    def _made(self, message: _Message) -> Message:
+    def _made(self, message: _DbcMessage) -> Message:
         signals = []
         for signal in message.signals.values():
             parent, branches, problem = self._branches(message, signal)
@@ -241,7 +241,7 @@ class DbcReader:
             strict=False,
         )
 
-    def _branches(self, message: _Message, signal: _Signal) -> tuple[str | None, list[int] | None, str]:
+    def _branches(self, message: _DbcMessage, signal: _Signal) -> tuple[str | None, list[int] | None, str]:
         """Return the multiplexer above a signal, the numbers that select it, and what is wrong with them."""
         if signal.mux is None or not signal.mux.startswith("m"):
             return None, None, ""
@@ -262,7 +262,7 @@ class DbcReader:
         return parent, sorted(branches), "" if branches else "no multiplexer value"
 
 
-def _reaches_root(message: _Message, name: str, parent: str) -> bool:
+def _reaches_root(message: _DbcMessage, name: str, parent: str) -> bool:
     seen = {name}
     at: str | None = parent
     while at is not None:

@@ -23,7 +23,7 @@ from tpmsd.car.config.can_output import (
 from tpmsd.car.config.gnss_source import ALLOWED, DeviceRule, SourceRule
 from tpmsd.car.config.rules import (
     TYRE_SIZE,
-    Channel,
+    ChannelName,
     Choice,
     FilePath,
     Flag,
@@ -97,7 +97,7 @@ def _(rule: FilePath) -> Schema:
 
 
 @of_rule.register
-def _(rule: Channel) -> Schema:
+def _(rule: ChannelName) -> Schema:
     return {"anyOf": [dict(_TEXT), {"type": "integer", "minimum": 0, "maximum": 255}]}
 
 

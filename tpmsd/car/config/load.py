@@ -75,7 +75,7 @@ def load_config(path: Path, dbc: Path | None = None) -> Config:
 
 def parse(document: Document, dbc: Path | None = None, *, dbc_elsewhere: bool = False) -> Parsed:
     """Check `document` against the schema and make the records; `dbc_elsewhere`: the DBC is no file."""
-    return _Parser(document, dbc_elsewhere).parse(dbc)
+    return _ConfigParser(document, dbc_elsewhere).parse(dbc)
 
 
 _READ_APART = {("can", "buses"), ("can", "output")}
@@ -89,7 +89,7 @@ def _no_file(path: Path) -> BadValueError:
     return BadValueError("no such file", show(str(path)), suggestion=nearest(path.name, beside))
 
 
-class _Parser:
+class _ConfigParser:
     def __init__(self, document: Document, dbc_elsewhere: bool = False) -> None:
         self._document = document
         self._dbc_elsewhere = dbc_elsewhere

@@ -1,6 +1,7 @@
 """Plan of the monitoring: the signals in use, and what is lost for those that are missing.
 
-In: a configuration without problems, the DBC's signals of its roles. Out: `Plan`, for people and programs.
+In: a configuration without problems, the DBC's signals of its roles. Out: `ConfigurationPlan`, for people and
+programs.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _LOST_BY_SLIP_GATE = {
 
 
 @dataclass(frozen=True, slots=True)
-class SignalPlan:
+class SignalPosition:
     """Position on the bus of a role's signal."""
 
     role: str
@@ -61,7 +62,7 @@ class WheelPlan:
 
     wheel: str
     radius_m: float
-    source: SignalPlan
+    source: SignalPosition
     kind: str
     """count | speed"""
     bits: int
@@ -76,7 +77,7 @@ class WheelPlan:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class ConfigurationPlan:
     """All that the daemon would do with this configuration."""
 
     file: Path
@@ -84,13 +85,13 @@ class Plan:
     interface: str
     channel: str
     wheels: tuple[WheelPlan, ...]
-    optional: tuple[SignalPlan, ...]
+    optional: tuple[SignalPosition, ...]
     losses: dict[str, str]
     """Mapping missing input -> loss of function by it."""
     config: Config
 
 
-def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Plan:
+def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> ConfigurationPlan:
     """Return the plan of a configuration whose roles have all been found in the DBC."""
     wheels = tuple(
         _wheel(config, index, role, *found[role])
@@ -103,7 +104,7 @@ def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Pl
         for role in OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
         if role in found
     )
-    return Plan(
+    return ConfigurationPlan(
         file=config.file or Path("vehicle.toml"),
         dbc=config.can.dbc,
         interface=config.can.interface,
@@ -115,9 +116,9 @@ def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Pl
     )
 
 
-def _signal(role: str, message: Message, signal: Signal, option: SignalOptions) -> SignalPlan:
+def _signal(role: str, message: Message, signal: Signal, option: SignalOptions) -> SignalPosition:
     stated = stated_unit(option.unit or signal.unit)
-    return SignalPlan(
+    return SignalPosition(
         role=role,
         signal=f"{message.name}.{signal.name}",
         frame_id=message.frame_id,

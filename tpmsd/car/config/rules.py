@@ -198,7 +198,7 @@ class TyreSize:
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class ChannelName:
     """A CAN channel: a name such as can0, or a number as some interfaces have it."""
 
     def read(self, value: object) -> str:

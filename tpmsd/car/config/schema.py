@@ -20,7 +20,7 @@ from tpmsd.car.config.model import (
     VEHICLE_STATE_METHODS,
 )
 from tpmsd.car.config.rules import (
-    Channel,
+    ChannelName,
     Choice,
     FilePath,
     Flag,
@@ -60,7 +60,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         },
         "can": {
             "interface": Text(),
-            "channel": Channel(),
+            "channel": ChannelName(),
             "dbc": FilePath(folder),
             "fd": Flag(),
             "bitrate": Whole(5_000, 8_000_000),
@@ -121,7 +121,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         },
         "alarms": {
             "can": Flag(),
-            "channel": Channel(),
+            "channel": ChannelName(),
             "status_id": Whole(0, _LONGEST_CAN_ID, base=16),
             "alarm_id": Whole(0, _LONGEST_CAN_ID, base=16),
             "reset_id": Whole(0, _LONGEST_CAN_ID, base=16),

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from tpmsd.car.config.model import BusConfig, Condition, SignalOptions
 from tpmsd.car.config.problems import BadValueError, is_file, show, show_key
-from tpmsd.car.config.rules import Channel, FilePath, Flag, Number, SignalName, Text, Whole
+from tpmsd.car.config.rules import ChannelName, FilePath, Flag, Number, SignalName, Text, Whole
 from tpmsd.car.config.suggest import nearest
 from tpmsd.car.config.units import canonical_unit
 from tpmsd.foundation.wheels import WHEELS
@@ -27,7 +27,7 @@ _MOST_BUSES = 8
 _WIDEST = (1 << 64) - 1
 
 
-class _Rule(Protocol):
+class _KeyRule(Protocol):
     def read(self, value: object) -> object: ...
 
 
@@ -102,7 +102,7 @@ class SignalEntry:
         """Return the name and options."""
         if not isinstance(value, dict):
             return SignalName().read(value), SignalOptions()
-        keys: dict[str, _Rule] = {
+        keys: dict[str, _KeyRule] = {
             "signal": SignalName(),
             "invalid": _RawValues(),
             "valid_when": WhenSignal(),
@@ -133,8 +133,8 @@ class BusEntry:
 
     def read(self, value: object, main: Mapping[str, Any], main_dbc: Path | None) -> BusConfig:
         """Return the bus; what it does not say is as in [can] (`main`, `main_dbc`)."""
-        rules: dict[str, _Rule] = {
-            "channel": Channel(),
+        rules: dict[str, _KeyRule] = {
+            "channel": ChannelName(),
             "interface": Text(),
             "dbc": FilePath(self.folder),
             "fd": Flag(),
@@ -172,7 +172,7 @@ class TeethTable:
         return {wheel: _within(wheel, self.each, number) for wheel, number in value.items()}
 
 
-def _read_keys(value: Mapping[str, object], rules: Mapping[str, _Rule]) -> dict[str, Any]:
+def _read_keys(value: Mapping[str, object], rules: Mapping[str, _KeyRule]) -> dict[str, Any]:
     read = {}
     for key, one in value.items():
         if key not in rules:

@@ -15,7 +15,7 @@ from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Geometry:
+class WheelPositions:
     """Positions of the wheels."""
 
     track_front_m: float
@@ -26,7 +26,7 @@ class Geometry:
 def wheel_speeds(
     speed_mps: FloatArray | float,
     yaw_rate_radps: FloatArray | float,
-    geometry: Geometry,
+    geometry: WheelPositions,
     lateral_speed_mps: FloatArray | float = 0.0,
 ) -> FloatArray:
     """Speed over ground of each wheel along its own rolling direction, shape (..., 4).

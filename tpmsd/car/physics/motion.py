@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 GRAVITY_MPS2 = 9.80665
@@ -115,7 +115,7 @@ class Car:
 
     radius_m: FloatArray
     """(4,) nominal effective rolling radius."""
-    geometry: Geometry
+    geometry: WheelPositions
     driven: NDArray[np.bool_]
     """(4,) which wheels the engine drives."""
     teeth_per_rev: float = 48.0
@@ -124,7 +124,7 @@ class Car:
     steering_ratio: float = 15.0
     """Angle of the steering wheel per angle of the road wheels; a common one where it is not configured."""
 
-    def with_tracks(self, front_m: float, rear_m: float) -> Geometry:
+    def with_tracks(self, front_m: float, rear_m: float) -> WheelPositions:
         """Return the geometry with the tracks changed by these amounts."""
         return replace(
             self.geometry,

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, Motion, driven_mask
 from tpmsd.car.physics.parameters import Parameter, TextParameter, VectorParameter, WheelParameter
 from tpmsd.foundation.errors import ConfigError
@@ -205,7 +205,7 @@ def _try_out(effect: type[Effect], where: str) -> None:
     """Run what the effect overrides on a short motion: ConfigError on an error, a shape or a NaN."""
     time_s: FloatArray = np.arange(SAMPLES, dtype=np.float64) * 0.1
     motion = Motion.from_profiles(time_s, 10.0 + time_s, 0.1 * np.sin(time_s), wheelbase_m=2.6)
-    car = Car(np.full(4, 0.3), Geometry(1.5, 1.5, 2.6), driven_mask("front"))
+    car = Car(np.full(4, 0.3), WheelPositions(1.5, 1.5, 2.6), driven_mask("front"))
     values = {one.name: value for one in effect.parameters if (value := _typical(one)) is not None}
     hook = "its values"
     try:

@@ -16,8 +16,8 @@ import numpy as np
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
-from tpmsd.car.vehicle_state.model import MIN_SPEED_MPS, Inputs, R, U, V
+from tpmsd.car.vehicle_state.kalman import Ekf, FilterNoise, GaussianState, StateFilter, Ukf
+from tpmsd.car.vehicle_state.model import MIN_SPEED_MPS, R, StepInputs, U, V
 from tpmsd.car.vehicle_state.particle import DEFAULT_PARTICLES, UnscentedParticleFilter
 from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.wheels import FloatArray
@@ -26,10 +26,12 @@ FILTERS = ("ekf", "ukf", "upf", "arupf")
 
 
 @dataclass(frozen=True, slots=True)
-class EstimatorSettings:
+class VehicleStateAssumptions:
     """Assumptions about sensors and model, each with its unit and reason."""
 
-    noise: Noise = field(default_factory=lambda: Noise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3)))
+    noise: FilterNoise = field(
+        default_factory=lambda: FilterNoise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3))
+    )
     """Process: what a tyre model of a car known by its data sheet leaves, per square root of a second.
     Readings: a body-fixed accelerometer leans with the roll (0.6 m/s2 at 6 m/s2 and 6 degrees per g), a
     production gyro has a bias of 1 deg/s at most, wheel speeds are within 1 % of 30 m/s."""
@@ -50,14 +52,14 @@ class EstimatorSettings:
     """Equivalent weight below which a reading counts as refused."""
 
 
-SETTINGS = EstimatorSettings()
+SETTINGS = VehicleStateAssumptions()
 
 
 def make_filter(
     method: str,
     car: CarDynamics,
-    noise: Noise,
-    start: Belief,
+    noise: FilterNoise,
+    start: GaussianState,
     rng: np.random.Generator,
     particles: int = DEFAULT_PARTICLES,
 ) -> StateFilter:
@@ -81,7 +83,7 @@ class VehicleStateEstimator:
         method: str,
         rng: np.random.Generator,
         particles: int = DEFAULT_PARTICLES,
-        settings: EstimatorSettings = SETTINGS,
+        settings: VehicleStateAssumptions = SETTINGS,
         means: bool = False,
     ) -> None:
         """`means`: readings are means over their tick, as those of the timeline, not values at its end."""
@@ -97,7 +99,7 @@ class VehicleStateEstimator:
         self._deaf_s = np.zeros(3)
         self._steer_rad = self._ahead_mps2 = self._speed_mps = math.nan
         self._steer_age_s = self._ahead_age_s = 0.0
-        self._before: Inputs | None = None
+        self._before: StepInputs | None = None
 
     def step(
         self,
@@ -129,7 +131,7 @@ class VehicleStateEstimator:
         reading = np.array([accel_lat_mps2, yaw_rate_radps, speed_mps], dtype=np.float64)
         try:
             with np.errstate(all="ignore"):  # what overflows is found below
-                belief = self._belief(self._filter, Inputs(dt_s, ahead_mps2, steer_rad), reading)
+                belief = self._belief(self._filter, StepInputs(dt_s, ahead_mps2, steer_rad), reading)
         except np.linalg.LinAlgError:
             self.reset()
             return None
@@ -138,7 +140,7 @@ class VehicleStateEstimator:
             return None
         return state_of(belief)
 
-    def _belief(self, filter_: StateFilter, now: Inputs, reading: FloatArray) -> Belief:
+    def _belief(self, filter_: StateFilter, now: StepInputs, reading: FloatArray) -> GaussianState:
         """Return the belief at the end of a tick.
 
         Means over a tick are the readings of its middle: there the filter's belief holds, and the model takes
@@ -149,9 +151,9 @@ class VehicleStateEstimator:
             return belief
         before, self._before = self._before or now, now
         steer_rad = now.steer_rad + (now.steer_rad - before.steer_rad) / 4
-        half = Inputs(now.dt_s / 2, now.accel_long_mps2, steer_rad)
+        half = StepInputs(now.dt_s / 2, now.accel_long_mps2, steer_rad)
         growth = self._settings.noise.process_covariance(half.dt_s)
-        return Belief(model.advance(self._car, belief.mean, half), belief.covariance + growth)
+        return GaussianState(model.advance(self._car, belief.mean, half), belief.covariance + growth)
 
     def _started(self, dt_s: float, yaw_rate_radps: float, speed_mps: float) -> StateFilter:
         settings = self._settings
@@ -161,10 +163,10 @@ class VehicleStateEstimator:
             settings.start_speed_mps,
             settings.start_yaw_rate_radps,
         )
-        start = Belief(mean, np.diag(np.square(stds)))
+        start = GaussianState(mean, np.diag(np.square(stds)))
         lateral, yaw, speed = settings.noise.readings
         longer = math.sqrt(max(settings.correlated_s / dt_s, 1.0))
-        noise = Noise(settings.noise.process, (lateral * longer, yaw, speed * longer))
+        noise = FilterNoise(settings.noise.process, (lateral * longer, yaw, speed * longer))
         return make_filter(self._method, self._car, noise, start, self._rng, self._particles)
 
     def _held_steer(self, dt_s: float, steer_rad: float) -> float:
@@ -187,7 +189,7 @@ class VehicleStateEstimator:
         by_speed = (speed_mps - before) / dt_s
         return by_speed if math.isfinite(by_speed) else 0.0
 
-    def _sound(self, belief: Belief, dt_s: float) -> bool:
+    def _sound(self, belief: GaussianState, dt_s: float) -> bool:
         """Return whether the belief is one of a car that drives forward and whose readings are heard."""
         if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
             return False
@@ -200,7 +202,7 @@ class VehicleStateEstimator:
         return bool(self._deaf_s.max() <= self._settings.deaf_s)
 
 
-def state_of(belief: Belief) -> VehicleState:
+def state_of(belief: GaussianState) -> VehicleState:
     """Return speeds, side slip beta = atan2(v, u) and yaw rate of a belief with their standard deviations.
 
     The side slip's is that to first order: d beta = (u dv - v du) / (u^2 + v^2).

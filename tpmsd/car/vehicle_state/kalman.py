@@ -1,7 +1,7 @@
 """Extended and unscented Kalman filters of the vehicle state, the latter also in robust form.
 
-In: `Inputs` and readings (3,), NaN where a sensor is silent. Out: `Belief`. The unscented steps below work on
-any number of Gaussians at once; the particle filters take their proposals from them.
+In: `StepInputs` and readings (3,), NaN where a sensor is silent. Out: `GaussianState`. The unscented steps
+below work on any number of Gaussians at once; the particle filters take their proposals from them.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
 from tpmsd.car.vehicle_state.linear import advance_jacobian, readings_jacobian
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
 from tpmsd.foundation.wheels import FloatArray
 
@@ -23,7 +23,7 @@ SIGMA = sigma_weights(3)
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class FilterNoise:
     """Standard deviations of process and readings that the filters assume."""
 
     process: tuple[float, float, float] = (0.30, 0.10, 0.15)
@@ -42,7 +42,7 @@ class Noise:
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
+class GaussianState:
     """The state (v, u, r) with its covariance."""
 
     mean: FloatArray
@@ -54,7 +54,7 @@ class Belief:
 class StateFilter(Protocol):
     """A filter of the vehicle state."""
 
-    def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
+    def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
         """Advance by one tick and take its readings (3,); NaN is left out."""
         ...
 
@@ -62,10 +62,10 @@ class StateFilter(Protocol):
 class Ekf:
     """The extended Kalman filter, with analytic derivatives."""
 
-    def __init__(self, car: CarDynamics, noise: Noise, start: Belief) -> None:
+    def __init__(self, car: CarDynamics, noise: FilterNoise, start: GaussianState) -> None:
         self._car, self._noise, self._belief = car, noise, start
 
-    def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
+    def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
         """Update by one tick."""
         mean, by_state = advance_jacobian(self._car, self._belief.mean, inputs)
         covariance = by_state @ self._belief.covariance @ by_state.T
@@ -80,7 +80,7 @@ class Ekf:
             # Joseph's form: stays positive whatever rounding does.
             rest = np.eye(3) - gain @ rows
             covariance = rest @ covariance @ rest.T + gain @ noise @ gain.T
-        self._belief = Belief(mean, covariance)
+        self._belief = GaussianState(mean, covariance)
         return self._belief
 
 
@@ -101,7 +101,7 @@ class Corrected:
 
 
 def predict(
-    car: CarDynamics, mean: FloatArray, covariance: FloatArray, inputs: Inputs, noise: Noise
+    car: CarDynamics, mean: FloatArray, covariance: FloatArray, inputs: StepInputs, noise: FilterNoise
 ) -> tuple[FloatArray, FloatArray]:
     """Eq. (16): means (N, 3) and covariances (N, 3, 3) after the tick."""
     points = model.advance(car, sigma_points(mean, covariance, SIGMA), inputs)
@@ -113,9 +113,9 @@ def correct(
     car: CarDynamics,
     mean: FloatArray,
     covariance: FloatArray,
-    inputs: Inputs,
+    inputs: StepInputs,
     reading: FloatArray,
-    noise: Noise,
+    noise: FilterNoise,
     robust: RobustSettings | None,
 ) -> Corrected:
     """Eqs (17), (18) with K = P_xz inv(P_zz); with `robust` also (19)-(21).
@@ -155,7 +155,7 @@ class _Update:
         car: CarDynamics,
         mean: FloatArray,
         covariance: FloatArray,
-        inputs: Inputs,
+        inputs: StepInputs,
         reading: FloatArray,
         seen: FloatArray,
     ) -> None:
@@ -184,7 +184,7 @@ class Ukf:
     """The unscented Kalman filter; with `robust` it is the adaptive robust one with a single Gaussian."""
 
     def __init__(
-        self, car: CarDynamics, noise: Noise, start: Belief, robust: RobustSettings | None = None
+        self, car: CarDynamics, noise: FilterNoise, start: GaussianState, robust: RobustSettings | None = None
     ) -> None:
         self._car, self._noise, self._robust = car, noise, robust
         self._belief = start
@@ -192,11 +192,11 @@ class Ukf:
         """(3,) equivalent weights of the last readings."""
         self.factor = 1.0
 
-    def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
+    def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
         """Update by one tick."""
         mean, covariance = self._belief.mean[None], self._belief.covariance[None]
         mean, covariance = predict(self._car, mean, covariance, inputs, self._noise)
         done = correct(self._car, mean, covariance, inputs, reading, self._noise, self._robust)
         self.weights, self.factor = done.weights, done.factor
-        self._belief = Belief(done.mean[0], done.covariance[0])
+        self._belief = GaussianState(done.mean[0], done.covariance[0])
         return self._belief

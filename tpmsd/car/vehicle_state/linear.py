@@ -12,8 +12,8 @@ from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.car.vehicle_state.car import CarDynamics
 from tpmsd.car.vehicle_state.model import (
     MIN_SPEED_MPS,
-    Inputs,
     R,
+    StepInputs,
     U,
     V,
     rates,
@@ -24,7 +24,9 @@ from tpmsd.car.vehicle_state.model import (
 from tpmsd.foundation.wheels import FloatArray
 
 
-def _force_gradients(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+def _force_gradients(
+    car: CarDynamics, state: FloatArray, inputs: StepInputs
+) -> tuple[FloatArray, FloatArray]:
     """(3,) derivatives of lateral acceleration and of yaw acceleration by the state."""
     at = wheels(car, state, inputs)
     forces = car.tyres.gradients(at.slip, at.slip_angle_rad, at.load_n)
@@ -49,14 +51,16 @@ def _force_gradients(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tup
     return side.sum(axis=-1) / car.mass_kg, moment / car.yaw_inertia_kgm2
 
 
-def rates_jacobian(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
+def rates_jacobian(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
     """(3, 3) derivative of `model.rates`; rows are the rates, columns the states."""
     lateral, yaw = _force_gradients(car, state, inputs)
     turning = np.array([0.0, state[R], state[U]])
     return np.stack([lateral - turning, np.array([state[R], 0.0, state[V]]), yaw])
 
 
-def advance_jacobian(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+def advance_jacobian(
+    car: CarDynamics, state: FloatArray, inputs: StepInputs
+) -> tuple[FloatArray, FloatArray]:
     """Return the state after the tick (3,), and its derivative by the state before (3, 3)."""
     count, step = substeps(state, inputs)
     whole = np.eye(3)
@@ -68,7 +72,7 @@ def advance_jacobian(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tup
     return state, whole
 
 
-def readings_jacobian(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
+def readings_jacobian(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
     """(3, 3) derivative of `model.readings`."""
     lateral, _ = _force_gradients(car, state, inputs)
     out = np.zeros((3, 3))

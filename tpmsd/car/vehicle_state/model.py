@@ -40,7 +40,7 @@ _MAX_FORCE_SHARE = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class Inputs:
+class StepInputs:
     """Inputs of the model over one step."""
 
     dt_s: float
@@ -73,7 +73,7 @@ def carried_slip(car: CarDynamics, accel_long_mps2: FloatArray | float) -> Float
     return np.asarray(force / (1.0 - force))
 
 
-def wheels(car: CarDynamics, state: FloatArray, inputs: Inputs) -> Wheels:
+def wheels(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> Wheels:
     """Return what happens at the four wheels in the states (..., 3)."""
     v, u, r = state[..., V, None], state[..., U, None], state[..., R, None]
     along = u - r * car.left_m
@@ -89,7 +89,7 @@ def wheels(car: CarDynamics, state: FloatArray, inputs: Inputs) -> Wheels:
 _STEERED = np.array([1.0, 1.0, 0.0, 0.0])
 
 
-def lateral_and_yaw(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+def lateral_and_yaw(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> tuple[FloatArray, FloatArray]:
     """(...,) lateral acceleration, eq. (5), and yaw acceleration, eqs (1) and (3), by the tyres' forces."""
     forces = wheels(car, state, inputs).forces
     cos, sin = road_wheel_cos_sin(inputs)
@@ -99,19 +99,19 @@ def lateral_and_yaw(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tupl
     return side.sum(axis=-1) / car.mass_kg, moment / car.yaw_inertia_kgm2
 
 
-def road_wheel_cos_sin(inputs: Inputs) -> tuple[FloatArray, FloatArray]:
+def road_wheel_cos_sin(inputs: StepInputs) -> tuple[FloatArray, FloatArray]:
     """(4,) cosine and sine of the angle at which each wheel stands."""
     return np.cos(inputs.steer_rad * _STEERED), np.sin(inputs.steer_rad * _STEERED)
 
 
-def rates(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
+def rates(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
     """(..., 3) time derivative of the state, eq. (1)."""
     lateral, yaw = lateral_and_yaw(car, state, inputs)
     v, u, r = state[..., V], state[..., U], state[..., R]
     return np.stack([lateral - u * r, inputs.accel_long_mps2 + v * r, yaw], axis=-1)
 
 
-def advance(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
+def advance(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
     """(..., 3) state at the end of the tick, by the midpoint rule in `substeps`."""
     count, step = substeps(state, inputs)
     for _ in range(count):
@@ -120,7 +120,7 @@ def advance(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
     return state
 
 
-def substeps(state: FloatArray, inputs: Inputs) -> tuple[int, float]:
+def substeps(state: FloatArray, inputs: StepInputs) -> tuple[int, float]:
     """Number and length of the steps in which a tick is integrated: those that the slowest state needs."""
     slowest = float(np.min(state[..., U]))
     longest = min(max(STEP_S_PER_MPS * slowest, MIN_STEP_S), MAX_STEP_S)
@@ -128,7 +128,7 @@ def substeps(state: FloatArray, inputs: Inputs) -> tuple[int, float]:
     return count, inputs.dt_s / count
 
 
-def readings(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
+def readings(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
     """(..., 3) what the sensors would read: lateral acceleration (with the body's roll), yaw rate, speed."""
     lateral, _ = lateral_and_yaw(car, state, inputs)
     gain = 1.0 + GRAVITY_MPS2 * car.roll_rad_per_mps2

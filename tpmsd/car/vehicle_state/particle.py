@@ -1,8 +1,9 @@
 """The unscented particle filter (UPF) and its adaptive robust form (ARUPF) of Liu et al. (2022).
 
-In: `Inputs` and readings (3,). Out: `Belief`. Every particle carries a Gaussian of its own; an unscented
-Kalman step moves it and takes the readings, the particle's new place is drawn from the result, and its weight
-is likelihood times transition density over that proposal (eq. 21). Systematic resampling at every step.
+In: `StepInputs` and readings (3,). Out: `GaussianState`. Every particle carries a Gaussian of its own; an
+unscented Kalman step moves it and takes the readings, the particle's new place is drawn from the result, and
+its weight is likelihood times transition density over that proposal (eq. 21). Systematic resampling at every
+step.
 
 With `RobustSettings` the readings' variances are divided by their equivalent weights and the prediction's
 covariance by the adaptive factor, in the proposal, in the transition density and in the likelihood alike.
@@ -22,8 +23,8 @@ import numpy as np
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.kalman import SIGMA, Belief, Noise, correct
-from tpmsd.car.vehicle_state.model import Inputs
+from tpmsd.car.vehicle_state.kalman import SIGMA, FilterNoise, GaussianState, correct
+from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.unscented import moments, sigma_points
 from tpmsd.foundation.wheels import FloatArray
 
@@ -36,8 +37,8 @@ class UnscentedParticleFilter:
     def __init__(
         self,
         car: CarDynamics,
-        noise: Noise,
-        start: Belief,
+        noise: FilterNoise,
+        start: GaussianState,
         rng: np.random.Generator,
         robust: RobustSettings | None = None,
         particles: int = DEFAULT_PARTICLES,
@@ -55,7 +56,7 @@ class UnscentedParticleFilter:
         self.effective = float(particles)
         """Effective number of particles before the last resampling."""
 
-    def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
+    def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
         """Update by one tick."""
         car, process = self._car, self._noise.process_covariance(inputs.dt_s)
         if self._covariance is None:
@@ -79,7 +80,7 @@ class UnscentedParticleFilter:
         self.effective = float(1.0 / np.sum(weights**2))
         mean = weights @ states
         centred = states - mean
-        belief = Belief(mean, (centred * weights[:, None]).T @ centred)
+        belief = GaussianState(mean, (centred * weights[:, None]).T @ centred)
         chosen = _systematic(self._rng, weights)
         self._states = states[chosen]
         if self._covariance is not None:

@@ -1,6 +1,6 @@
 """The car library's files: `cars/*.toml`, part of the package.
 
-In: nothing. Out: `Car`s.
+In: nothing. Out: `CarPlatform`s.
 """
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ import tomllib
 from importlib.resources import files
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.offline.discovery.library import Car, car_from
+from tpmsd.offline.discovery.library import CarPlatform, car_from
 
 
-def load_cars() -> list[Car]:
+def load_cars() -> list[CarPlatform]:
     """Return all entries by name; ConfigError names the file that is no entry."""
     cars = []
     for entry in sorted(files("tpmsd.car.cars").iterdir(), key=lambda one: one.name):

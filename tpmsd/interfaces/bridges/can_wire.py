@@ -16,7 +16,7 @@ import time
 import can
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.bridges.vss_frames import Frame
+from tpmsd.interfaces.bridges.vss_frames import VssFrame
 
 RETRY_S = 1.0
 """Time from a failure to the next attempt, s."""
@@ -68,7 +68,7 @@ class CanWire:
         self._again_s = -math.inf
         self._said = ""
 
-    def send(self, frame: Frame) -> bool:
+    def send(self, frame: VssFrame) -> bool:
         """Put a frame on the bus; False if the bus is away."""
         message = can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
         try:

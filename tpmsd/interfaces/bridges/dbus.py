@@ -15,7 +15,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.bridges.summary import Alarm, Summary, summarise
+from tpmsd.interfaces.bridges.summary import Alarm, DaemonSummary, summarise
 
 if TYPE_CHECKING:
     from jeepney.io.blocking import DBusConnection
@@ -89,7 +89,7 @@ class DbusBridge:
             self._close()
             self._warn(f"the bus does not answer: {error}")
 
-    def _publish(self, summary: Summary) -> None:
+    def _publish(self, summary: DaemonSummary) -> None:
         if not summary.ready:
             return
         stands = {alarm.key: alarm for alarm in summary.alarms}

@@ -21,7 +21,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.bridges.home_assistant import discovery
 from tpmsd.interfaces.bridges.mqtt_messages import MAX_PAYLOAD_BYTES, Announcer, Message, Topics
-from tpmsd.interfaces.bridges.summary import Summary, summarise
+from tpmsd.interfaces.bridges.summary import DaemonSummary, summarise
 
 if TYPE_CHECKING:
     import paho.mqtt.client as paho
@@ -87,7 +87,7 @@ class MqttBridge:
         self._available = False
         self._published_available: bool | None = None
         self._introduced: tuple[str, ...] = ()
-        self._summary: Summary | None = None
+        self._summary: DaemonSummary | None = None
         client = paho.Client(CallbackAPIVersion.VERSION2, client_id=f"tpmsd-{settings.node}")
         client.max_inflight_messages_set(MAX_IN_FLIGHT)
         client.max_queued_messages_set(MAX_QUEUED)
@@ -135,7 +135,7 @@ class MqttBridge:
         done = [self._publish(message) for message in self.announcer.state(summary, now_s, self._again)]
         self._again = not all(done) if done else self._again
 
-    def _introduce(self, summary: Summary) -> None:
+    def _introduce(self, summary: DaemonSummary) -> None:
         """Announce the wheels to Home Assistant, when they are known and after every reconnection."""
         wheels = tuple(wheel.name for wheel in summary.wheels)
         settings = self._settings

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from tpmsd.foundation.plain import number
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.interfaces.bridges.summary import Alarm, Summary, Wheel
+from tpmsd.interfaces.bridges.summary import Alarm, DaemonSummary, WheelSummary
 
 MAX_EVENTS = 500
 """Events kept while the broker is away: an hour with one every seven seconds."""
@@ -76,7 +76,7 @@ class Announcer:
         self._period_s = period_s
         self._known: dict[str, Alarm] | None = None
         """Alarms that were announced, by key; None until it is known what an earlier run announced."""
-        self._waiting: deque[Summary] = deque(maxlen=MAX_EVENTS)
+        self._waiting: deque[DaemonSummary] = deque(maxlen=MAX_EVENTS)
         """Changes seen before that was known."""
         self._sent_s = -math.inf
         self._sent: object = None
@@ -94,7 +94,7 @@ class Announcer:
         while self._waiting:
             self.take(self._waiting.popleft())
 
-    def take(self, summary: Summary) -> None:
+    def take(self, summary: DaemonSummary) -> None:
         """Note which alarms were raised and cleared since the last summary."""
         if not summary.ready:
             return
@@ -111,7 +111,7 @@ class Announcer:
                 self._event("raised", alarm)
         self._known = standing
 
-    def state(self, summary: Summary, now_s: float, again: bool = False) -> list[Message]:
+    def state(self, summary: DaemonSummary, now_s: float, again: bool = False) -> list[Message]:
         """Return the state and alarms, if they are due; `again`: the broker may have forgotten them."""
         discrete = (
             [(wheel.name, wheel.state, wheel.problem) for wheel in summary.wheels],
@@ -135,7 +135,7 @@ class Announcer:
         self.events.append(Message(self._topics.event, _json(document), False))
 
 
-def state_document(summary: Summary) -> dict[str, Any]:
+def state_document(summary: DaemonSummary) -> dict[str, Any]:
     """Return the state as it is published."""
     return {
         "schema": "tpmsd.mqtt/1",
@@ -148,7 +148,7 @@ def state_document(summary: Summary) -> dict[str, Any]:
     }
 
 
-def _wheel_document(wheel: Wheel) -> dict[str, Any]:
+def _wheel_document(wheel: WheelSummary) -> dict[str, Any]:
     document = {key: value for key, value in asdict(wheel).items() if key != "name"}
     if wheel.pressure_loss_percent is not None:
         document["pressure_loss_percent"] = max(wheel.pressure_loss_percent, 0.0)  # a gain is no loss

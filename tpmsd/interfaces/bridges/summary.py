@@ -1,7 +1,7 @@
 """Summary of a status document for other systems, in one shape.
 
-In: a document as the status socket gives it, from this version of tpmsd or a later one. Out: `Summary`. What
-a document does not say, or says in a form that is not known, is None; nothing here raises.
+In: a document as the status socket gives it, from this version of tpmsd or a later one. Out: `DaemonSummary`.
+What a document does not say, or says in a form that is not known, is None; nothing here raises.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Alarm:
 
 
 @dataclass(frozen=True, slots=True)
-class Wheel:
+class WheelSummary:
     """One wheel."""
 
     name: str
@@ -51,13 +51,13 @@ class Wheel:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class DaemonSummary:
     """The daemon at one instant."""
 
     version: str
     ready: bool
     """True if the daemon has made a tick; before that it does not state which alarms stand."""
-    wheels: tuple[Wheel, ...]
+    wheels: tuple[WheelSummary, ...]
     alarms: tuple[Alarm, ...]
     malfunction: bool
     can: str
@@ -74,13 +74,13 @@ class Summary:
         return "ok" if any(wheel.state != "unavailable" for wheel in self.wheels) else "no wheel"
 
 
-def summarise(document: Mapping[str, Any]) -> Summary:
+def summarise(document: Mapping[str, Any]) -> DaemonSummary:
     """Return the summary of a document."""
     raw = document.get("alarms")
     alarms = tuple(_alarm(one) for one in raw if isinstance(one, dict)) if isinstance(raw, list) else ()
     concerned = {name for alarm in alarms for name in _concerned(alarm)}
     wheels = _mapping(document.get("wheels"))
-    return Summary(
+    return DaemonSummary(
         version=_text(document.get("tpmsd"), "unknown"),
         ready=number(document.get("time")) is not None,
         wheels=tuple(
@@ -112,8 +112,8 @@ def _concerned(alarm: Alarm) -> tuple[str, ...]:
     return () if alarm.kind == MALFUNCTION else WHEELS
 
 
-def _wheel(name: str, raw: Mapping[str, Any], concerned: bool) -> Wheel:
-    return Wheel(
+def _wheel(name: str, raw: Mapping[str, Any], concerned: bool) -> WheelSummary:
+    return WheelSummary(
         name=name,
         state=_text(raw.get("state"), "unavailable"),
         problem=concerned,

@@ -14,15 +14,15 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from tpmsd.interfaces.bridges.summary import MALFUNCTION, Summary, summarise
-from tpmsd.interfaces.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
+from tpmsd.interfaces.bridges.summary import MALFUNCTION, DaemonSummary, summarise
+from tpmsd.interfaces.bridges.vss_connection import RETRY_S, DatabrokerConnection, DatabrokerSettings
 from tpmsd.interfaces.bridges.vss_names import IS_PRESSURE_LOW, MEANS_LOW
 
 WATCHED = frozenset({"monitoring", "alarm"})
 """States of a wheel in which it is known whether it is soft."""
 
 
-def pressure_low(summary: Summary) -> dict[str, bool | None]:
+def pressure_low(summary: DaemonSummary) -> dict[str, bool | None]:
     """Return whether the pressure of each wheel is low; None where that is not known."""
     low = {alarm.wheel for alarm in summary.alarms if alarm.kind in MEANS_LOW}
     blind = {alarm.wheel for alarm in summary.alarms if alarm.kind == MALFUNCTION}
@@ -41,8 +41,8 @@ class VssBridge:
     """One databroker, one daemon."""
 
     def __init__(self, settings: DatabrokerSettings, log: logging.Logger, period_s: float = 10.0) -> None:
-        """Send all values again every `period_s`. ConfigError as `Connection` has it."""
-        self._databroker, self._log, self._period_s = Connection(settings), log, period_s
+        """Send all values again every `period_s`. ConfigError as `DatabrokerConnection` has it."""
+        self._databroker, self._log, self._period_s = DatabrokerConnection(settings), log, period_s
         self._sent: dict[str, bool | None] = {}
         self._absent: set[str] = set()
         """Wheels for which the databroker's specification has no signal."""

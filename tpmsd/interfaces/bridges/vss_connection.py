@@ -37,7 +37,7 @@ class DatabrokerSettings:
     """JSON Web Token, where the databroker asks for one."""
 
 
-class Connection:
+class DatabrokerConnection:
     """The service `VAL` of one databroker."""
 
     def __init__(self, settings: DatabrokerSettings) -> None:

@@ -1,6 +1,6 @@
 """Values of a databroker as CAN frames: those that are new, young and plausible, and no others.
 
-In: path, stamp and value of each data point, and the host's time at which it came. Out: a `Frame` of
+In: path, stamp and value of each data point, and the host's time at which it came. Out: a `VssFrame` of
 `vss.dbc`, which names the path of each signal, or why there is none.
 
 A frame is stamped by whoever receives it, so it must leave when its value comes. A value whose stamp is the
@@ -39,7 +39,7 @@ class NotSent(StrEnum):
     OUT_OF_RANGE = "is out of range"
 
 
-class Frame(NamedTuple):
+class VssFrame(NamedTuple):
     """Frame that is sent: an identifier of 11 bits and up to 8 bytes."""
 
     identifier: int
@@ -86,7 +86,7 @@ class VssFrames:
         if path in self._messages:
             self._stamps_s[path] = stamp_s
 
-    def take(self, path: str, stamp_s: float, value: object, now_s: float) -> Frame | NotSent:
+    def take(self, path: str, stamp_s: float, value: object, now_s: float) -> VssFrame | NotSent:
         """Return one value, None where the databroker has none; `path` is one of `paths`."""
         message = self._messages[path]
         if stamp_s == self._stamps_s.get(path):
@@ -102,7 +102,7 @@ class VssFrames:
             return NotSent.MALFORMED
         if not signal.minimum <= number <= signal.maximum:
             return NotSent.OUT_OF_RANGE
-        return Frame(message.frame_id, message.encode({signal.name: number}))
+        return VssFrame(message.frame_id, message.encode({signal.name: number}))
 
 
 def _number(path: str, value: object, flag: bool) -> float | None:

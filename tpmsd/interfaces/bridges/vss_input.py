@@ -17,8 +17,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from tpmsd.interfaces.bridges.can_wire import CanWire
-from tpmsd.interfaces.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
-from tpmsd.interfaces.bridges.vss_frames import Frame, NotSent, VssFrames
+from tpmsd.interfaces.bridges.vss_connection import RETRY_S, DatabrokerConnection, DatabrokerSettings
+from tpmsd.interfaces.bridges.vss_frames import NotSent, VssFrame, VssFrames
 from tpmsd.interfaces.bridges.vss_names import is_wheel
 
 BUFFER = 200
@@ -34,8 +34,8 @@ class VssInput:
     """One databroker, one bus."""
 
     def __init__(self, settings: DatabrokerSettings, wire: CanWire, log: logging.Logger) -> None:
-        """ConfigError as `Connection` has it."""
-        self._databroker, self._wire, self._log = Connection(settings), wire, log
+        """ConfigError as `DatabrokerConnection` has it."""
+        self._databroker, self._wire, self._log = DatabrokerConnection(settings), wire, log
         self._frames = VssFrames()
         self._absent: list[str] = []
         self._logged: set[tuple[str, NotSent]] = set()
@@ -106,7 +106,7 @@ class VssInput:
 
     def _hand_on(self, path: str, point: Any) -> None:
         made = self._frames.take(path, stamp_s(point), value_of(point), time.time())
-        if isinstance(made, Frame):
+        if isinstance(made, VssFrame):
             self.counts["values sent" if self._wire.send(made) else "while the bus was away"] += 1
             return
         self.counts[f"that {made}"] += 1

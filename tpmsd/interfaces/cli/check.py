@@ -21,7 +21,7 @@ from tpmsd.interfaces.cli.status import colour_wanted
 if TYPE_CHECKING:
     from tpmsd.car.config.check import CheckResult
     from tpmsd.car.config.model import GnssConfig
-    from tpmsd.car.config.plan import Plan, SignalPlan, WheelPlan
+    from tpmsd.car.config.plan import ConfigurationPlan, SignalPosition, WheelPlan
 
 SCHEMA = "tpmsd.check/2"
 _EPILOG = """\
@@ -106,7 +106,7 @@ def run(args: argparse.Namespace) -> int:
     return 2 if args.strict and (result.warnings or suspected) else 0
 
 
-def _check_outputs(plan: Plan) -> None:
+def _check_outputs(plan: ConfigurationPlan) -> None:
     """ConfigError where a frame of `[[can.output]]` cannot be made."""
     if not plan.config.can.output:
         return
@@ -119,7 +119,7 @@ def _check_outputs(plan: Plan) -> None:
         raise ConfigError(f"{plan.file}: {error}") from None
 
 
-def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
+def _against_drive(plan: ConfigurationPlan, drive: Path) -> list[dict[str, object]]:
     """Return what the drive says against the configuration, with the line of each key."""
     from tpmsd.car.config.document import read_document
     from tpmsd.interfaces.cli.drive_reading import say
@@ -144,7 +144,10 @@ def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
 
 
 def verdict(
-    plan: Plan, drive: Path | None, suspected: list[dict[str, object]] | None, colour: bool = False
+    plan: ConfigurationPlan,
+    drive: Path | None,
+    suspected: list[dict[str, object]] | None,
+    colour: bool = False,
 ) -> list[str]:
     """Return the answer in its first line; below it the suspicions, or what was not looked at."""
 
@@ -169,7 +172,7 @@ def verdict(
     ]
 
 
-def summary(plan: Plan) -> list[str]:
+def summary(plan: ConfigurationPlan) -> list[str]:
     """Return the plan in lines for people."""
     config = plan.config
     lines = ["It would monitor:", ""]
@@ -218,19 +221,19 @@ def _item(label: str, text: str) -> list[str]:
     return [f"  {label:{_LABEL_WIDTH - 2}}{text}"]
 
 
-def _radii(plan: Plan) -> str:
+def _radii(plan: ConfigurationPlan) -> str:
     radii = [wheel.radius_m for wheel in plan.wheels]
     values = radii[:1] if len(set(radii)) == 1 else radii
     return " ".join(f"{1000 * radius:.1f}" for radius in values) + " mm"
 
 
-def _signal(signal: SignalPlan) -> str:
+def _signal(signal: SignalPosition) -> str:
     identifier = f"0x{signal.frame_id:0{8 if signal.extended else 3}X}"
     period = "" if signal.period_s is None else f", every {1000 * signal.period_s:g} ms"
     return f"{signal.signal} (id {identifier}{period}{', multiplexed' if signal.multiplexed else ''})"
 
 
-def _periods(plan: Plan) -> str:
+def _periods(plan: ConfigurationPlan) -> str:
     signals = [*(wheel.source for wheel in plan.wheels), *plan.optional]
     return "" if all(signal.period_s for signal in signals) else ", which gives no period for some messages"
 
@@ -255,7 +258,7 @@ def _road(metres: float) -> str:
     return f"{metres:.3g} m" if metres < 1000 else f"{metres / 1000:.4g} km"
 
 
-def _alarms(plan: Plan) -> str:
+def _alarms(plan: ConfigurationPlan) -> str:
     alarms = plan.config.alarms
     if not alarms.can:
         return "not put on the bus"

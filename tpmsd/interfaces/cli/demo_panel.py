@@ -30,7 +30,7 @@ _NOTHING = {"none", "0"}
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class HeardAlarm:
     """An alarm as it came off the bus."""
 
     time_s: float
@@ -48,7 +48,7 @@ class Panel:
         self, database: Database, out: IO[str], colour: bool, now: Callable[[], float], puncture_s: float
     ) -> None:
         """`now`: seconds since the drive's start; `puncture_s`: when the tyre begins to lose air, as well."""
-        self.alarms: list[Heard] = []
+        self.alarms: list[HeardAlarm] = []
         self.damaged = 0
         self.now = now
         self._database = database
@@ -83,7 +83,7 @@ class Panel:
     def _show_alarm(self, words: dict[str, str], frame: str) -> None:
         raised = words["AlarmRaised"] == "raised"
         wheel = words["AlarmWheel"] if words["AlarmWheel"] in WHEELS else None
-        heard = Heard(self.now(), words["AlarmKind"], wheel, frame)
+        heard = HeardAlarm(self.now(), words["AlarmKind"], wheel, frame)
         if raised:
             self.alarms.append(heard)
         what = f"{wheel_name(wheel)} {heard.kind.replace('_', ' ')}"

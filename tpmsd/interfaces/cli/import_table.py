@@ -48,7 +48,7 @@ exit codes: 0 done, 2 wrong usage or map, 3 unusable table, 4 --guess found no w
 """
 
 
-class _Guess(argparse.Action):
+class _GuessFlag(argparse.Action):
     """A flag with which DRIVE is not required.
 
     DRIVE keeps its place as a required argument, for argparse takes an optional one for absent as soon as an
@@ -84,7 +84,7 @@ def add_parser(subparsers: Subparsers) -> None:
     drive = parser.add_argument("drive", type=Path, metavar="DRIVE", help="folder to write the drive to")
     parser.add_argument("--map", type=Path, metavar="FILE", help="which column is what")
     parser.add_argument(
-        "--guess", action=_Guess, drive=drive, help="print a map of TABLE, guessed; takes no DRIVE"
+        "--guess", action=_GuessFlag, drive=drive, help="print a map of TABLE, guessed; takes no DRIVE"
     )
     parser.add_argument(
         "--vehicle", type=Path, metavar="FILE", help="of a VBO file: the vehicle.toml to be put beside it"

@@ -17,7 +17,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers
 
 if TYPE_CHECKING:
-    from tpmsd.onboard.daemon.drive_recording import Seen
+    from tpmsd.onboard.daemon.drive_recording import RecordingProgress
 
 _EPILOG = """\
 examples:
@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _show(seen: Seen, down: str) -> None:
+def _show(seen: RecordingProgress, down: str) -> None:
     if not sys.stderr.isatty():
         return
     bus = down if down else f"{seen.frames_per_s:.0f} frames/s, {len(seen.identifiers)} ids"

@@ -17,7 +17,7 @@ from tpmsd.offline.calibration.joint import PRIOR, JointFit, fit
 from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, vehicle_of
 from tpmsd.offline.calibration.odometry import pose_error
 from tpmsd.offline.calibration.paper import PaperFit, fit_paper
-from tpmsd.offline.calibration.result import Calibration, Effect, WheelResult
+from tpmsd.offline.calibration.result import Calibration, EstimatedEffect, WheelResult
 from tpmsd.offline.inference.recording import Recording
 
 METHODS = ("joint", "paper")
@@ -121,10 +121,10 @@ _UNITS = {
 }
 
 
-def _effects(found: JointFit) -> dict[str, Effect]:
+def _effects(found: JointFit) -> dict[str, EstimatedEffect]:
     out = {}
     for name in found.names:
         base = name.split("@")[0]
         if base in _UNITS and found.std(name) < _MAX_STD_RATIO * PRIOR[base][1]:
-            out[name] = Effect(found.value(name), found.std(name), _UNITS[base])
+            out[name] = EstimatedEffect(found.value(name), found.std(name), _UNITS[base])
     return out

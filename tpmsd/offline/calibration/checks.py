@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.calibration.equations import CHANGES, COLUMNS, PIECES
-from tpmsd.offline.calibration.joint import PRIOR, JointFit, Rows, whitened
+from tpmsd.offline.calibration.joint import PRIOR, JointFit, WhitenedEquations, whitened
 from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, nominal
 from tpmsd.offline.inference.recording import Recording
 
@@ -51,7 +51,7 @@ class RefusedError(ValueError):
 
 
 @dataclass(frozen=True)
-class Change:
+class ChangeWithinDrive:
     """A change of one wheel's radius within a drive, or of all of them."""
 
     wheel: int | None
@@ -142,7 +142,7 @@ def check_fit(recordings: list[Recording], fit: JointFit) -> None:
         )
 
 
-def worst_change(recording: Recording, rows: Rows) -> Change:
+def worst_change(recording: Recording, rows: WhitenedEquations) -> ChangeWithinDrive:
     """Return the most significant change within a drive: of one wheel against the others, or of all together.
 
     All wheels may change piecewise linearly over the drive; what is judged is how far one of them has come
@@ -163,7 +163,7 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     # Of a pair that drifts apart, the one that shrinks is to blame.
     best = int(np.argmax(sigmas * (np.abs(size) > MIN_CHANGE) - 1e-3 * (size > 0)))
     end_s = float(rows.time_s[-1])
-    one = Change(
+    one = ChangeWithinDrive(
         wheel_of[best], float(size[best]), float(sigmas[best]), (piece_of[best] + 1) / PIECES * end_s
     )
     steady = len(COLUMNS) - len(CHANGES)
@@ -171,7 +171,7 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     priors = (np.append(mean[:steady], mean[-1]), np.append(std[:steady], std[-1]))
     columns = np.concatenate([rows.X[:, :, :steady], ramp], axis=2)
     size, sigmas = _sizes(rows.y, columns, priors, np.eye(steady + 1)[-1:], rows.time_s)
-    together = Change(None, float(size[0]), float(sigmas[0]), end_s)
+    together = ChangeWithinDrive(None, float(size[0]), float(sigmas[0]), end_s)
     return together if together.informative and not one.informative else one
 
 

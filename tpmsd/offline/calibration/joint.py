@@ -78,7 +78,7 @@ SLANT = 0.01
 
 
 @dataclass(frozen=True)
-class Rows:
+class WhitenedEquations:
     """One drive's whitened equations."""
 
     y: FloatArray
@@ -108,7 +108,7 @@ class JointFit:
     stopped_because: str
     history: list[FloatArray]
     """Radii (4,) after every iteration."""
-    rows: list[Rows] = field(repr=False)
+    rows: list[WhitenedEquations] = field(repr=False)
 
     def of_drive(self, drive: int) -> tuple[FloatArray, FloatArray]:
         """Return (p,) what stands between a drive's last linearisation and the final values; their covariance
@@ -159,7 +159,9 @@ def fit(
                 last = iteration == NOISE_ITERATIONS[-1]
                 noise = _fit_noise(equations, noise, inflate, local, SLOW_WINDOWS if last else FIT_WINDOWS)
             white = whitened(equations, noise, inflate)
-            drive = Rows(white[:, :, 0], white[:, :, 1:], equations.time_s, equations, noise, inflate)
+            drive = WhitenedEquations(
+                white[:, :, 0], white[:, :, 1:], equations.time_s, equations, noise, inflate
+            )
             noises[at], inflates[at] = noise, inflate
             rows.append(drive)
             progress(_share_done(iteration, (at + 1) / len(recordings)))
@@ -250,7 +252,11 @@ def outlier_factors(white: FloatArray) -> FloatArray:
 
 
 def solve(
-    rows: list[Rows], names: tuple[str, ...], mean: FloatArray, prior_std: FloatArray, moved: FloatArray
+    rows: list[WhitenedEquations],
+    names: tuple[str, ...],
+    mean: FloatArray,
+    prior_std: FloatArray,
+    moved: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """Return values (q,) and covariance of all parameters; `moved` (q,) is what the rows were linearised
     about.
@@ -268,7 +274,7 @@ def solve(
 
 
 def _widened(
-    rows: list[Rows],
+    rows: list[WhitenedEquations],
     names: tuple[str, ...],
     values: FloatArray,
     covariance: FloatArray,

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
 from tpmsd.car.config.model import VehicleConfig
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import driven_mask, integrate
 from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 from tpmsd.offline.inference.recording import Recording
@@ -35,7 +35,7 @@ class Vehicle:
 
     radius_m: FloatArray
     """(4,)"""
-    geometry: Geometry
+    geometry: WheelPositions
     driven: np.ndarray
     """(4,) mask."""
     load_lateral_s2: float = 0.0
@@ -62,7 +62,7 @@ def vehicle_of(config: VehicleConfig) -> Vehicle:
     """Return the car as configured."""
     return Vehicle(
         np.array(config.wheel_radius_m, dtype=np.float64),
-        Geometry(config.track_front_m, config.track_rear_m, config.wheelbase_m),
+        WheelPositions(config.track_front_m, config.track_rear_m, config.wheelbase_m),
         driven_mask(config.driven_axle),
     )
 

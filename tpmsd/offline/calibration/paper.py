@@ -63,7 +63,7 @@ class PaperFit:
 
 
 @dataclass(frozen=True)
-class _Drive:
+class _SimulatedDrive:
     revolutions: FloatArray
     """(n, 2) turned by rl and rr in each tick."""
     reference: ReferencePose
@@ -137,14 +137,14 @@ def un_fused(
     return out
 
 
-def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _Drive:
+def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _SimulatedDrive:
     turned = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) / (2 * math.pi)
     block = (np.arange(len(turned)) * recording.dt_s / BLOCK_S).astype(int)
     distance = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]
     count = max(round(float(distance[-1]) / PIECE_M), 1)
     bounds = np.searchsorted(distance, distance[-1] * np.arange(count + 1) / count)
     pieces = [slice(int(a), int(b)) for a, b in pairwise(bounds) if b > a]
-    return _Drive(turned, reference_pose(recording, start, s.side_slip), block, pieces)
+    return _SimulatedDrive(turned, reference_pose(recording, start, s.side_slip), block, pieces)
 
 
 def _with(start: Vehicle, c: FloatArray) -> Vehicle:
@@ -158,7 +158,7 @@ def _inputs(revolutions: FloatArray, c: FloatArray, track_m: float) -> tuple[Flo
     return d.mean(axis=1), (d[:, 1] - d[:, 0]) / track_m
 
 
-def _mean_error(drives: list[_Drive], c: FloatArray, track_m: float) -> float:
+def _mean_error(drives: list[_SimulatedDrive], c: FloatArray, track_m: float) -> float:
     """Return metres, over all poses of all pieces."""
     distances = []
     for drive in drives:
@@ -170,7 +170,7 @@ def _mean_error(drives: list[_Drive], c: FloatArray, track_m: float) -> float:
 
 
 def _normal_equations(
-    drive: _Drive, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
+    drive: _SimulatedDrive, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return (b, 2, 2), (b, 2): Phi' W Phi and Phi' W Y of eq. (9), by blocks of the drive."""
     reference = drive.reference
@@ -192,7 +192,7 @@ def _normal_equations(
 
 
 def _filtered(
-    drive: _Drive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
+    drive: _SimulatedDrive, r: FloatArray, c: FloatArray, track_m: float, P: FloatArray, M: FloatArray
 ) -> FloatArray:
     """Return (n + 1, 3) poses by the EKF of eqs (4)-(7)."""
     distance, turn = _inputs(drive.revolutions, c, track_m)

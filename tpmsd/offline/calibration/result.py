@@ -1,6 +1,6 @@
 """Result of a calibration, as records.
 
-In: nothing (plain records). Out: `Calibration`, `WheelResult`, `Effect`.
+In: nothing (plain records). Out: `Calibration`, `WheelResult`, `EstimatedEffect`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class WheelResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Effect:
+class EstimatedEffect:
     """Something else that was estimated too, in SI units."""
 
     value: float
@@ -60,7 +60,7 @@ class Calibration:
     stopped_because: str
     pose_error_before_m: float
     pose_error_after_m: float
-    effects: dict[str, Effect]
+    effects: dict[str, EstimatedEffect]
     """Effects by the names of the catalogue; those that confound radii and were estimated too."""
     history_m: list[dict[str, float]]
     """Radii after every iteration."""

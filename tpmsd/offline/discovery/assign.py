@@ -15,7 +15,7 @@ from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.discovery.library import Match
 from tpmsd.offline.discovery.names import CLEAR, named_wheel
-from tpmsd.offline.discovery.regress import Fit
+from tpmsd.offline.discovery.regress import RegressionFit
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower
 
@@ -50,7 +50,7 @@ class Assignment:
 
 def assign(
     group: Sequence[Follower],
-    anchor: Fit | None,
+    anchor: RegressionFit | None,
     settings: Settings = SETTINGS,
     match: Match | None = None,
 ) -> Assignment | None:
@@ -78,7 +78,7 @@ def _log_normal(x: float, mean: float, std: float) -> float:
 
 
 def _scores(
-    members: Sequence[Follower], anchor: Fit | None, settings: Settings, match: Match | None
+    members: Sequence[Follower], anchor: RegressionFit | None, settings: Settings, match: Match | None
 ) -> FloatArray:
     """Return (m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
     zero, zero_std = (-float(anchor.value[0]), anchor.std(0)) if anchor else (0.0, 0.0)

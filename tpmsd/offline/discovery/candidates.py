@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.reference import ReceiverMotion
 from tpmsd.offline.discovery.regress import fit
-from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.series import MessageField
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower, clusters
 
@@ -38,7 +38,7 @@ longer way of the front axle in a bend, and loads that shift (0.1)."""
 class Candidate:
     """A signal that may be a wheel."""
 
-    field: Field
+    field: MessageField
     kind: str
     """count | speed"""
     side: str
@@ -61,7 +61,7 @@ class Candidate:
 
 def candidates(
     found: Sequence[Follower],
-    reference: Reference,
+    reference: ReceiverMotion,
     settings: Settings = SETTINGS,
 ) -> tuple[Candidate, ...]:
     """Candidates of the cluster of equal scale in which four wheels are most probable; none without such."""
@@ -80,7 +80,9 @@ def _of_wheels(made: Sequence[Candidate]) -> float:
     return sum(one.any_wheel for one in made)
 
 
-def _weighed(members: Sequence[Follower], reference: Reference, settings: Settings) -> tuple[Candidate, ...]:
+def _weighed(
+    members: Sequence[Follower], reference: ReceiverMotion, settings: Settings
+) -> tuple[Candidate, ...]:
     """Marginal probabilities over all orders; beforehand `no wheel` is as probable as all of them."""
     slopes: dict[Order, float | None] = {}
     orders, scores = [], []
@@ -115,7 +117,7 @@ def _weighed(members: Sequence[Follower], reference: Reference, settings: Settin
 
 
 def _by_yaw(
-    members: Sequence[Follower], order: Order, reference: Reference, settings: Settings
+    members: Sequence[Follower], order: Order, reference: ReceiverMotion, settings: Settings
 ) -> float | None:
     """Log-likelihood ratio of four signals as fl, fr, rl and rr against no wheel at all.
 

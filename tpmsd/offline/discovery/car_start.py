@@ -1,6 +1,6 @@
 """A configuration to start from, by an entry of the car library.
 
-In: `Car`. Out: what `text` writes: roles whose fields are the entry's facts.
+In: `CarPlatform`. Out: what `text` writes: roles whose fields are the entry's facts.
 """
 
 from __future__ import annotations
@@ -8,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tpmsd.offline.discovery.library import Car, field_of
+from tpmsd.offline.discovery.library import CarPlatform, field_of
 from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
 from tpmsd.offline.discovery.settings import SETTINGS
 
 _MEASURE = "tpmsd discover on ten minutes of mixed driving"
 
 
-def found_of(car: Car) -> Discovery:
+def found_of(car: CarPlatform) -> Discovery:
     """Return the entry as if it had been found; measures that no library knows are listed as undecided."""
     roles = {role: _role(role, entry) for role, entry in car.signals.items()}
     counts = any(role.startswith("wheel_count_") for role in roles)

@@ -1,6 +1,7 @@
 """The receiver's course on the wheels' heading: track, antenna ahead, side slip.
 
-In: the rear wheels' speed and difference, the receiver's reference, its latency by the speed. Out: `Fit`.
+In: the rear wheels' speed and difference, the receiver's reference, its latency by the speed. Out:
+`RegressionFit`.
 
     course = constant + S(difference) / track + tyres S(v) + x_a r / v - tau r - c v r - l S(v^2 r)
 
@@ -24,8 +25,8 @@ from numpy.typing import NDArray
 
 from tpmsd.car.physics.priors import LATERAL_LOAD_S2
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.discovery.reference import Reference, cell_means
-from tpmsd.offline.discovery.regress import Fit, fit, with_prior
+from tpmsd.offline.discovery.reference import ReceiverMotion, cell_means
+from tpmsd.offline.discovery.regress import RegressionFit, fit, with_prior
 from tpmsd.offline.discovery.result import Estimate
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
@@ -36,10 +37,10 @@ _YAW_COLUMNS = (2, 3, 4)
 def course_fit(
     speed: FloatArray,
     difference: FloatArray,
-    reference: Reference,
+    reference: ReceiverMotion,
     latency: Estimate | None,
     settings: Settings = SETTINGS,
-) -> Fit | None:
+) -> RegressionFit | None:
     """Return coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
 
     `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if unknown.
@@ -54,10 +55,10 @@ def _with_track(
     track_m: float,
     speed: FloatArray,
     difference: FloatArray,
-    reference: Reference,
+    reference: ReceiverMotion,
     latency: Estimate | None,
     settings: Settings,
-) -> Fit | None:
+) -> RegressionFit | None:
     """Return the fit with yaw rates by this track."""
     yaw = difference / track_m
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -121,7 +122,7 @@ def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) 
     return instrumented
 
 
-def _unexplained(rows: FloatArray, target: FloatArray, estimate: Fit) -> float:
+def _unexplained(rows: FloatArray, target: FloatArray, estimate: RegressionFit) -> float:
     """Return the share of the course that the heading leaves, the other columns taken out of both.
 
     Noise of the heading makes the slope too small by at most this share: between the regression and the

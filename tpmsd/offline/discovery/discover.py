@@ -17,11 +17,11 @@ from tpmsd.offline.discovery.assign import Assignment, assign
 from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
-from tpmsd.offline.discovery.library import Car, Match, match_car
+from tpmsd.offline.discovery.library import CarPlatform, Match, match_car
 from tpmsd.offline.discovery.material import Material, dbc_fields, prepare
 from tpmsd.offline.discovery.other_roles import other_roles
 from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.offline.discovery.series import Field, unwrap
+from tpmsd.offline.discovery.series import MessageField, unwrap
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import (
     Follower,
@@ -60,7 +60,7 @@ def discover(
     fixes: Sequence[GnssFix],
     database: Database | None = None,
     tyre: str | None = None,
-    cars: Sequence[Car] = (),
+    cars: Sequence[CarPlatform] = (),
     settings: Settings = SETTINGS,
 ) -> Discovery:
     """Find the wheels and all that goes with them. `cars`: the car library, as prior."""
@@ -70,7 +70,7 @@ def discover(
 def decide(
     material: Material,
     tyre: str | None = None,
-    cars: Sequence[Car] = (),
+    cars: Sequence[CarPlatform] = (),
     database: Database | None = None,
     settings: Settings = SETTINGS,
 ) -> Discovery:
@@ -126,7 +126,7 @@ def _ring_and_radius(
     assignment: Assignment,
     material: Material,
     tyre: str | None,
-    car: Car | None,
+    car: CarPlatform | None,
     undecided: list[Undecided],
     settings: Settings,
 ) -> tuple[Discovery, Estimate]:
@@ -151,7 +151,7 @@ def _ring_and_radius(
 
 
 def _teeth(
-    assignment: Assignment, material: Material, tyre: str | None, car: Car | None, settings: Settings
+    assignment: Assignment, material: Material, tyre: str | None, car: CarPlatform | None, settings: Settings
 ) -> ToothCount:
     """Return counts per revolution; those of a known car are taken as they are."""
     followers_found = [role.follower for role in assignment.roles]
@@ -170,7 +170,7 @@ def _teeth(
     return tooth_count(counted, counted_std, tyre, wheels, settings)
 
 
-def _against_size(teeth: ToothCount, tyre: str | None, car: Car | None) -> tuple[str, ...]:
+def _against_size(teeth: ToothCount, tyre: str | None, car: CarPlatform | None) -> tuple[str, ...]:
     """Return the sentence on a tyre's size that the counts contradict, where they do."""
     if teeth.by_size is None or teeth.probability < SETTINGS.decided:
         return ()
@@ -306,7 +306,7 @@ def _step_mps(one: Follower) -> float:
     return one.series.step_rms / one.per_mps
 
 
-def _bits_of(one: Field) -> set[int]:
+def _bits_of(one: MessageField) -> set[int]:
     layout = one.layout
     if not layout.big_endian:
         return set(range(layout.shift, layout.shift + layout.length))

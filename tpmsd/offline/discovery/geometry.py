@@ -22,7 +22,7 @@ from scipy.stats import norm
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.assign import Assignment
 from tpmsd.offline.discovery.course import course_fit
-from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.reference import ReceiverMotion
 from tpmsd.offline.discovery.regress import fit, with_prior
 from tpmsd.offline.discovery.result import Estimate
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
@@ -49,7 +49,7 @@ class CarGeometry:
     def __init__(
         self,
         assignment: Assignment,
-        reference: Reference,
+        reference: ReceiverMotion,
         gyro: FloatArray | None = None,
         settings: Settings = SETTINGS,
     ) -> None:

@@ -1,6 +1,6 @@
 """The car library: which signals known platforms use.
 
-In: the tables of `cars/*.toml`, the fields of a bus. Out: `Car`s; the `Match` with a bus.
+In: the tables of `cars/*.toml`, the fields of a bus. Out: `CarPlatform`s; the `Match` with a bus.
 """
 
 from __future__ import annotations
@@ -12,12 +12,12 @@ from typing import Any
 from tpmsd.car.config.model import ROLES
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.discovery.raw_fields import dbc_start
-from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.series import MessageField
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, bit_position
 
 
 @dataclass(frozen=True, slots=True)
-class Car:
+class CarPlatform:
     """One platform: facts of its bus alone."""
 
     name: str
@@ -33,7 +33,7 @@ class Car:
         """Return a mapping role -> 'Message.Signal', wheels only."""
         return {role: str(entry["signal"]) for role, entry in self._wheels().items()}
 
-    def fields_by_wheel(self) -> dict[str, Field]:
+    def fields_by_wheel(self) -> dict[str, MessageField]:
         """Return a mapping wheel (`fl fr rl rr`) -> field of its signal."""
         return {role[-2:]: field_of(entry) for role, entry in self._wheels().items()}
 
@@ -41,7 +41,7 @@ class Car:
         return {role: entry for role, entry in self.signals.items() if role.startswith("wheel_")}
 
 
-def car_from(name: str, data: Mapping[str, Any]) -> Car:
+def car_from(name: str, data: Mapping[str, Any]) -> CarPlatform:
     """Return one entry by its file's name and tables; ConfigError on what makes no sense."""
     known = {"title", "dbc", "teeth_per_rev", "signals"}
     if unknown := sorted(set(data) - known):
@@ -55,31 +55,31 @@ def car_from(name: str, data: Mapping[str, Any]) -> Car:
     if not any(role.startswith("wheel_") for role in signals):
         raise ConfigError(f"car {name}: no wheel signals")
     teeth = data.get("teeth_per_rev")
-    return Car(name, str(data.get("title", name)), str(data.get("dbc", "")), signals, teeth)
+    return CarPlatform(name, str(data.get("title", name)), str(data.get("dbc", "")), signals, teeth)
 
 
-def field_of(entry: Mapping[str, Any]) -> Field:
+def field_of(entry: Mapping[str, Any]) -> MessageField:
     """Return the field that an entry's facts describe."""
     message, _, name = str(entry["signal"]).partition(".")
     big = bool(entry.get("big_endian", False))
     layout = bit_position(int(entry["start"]), int(entry["bits"]), big, bool(entry.get("signed", False)))
     key = int(entry["id"]) | (EXTENDED if entry.get("extended") else 0)
     scale, offset = float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0))
-    return Field(message, name, key, layout, scale, offset, str(entry.get("unit", "")))
+    return MessageField(message, name, key, layout, scale, offset, str(entry.get("unit", "")))
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
     """A platform whose bus this one looks like."""
 
-    car: Car
+    car: CarPlatform
     wheels: Mapping[str, str]
     """Wheel -> 'Message.Signal' of this bus."""
     by_name: bool
     """True if the signals bear the platform's names, too; else they lie where its signals lie."""
 
 
-def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
+def match_car(cars: Sequence[CarPlatform], fields: Sequence[MessageField]) -> Match | None:
     """Return the platform whose wheel signals are all on this bus, by name and layout or by layout alone.
 
     `fields`: those of the DBC whose messages are in the log. A name alone is no match: makers call different
@@ -89,7 +89,7 @@ def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
     return max(matches, key=lambda match: (match.by_name, len(match.car.signals)), default=None)
 
 
-def _match(car: Car, fields: Sequence[Field]) -> Match | None:
+def _match(car: CarPlatform, fields: Sequence[MessageField]) -> Match | None:
     names = {role[-2:]: name for role, name in car.signal_names().items()}
     wheels = {}
     for wheel, expected in car.fields_by_wheel().items():
@@ -100,11 +100,11 @@ def _match(car: Car, fields: Sequence[Field]) -> Match | None:
     return Match(car, wheels, wheels == names)
 
 
-def _alike(one: Field, other: Field) -> bool:
+def _alike(one: MessageField, other: MessageField) -> bool:
     """Return whether two fields lie in the same bits of the same message."""
     same = (one.key ^ other.key) & (1 << BUS_SHIFT) - 1 == 0
     return same and _bits(one) == _bits(other)
 
 
-def _bits(one: Field) -> tuple[bool, int, int]:
+def _bits(one: MessageField) -> tuple[bool, int, int]:
     return one.layout.big_endian, one.layout.length, dbc_start(one)

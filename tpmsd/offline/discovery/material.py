@@ -18,8 +18,8 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import BusLog, MessageLog
 from tpmsd.offline.discovery.other_roles import find_gyro
 from tpmsd.offline.discovery.raw_fields import raw_fields
-from tpmsd.offline.discovery.reference import Reference, make_reference
-from tpmsd.offline.discovery.series import Field, Series, as_count, as_value, counts_up
+from tpmsd.offline.discovery.reference import ReceiverMotion, make_reference
+from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value, counts_up
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.onboard.sources.can.signal_bits import RawArray
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, bit_field, invalid_bits, selector_chain
@@ -30,7 +30,7 @@ from tpmsd.onboard.sources.events import GnssFix
 class Material:
     """A drive, prepared; `check --drive` asks it more than one question."""
 
-    reference: Reference
+    reference: ReceiverMotion
     logs: dict[int, MessageLog]
     series: list[Series]
     frames: int
@@ -68,7 +68,7 @@ def prepare(
     return Material(reference, logs, series, log.frames, database is not None, gyro, tuple(log.channels))
 
 
-def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
+def _may_follow(log: MessageLog, raw: RawArray, reference: ReceiverMotion) -> bool:
     """Return whether the number of a field of raw frames follows the speed, or counts, by a quick check."""
     at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
     at = at[(at > 0) & (at < len(raw))]
@@ -84,7 +84,7 @@ def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
     return counts_up(moves[moves > -0.5 * (float(raw.max()) + 1.0)])
 
 
-def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
+def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[MessageField]:
     """Return every signal of the DBC whose message is in the log, on each bus that carries it."""
     found = []
     here: dict[int, list[int]] = {}
@@ -100,7 +100,7 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field
             scale, offset = float(signal.scale), float(signal.offset)
             if scale:
                 found.append(
-                    Field(
+                    MessageField(
                         message.name,
                         signal.name,
                         key,
@@ -116,7 +116,7 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field
     return found
 
 
-def _all_raw(logs: Mapping[int, MessageLog], settings: Settings) -> list[Field]:
+def _all_raw(logs: Mapping[int, MessageLog], settings: Settings) -> list[MessageField]:
     return [
         one for log in logs.values() if log.period_s * settings.min_rate_hz <= 1.0 for one in raw_fields(log)
     ]

@@ -18,7 +18,7 @@ from tpmsd.car.config.units import UNITS, assumed_unit, canonical_unit, role_kin
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.names import role_evidence
-from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.reference import ReceiverMotion
 from tpmsd.offline.discovery.result import FoundRole
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
@@ -42,7 +42,7 @@ def physical(one: Series) -> FloatArray:
 
 
 def find_gyro(
-    series: Sequence[Series], reference: Reference, settings: Settings = SETTINGS
+    series: Sequence[Series], reference: ReceiverMotion, settings: Settings = SETTINGS
 ) -> FloatArray | None:
     """Return a yaw rate in rad/s by a signal that agrees with the receiver's course; None if there is
     none."""
@@ -70,7 +70,7 @@ def find_gyro(
 
 def other_roles(
     series: Sequence[Series],
-    reference: Reference,
+    reference: ReceiverMotion,
     speed: FloatArray,
     yaw: FloatArray,
     taken: set[str],

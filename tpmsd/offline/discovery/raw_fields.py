@@ -1,6 +1,6 @@
 """Fields of raw frames, without a DBC: where numbers begin and end.
 
-In: the payloads of a message. Out: `Field`s in both byte orders.
+In: the payloads of a message. Out: `MessageField`s in both byte orders.
 
 In a number the lower a bit, the oftener it flips. So, going up from a lowest bit, flip rates fall; where
 they rise again, another number begins (Marchetti, Stabili 2018, who use the same for reverse engineering). A
@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
-from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.series import MessageField
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, BitField
 
@@ -36,13 +36,13 @@ def flip_rates(log: MessageLog) -> FloatArray:
     return np.asarray(flips.mean(axis=0))
 
 
-def raw_fields(log: MessageLog) -> list[Field]:
+def raw_fields(log: MessageLog) -> list[MessageField]:
     """Return candidates for numbers in one message."""
     if len(log.data) < 50:
         return []
     rates = flip_rates(log)
     count = len(rates)
-    fields: dict[tuple[bool, int, int], Field] = {}
+    fields: dict[tuple[bool, int, int], MessageField] = {}
     for big in (False, True):
         # Bits from the lowest up, as the byte order has them.
         order = range(count - 1, -1, -1) if big else range(count)
@@ -106,11 +106,11 @@ def _spans(position: tuple[int, int], bits: int) -> bool:
     return position[1] + bits > 8
 
 
-def _layout_key(field: Field) -> tuple[int, int]:
+def _layout_key(field: MessageField) -> tuple[int, int]:
     return field.layout.shift + 1000 * field.layout.word_bytes, field.layout.length
 
 
-def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Field | None:
+def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> MessageField | None:
     byte, bit = lowest
     mask = (1 << bits) - 1
     if big:
@@ -126,7 +126,7 @@ def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Fi
             return None
         layout = BitField(False, size, bits, start, size, False, False, mask)
     name = f"{'M' if big else 'I'}{start}_{bits}"
-    return Field(message_name(log.key), name, log.key, layout)
+    return MessageField(message_name(log.key), name, log.key, layout)
 
 
 def _motorola_start(byte: int, bit: int, bits: int) -> int:
@@ -137,7 +137,7 @@ def _motorola_start(byte: int, bit: int, bits: int) -> int:
     return layout
 
 
-def dbc_start(field: Field) -> int:
+def dbc_start(field: MessageField) -> int:
     """Return the start bit as a DBC has it."""
     layout = field.layout
     if not layout.big_endian:

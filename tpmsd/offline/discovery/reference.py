@@ -1,6 +1,6 @@
 """The receiver's view of the drive: speed and yaw rate over cells of equal length.
 
-In: fixes. Out: `Reference` on a grid of the host's clock. Where the receiver gives no speed or course,
+In: fixes. Out: `ReceiverMotion` on a grid of the host's clock. Where the receiver gives no speed or course,
 they come from
 positions. The stamps of the fixes are smoothed: UTC plus the slowly varying offset of their arrival.
 """
@@ -22,7 +22,7 @@ _EARTH_M = 6_371_008.8
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ReceiverMotion:
     """Motion by the receiver, cell by cell."""
 
     edge_s: FloatArray
@@ -52,7 +52,7 @@ class Reference:
         return float(self.moving.sum() * (self.edge_s[1] - self.edge_s[0])) if len(self.edge_s) > 1 else 0.0
 
 
-def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> Reference:
+def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> ReceiverMotion:
     """Return the reference of a drive; empty arrays where there is no usable fix."""
     time_s = _stamps(fixes)
     good = np.isfinite(time_s)
@@ -63,14 +63,14 @@ def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> R
     by_position = sum(math.isfinite(fix.speed_mps) for fix in fixes) < 0.5 * len(fixes)
     if len(time_s) < 10:
         empty = np.zeros(0)
-        return Reference(np.zeros(1), empty, empty, empty, time_s, speed, course, by_position)
+        return ReceiverMotion(np.zeros(1), empty, empty, empty, time_s, speed, course, by_position)
     cell = settings.cell_s
     edges = np.arange(math.ceil(time_s[0] / cell) * cell, time_s[-1], cell)
     mean_speed = cell_means(time_s, speed, edges)
     yaw = _yaw(time_s, course, edges)
     accel = np.full(len(mean_speed), np.nan)
     accel[1:-1] = (mean_speed[2:] - mean_speed[:-2]) / (2 * cell)
-    return Reference(edges, mean_speed, yaw, accel, time_s, speed, course, by_position)
+    return ReceiverMotion(edges, mean_speed, yaw, accel, time_s, speed, course, by_position)
 
 
 def cell_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> FloatArray:

@@ -16,7 +16,7 @@ _ROUNDS = 6
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class RegressionFit:
     """One regression."""
 
     value: FloatArray
@@ -32,7 +32,7 @@ class Fit:
         return float(np.sqrt(max(self.cov[k, k], 0.0)))
 
 
-def with_prior(made: Fit, mean: FloatArray, std: FloatArray) -> Fit:
+def with_prior(made: RegressionFit, mean: FloatArray, std: FloatArray) -> RegressionFit:
     """Return the coefficients with a prior; `mean`, `std` (k,), infinite for none.
 
     The product of two normal densities, the fit's with its own covariance: noise between rows that goes
@@ -46,7 +46,7 @@ def with_prior(made: Fit, mean: FloatArray, std: FloatArray) -> Fit:
     return replace(made, value=value * scale, cov=cov * np.outer(scale, scale))
 
 
-def fit(design: FloatArray, target: FloatArray, block: FloatArray) -> Fit | None:
+def fit(design: FloatArray, target: FloatArray, block: FloatArray) -> RegressionFit | None:
     """Fit `target` (n,) by `design` (n, k); None where too few rows are known or a column is empty.
 
     Rows beyond four robust standard deviations are left out once: spins, lost frames.
@@ -79,7 +79,9 @@ def fit(design: FloatArray, target: FloatArray, block: FloatArray) -> Fit | None
     cov = _jackknife(X, residual, b, ridge)
     total = float(((y - y.mean()) ** 2).sum())
     r2 = 1.0 - float((residual**2).sum()) / total if total > 0 else 0.0
-    return Fit(value / scale, cov / np.outer(scale, scale), float(np.sqrt((residual**2).mean())), r2, len(y))
+    return RegressionFit(
+        value / scale, cov / np.outer(scale, scale), float(np.sqrt((residual**2).mean())), r2, len(y)
+    )
 
 
 def _jackknife(X: FloatArray, residual: FloatArray, block: FloatArray, ridge: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import Any
 from tpmsd.foundation.plain import brief
 from tpmsd.offline.discovery.assign import Assignment
 from tpmsd.offline.discovery.candidates import Candidate
-from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.series import MessageField
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT
 
 
@@ -32,7 +32,7 @@ class FoundRole:
     """A signal and what it is."""
 
     role: str
-    field: Field
+    field: MessageField
     probability: float
     rivals: tuple[tuple[str, float], ...] = ()
     modulus: int = 0

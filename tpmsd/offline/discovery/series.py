@@ -25,7 +25,7 @@ Kind = Literal["count", "value"]
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class MessageField:
     """Position of a value in a message, and its conversion by a DBC."""
 
     message: str
@@ -52,7 +52,7 @@ class Field:
 class Series:
     """A field read in one way."""
 
-    field: Field
+    field: MessageField
     kind: Kind
     rate: FloatArray
     """(n,) over each cell: raw counts per second, or the mean of the raw number. NaN where unknown."""
@@ -67,7 +67,7 @@ class Series:
     """Root mean square of a value's steps from frame to frame, in raw units; 0 for counters."""
 
 
-def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
+def as_value(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
     """Return the field as a number (signed and float as the field says); what stands for no value is left
     out."""
     layout = field.layout
@@ -101,7 +101,7 @@ def _no_value(raw: RawArray) -> frozenset[int]:
     return frozenset({greatest}) if apart else frozenset()
 
 
-def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series | None:
+def as_count(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series | None:
     """Return the field as a counter that rolls over; None if its steps are not those of one."""
     counter = unwrap(field, log, raw)
     if counter is None:
@@ -115,7 +115,7 @@ def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
     )
 
 
-def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
+def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | None:
     """Return the counts of a field that rolls over; None if its steps are not those of a counter."""
     if field.layout.length < 4 or len(raw) < 20:
         return None

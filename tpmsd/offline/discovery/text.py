@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.result import Discovery, FoundRole
-from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.series import MessageField
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED
 
@@ -148,7 +148,7 @@ def _length(roles: Sequence[FoundRole]) -> int:
 
 
 def _signal_line(one: FoundRole) -> str:
-    field: Field = one.field
+    field: MessageField = one.field
     bits = field.layout
     scale = one.scale if one.scale is not None else field.scale
     offset = one.offset if one.offset is not None else field.offset

@@ -23,8 +23,8 @@ import numpy as np
 from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2
 from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.discovery.reference import Reference
-from tpmsd.offline.discovery.regress import Fit, fit, with_prior
+from tpmsd.offline.discovery.reference import ReceiverMotion
+from tpmsd.offline.discovery.regress import RegressionFit, fit, with_prior
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
@@ -66,7 +66,7 @@ def drag_slip_std() -> float:
 
 
 def followers(
-    series: Sequence[Series], reference: Reference, settings: Settings = SETTINGS
+    series: Sequence[Series], reference: ReceiverMotion, settings: Settings = SETTINGS
 ) -> list[Follower]:
     """Return the series that follow the receiver's speed, best first."""
     moving = reference.moving
@@ -126,7 +126,7 @@ def physical_scale(one: Follower) -> float:
 
 def placed(
     group: Sequence[Follower],
-    reference: Reference,
+    reference: ReceiverMotion,
     gyro: FloatArray | None = None,
     settings: Settings = SETTINGS,
 ) -> list[Follower]:
@@ -160,7 +160,7 @@ def _common(group: Sequence[Follower]) -> FloatArray:
 def _positioned(
     one: Follower,
     group: Sequence[Follower],
-    reference: Reference,
+    reference: ReceiverMotion,
     yaw: FloatArray,
     settings: Settings,
 ) -> Follower:
@@ -187,8 +187,8 @@ def _positioned(
 
 
 def _position_fit(
-    speed: FloatArray, common: FloatArray, yaw: FloatArray, reference: Reference, settings: Settings
-) -> Fit | None:
+    speed: FloatArray, common: FloatArray, yaw: FloatArray, reference: ReceiverMotion, settings: Settings
+) -> RegressionFit | None:
     cell = settings.cell_s
     accel = np.full(len(common), np.nan)
     accel[1:-1] = (common[2:] - common[:-2]) / (2 * cell)
@@ -208,7 +208,9 @@ def _position_fit(
     return with_prior(made, np.zeros(len(columns)), std)
 
 
-def anchor_of(group: Sequence[Follower], reference: Reference, settings: Settings = SETTINGS) -> Fit | None:
+def anchor_of(
+    group: Sequence[Follower], reference: ReceiverMotion, settings: Settings = SETTINGS
+) -> RegressionFit | None:
     """Return the receiver's place against the cluster's common speed; None where the cluster's speed is the
     receiver's."""
     if len(group) <= 2:

@@ -16,7 +16,7 @@ from tpmsd.car.rings.ring import counts_per_m
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
 from tpmsd.offline.discovery.reference import make_reference
-from tpmsd.offline.discovery.series import Field, Series, as_count, as_value
+from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.offline.drive_checks.clock_offset import best_offset
 from tpmsd.offline.drive_checks.suspicion import Suspicion
@@ -24,7 +24,7 @@ from tpmsd.onboard.sources.events import GnssFix
 
 
 def aligned(
-    config: Config, fields: dict[str, Field], frames: dict[str, MessageLog], fixes: Sequence[GnssFix]
+    config: Config, fields: dict[str, MessageField], frames: dict[str, MessageLog], fixes: Sequence[GnssFix]
 ) -> tuple[Sequence[GnssFix], Suspicion | None]:
     """Return the fixes on the frames' clock, and the suspicion where they were not."""
     reference = make_reference(fixes)
@@ -58,7 +58,7 @@ def aligned(
 
 
 def _first_wheel(
-    fields: dict[str, Field], frames: dict[str, MessageLog]
+    fields: dict[str, MessageField], frames: dict[str, MessageLog]
 ) -> tuple[str, Series, FloatArray] | None:
     """Return role, readings and cells' edges (s) of the first wheel that was read; None without one."""
     role = next((r for r in frames if r.startswith("wheel_")), None)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tpmsd.car.config.dbc import counter_modulus, find_signal
 from tpmsd.car.config.model import Config
 from tpmsd.offline.discovery.frames import BusLog, MessageLog
-from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.series import MessageField
 from tpmsd.onboard.sources.can.channels import bus_numbers
 from tpmsd.onboard.sources.can.databases import database_of
 from tpmsd.onboard.sources.can.signal_plan import (
@@ -29,7 +29,7 @@ from tpmsd.onboard.sources.can.signal_plan import (
 )
 
 
-def configured_fields(config: Config, database: Database, log: BusLog) -> dict[str, Field]:
+def configured_fields(config: Config, database: Database, log: BusLog) -> dict[str, MessageField]:
     """Return a mapping role -> field as the configuration reads it; its key is the log's, or of no message
     that is in it."""
     buses = _Buses(config, log)
@@ -42,7 +42,7 @@ def configured_fields(config: Config, database: Database, log: BusLog) -> dict[s
         if role.startswith("wheel_count_"):
             unit = f"modulus {option.modulus or counter_modulus(signal)}"
         layout = bit_field(signal)
-        fields[role] = Field(
+        fields[role] = MessageField(
             message.name,
             signal.name,
             buses.key(bus, identifier),
@@ -57,7 +57,7 @@ def configured_fields(config: Config, database: Database, log: BusLog) -> dict[s
 
 
 def configured_frames(
-    config: Config, database: Database, log: BusLog, fields: Mapping[str, Field]
+    config: Config, database: Database, log: BusLog, fields: Mapping[str, MessageField]
 ) -> dict[str, MessageLog]:
     """Return a mapping role -> the frames in which its signal counts; roles whose message never came are left
     out."""

@@ -15,14 +15,14 @@ from tpmsd.car.config.model import Config
 from tpmsd.car.config.units import allowed_units, to_si
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.other_roles import physical, smooth
-from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.reference import ReceiverMotion
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.offline.drive_checks.suspicion import Suspicion
 
 
 def wrong_signs(
-    config: Config, read: Mapping[str, Series], reference: Reference, speed: FloatArray
+    config: Config, read: Mapping[str, Series], reference: ReceiverMotion, speed: FloatArray
 ) -> list[Suspicion]:
     """Return the sign and size of the other roles against the car's motion, by receiver and wheels."""
     accel = np.full(len(speed), np.nan)

@@ -18,7 +18,7 @@ from tpmsd.car.config.model import Config
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import BusLog, MessageLog
 from tpmsd.offline.discovery.material import Material, prepare
-from tpmsd.offline.discovery.series import Field, Series, as_count, as_value
+from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import followers, placed
 from tpmsd.offline.drive_checks.clock import aligned
@@ -59,7 +59,7 @@ def suspicions(
 
 
 def _read(
-    fields: Mapping[str, Field], frames: Mapping[str, MessageLog], edges: FloatArray
+    fields: Mapping[str, MessageField], frames: Mapping[str, MessageLog], edges: FloatArray
 ) -> dict[str, Series]:
     """Return a mapping role -> its readings over the cells; roles that stay the same or cannot be read are
     left out."""

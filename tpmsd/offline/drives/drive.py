@@ -22,9 +22,9 @@ from tpmsd.offline.drives.reading import FolderRecording, MemoryRecording, Recor
 from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
 from tpmsd.offline.tables.encode import Encoded, encode
-from tpmsd.offline.tables.from_columns import Columns, series_of
+from tpmsd.offline.tables.from_columns import InMemoryTable, series_of
 from tpmsd.offline.tables.gather import signals_from, split_empty
-from tpmsd.offline.tables.signals import Series
+from tpmsd.offline.tables.signals import SignalReadings
 from tpmsd.onboard.sources.can.frame import CanFrame
 
 KINDS = ("wheel_count", "wheel_speed")
@@ -74,9 +74,9 @@ class Drive:
     @classmethod
     def from_tables(
         cls,
-        wheels: Columns,
-        gnss: Columns | None = None,
-        inertial: Columns | None = None,
+        wheels: InMemoryTable,
+        gnss: InMemoryTable | None = None,
+        inertial: InMemoryTable | None = None,
         *,
         vehicle: Mapping[str, Any] | str | Path | Config,
         antenna_forward_m: float | None = None,
@@ -160,7 +160,7 @@ def as_drive(drive: Drive | str | Path) -> Drive:
     return drive if isinstance(drive, Drive) else load(drive)
 
 
-def _joined(one: dict[str, Series], other: dict[str, Series]) -> dict[str, Series]:
+def _joined(one: dict[str, SignalReadings], other: dict[str, SignalReadings]) -> dict[str, SignalReadings]:
     """Both; what both hold (one data frame given for several tables) is taken once."""
     return {**other, **one}
 

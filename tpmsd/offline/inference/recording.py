@@ -14,7 +14,7 @@ from itertools import compress
 import numpy as np
 
 from tpmsd.car.config.model import Config
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.timeline.tick import Tick
@@ -81,7 +81,7 @@ def car_of(config: Config) -> Car:
     vehicle = config.vehicle
     return Car(
         radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
-        geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+        geometry=WheelPositions(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
         driven=driven_mask(vehicle.driven_axle),
         teeth_per_rev=vehicle.teeth_per_rev,
         antenna_forward_m=config.gnss.antenna_forward_m,

@@ -42,7 +42,7 @@ class WheelBias:
 
 
 @dataclass(frozen=True)
-class Fault:
+class RampedLoss:
     """A wheel's radius that ramps by `deviation_m`."""
 
     wheel: str
@@ -59,7 +59,7 @@ class AlarmsCompared:
     before: ReplayResult
     after: ReplayResult
     """Record where the model holds nothing to compensate."""
-    faults: tuple[Fault, ...]
+    faults: tuple[RampedLoss, ...]
     notes: tuple[str, ...]
     """Part of the model that was not compensated."""
 
@@ -117,9 +117,9 @@ class AlarmsCompared:
         return tuple(out)
 
 
-def _fault(values: Mapping[str, float | str]) -> Fault:
+def _fault(values: Mapping[str, float | str]) -> RampedLoss:
     wheel, *numbers = (values.get(name, 0.0) for name in ("wheel", "deviation_m", "onset_s", "duration_s"))
-    return Fault(str(wheel), *(float(number) for number in numbers))
+    return RampedLoss(str(wheel), *(float(number) for number in numbers))
 
 
 def compare_alarms(

@@ -75,7 +75,7 @@ class _Distances:
 
 
 @dataclass(frozen=True)
-class _Steps:
+class _CountSteps:
     """Steps of a count beside normal noise."""
 
     share: float
@@ -235,7 +235,7 @@ def _around(values: FloatArray) -> FloatArray:
     return np.asarray(values - mean[block])
 
 
-def _steps(values: FloatArray, counted: FloatArray) -> _Steps:
+def _steps(values: FloatArray, counted: FloatArray) -> _CountSteps:
     """Upward steps: values (w,) are counts more than their mean, a share of those `counted` (w,)."""
     spread = float(values.var())
     most = 0.5 * spread + COUNTERS.single_stds * math.sqrt(spread) + 1.0
@@ -254,7 +254,7 @@ def _steps(values: FloatArray, counted: FloatArray) -> _Steps:
     found = _least(negative, [math.log(0.5 * spread), 0.5 * math.log(0.5 * spread)])
     share = math.exp(found[0]) / float(counted.mean())
     ahead = each(values, found) - each(-values, found)
-    return _Steps(share, share * math.sqrt(_variance(negative, found)), -negative(found), ahead)
+    return _CountSteps(share, share * math.sqrt(_variance(negative, found)), -negative(found), ahead)
 
 
 def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:

@@ -67,7 +67,7 @@ _UNITS = {
 
 
 @dataclass(frozen=True)
-class _Channel:
+class _ColumnRule:
     """Rule by which a column of the table is found in a file."""
 
     names: re.Pattern[str]
@@ -80,21 +80,21 @@ _TURN = ("deg/s", "°/s", "rad/s")
 _ACCELERATION = ("g", "m/s2", "m/s^2", "m/s²")
 _ANGLE = ("deg", "degrees", "°", "rad")
 _CHANNELS = {
-    "gnss_speed_mps": _Channel(
+    "gnss_speed_mps": _ColumnRule(
         re.compile(r"velocity(kmh|knots|mph|ms)?|speed"), ("km/h", "knots", "mph", "m/s")
     ),
-    "gnss_course_rad": _Channel(re.compile(r"heading|course"), _ANGLE),
-    "gnss_altitude_m": _Channel(re.compile(r"height|altitude"), ("m", "metres")),
-    "yaw_rate_radps": _Channel(re.compile(r"(imu)?yawrate|zrate|gyroz"), _TURN),
-    "accel_long_mps2": _Channel(
+    "gnss_course_rad": _ColumnRule(re.compile(r"heading|course"), _ANGLE),
+    "gnss_altitude_m": _ColumnRule(re.compile(r"height|altitude"), ("m", "metres")),
+    "yaw_rate_radps": _ColumnRule(re.compile(r"(imu)?yawrate|zrate|gyroz"), _TURN),
+    "accel_long_mps2": _ColumnRule(
         re.compile(r"longacc(el)?|longitudinalacc(el(eration)?)?|(imu)?x(accel|acc)|accx"),
         _ACCELERATION,
     ),
-    "accel_lat_mps2": _Channel(
+    "accel_lat_mps2": _ColumnRule(
         re.compile(r"latacc(el)?|lateralacc(el(eration)?)?|(imu)?y(accel|acc)|accy"),
         _ACCELERATION,
     ),
-    "steering_wheel_angle_rad": _Channel(re.compile(r"steer(ing)?(wheel)?(angle|ang)?|swa"), _ANGLE),
+    "steering_wheel_angle_rad": _ColumnRule(re.compile(r"steer(ing)?(wheel)?(angle|ang)?|swa"), _ANGLE),
 }
 _SIGNED = ("yaw_rate_radps", "accel_long_mps2", "accel_lat_mps2", "steering_wheel_angle_rad")
 _TIME, _LATITUDE, _LONGITUDE, _SATELLITES = "time", "lat", "long", "sats"

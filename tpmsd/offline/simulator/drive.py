@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, Motion, driven_mask
 from tpmsd.foundation.errors import ConfigError
@@ -113,7 +113,7 @@ def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_
     """Return the car that a configuration describes."""
     return Car(
         radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
-        geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+        geometry=WheelPositions(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
         driven=driven_mask(vehicle.driven_axle),
         teeth_per_rev=vehicle.teeth_per_rev,
         antenna_forward_m=antenna_forward_m,

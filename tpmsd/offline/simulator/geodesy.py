@@ -18,7 +18,7 @@ _E2 = 0.0066943799901413165
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class GeodeticTrack:
     """(n,) positions in degrees and velocities in m/s."""
 
     latitude_deg: FloatArray
@@ -40,7 +40,7 @@ def on_ellipsoid(
     height_m: FloatArray,
     latitude_deg: float,
     longitude_deg: float,
-) -> Track:
+) -> GeodeticTrack:
     """Integrate a plane velocity over the ellipsoid from a starting point.
 
     A car that steers straight follows a geodesic, along which the direction of true north turns against it by
@@ -59,4 +59,6 @@ def on_ellipsoid(
     _, prime = radii_of_curvature(lat)
     lon_step = integrate(velocity.real / ((prime + height_m) * np.cos(lat)), time_s)
     lon = longitude_deg + np.degrees(lon_step)
-    return Track(np.degrees(lat), (lon + 180.0) % 360.0 - 180.0, velocity.real.copy(), velocity.imag.copy())
+    return GeodeticTrack(
+        np.degrees(lat), (lon + 180.0) % 360.0 - 180.0, velocity.real.copy(), velocity.imag.copy()
+    )

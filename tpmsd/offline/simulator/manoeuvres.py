@@ -1,7 +1,8 @@
 """Manoeuvres: short pieces of driving with chosen speeds, bends and slopes, and drives made of them.
 
-In: manoeuvres, or a route file. Out: `Step`s and the `Motion` of a car that drives them. A step holds one
-curvature and one slope and changes the speed evenly; corners in time are rounded as a driver rounds them.
+In: manoeuvres, or a route file. Out: `ManoeuvrePart`s and the `Motion` of a car that drives them. A step
+holds one curvature and one slope and changes the speed evenly; corners in time are rounded as a driver rounds
+them.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ LIMITS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class ManoeuvrePart:
     """Part of a manoeuvre."""
 
     duration_s: float
@@ -53,7 +54,7 @@ class Manoeuvre:
     """A named list of steps."""
 
     name: str
-    steps: tuple[Step, ...]
+    steps: tuple[ManoeuvrePart, ...]
 
     @property
     def fastest_mps(self) -> float:
@@ -66,24 +67,33 @@ class Manoeuvre:
         return all(step.slope == 0.0 for step in self.steps)
 
 
-def _bends(speed_mps: float, lateral_mps2: float, seconds: float, times: int = 2) -> tuple[Step, ...]:
+def _bends(
+    speed_mps: float, lateral_mps2: float, seconds: float, times: int = 2
+) -> tuple[ManoeuvrePart, ...]:
     """Return the same bend to both sides."""
     bend = lateral_mps2 / speed_mps**2
-    both = (Step(seconds, speed_mps, bend), Step(3.0, speed_mps), Step(seconds, speed_mps, -bend))
-    return (Step(3.0, speed_mps), *(both * times), Step(3.0, speed_mps))
+    both = (
+        ManoeuvrePart(seconds, speed_mps, bend),
+        ManoeuvrePart(3.0, speed_mps),
+        ManoeuvrePart(seconds, speed_mps, -bend),
+    )
+    return (ManoeuvrePart(3.0, speed_mps), *(both * times), ManoeuvrePart(3.0, speed_mps))
 
 
-def _swing(low: float, high: float, up: float, down: float, times: int = 2) -> tuple[Step, ...]:
+def _swing(low: float, high: float, up: float, down: float, times: int = 2) -> tuple[ManoeuvrePart, ...]:
     """Return the speed up and brake again, m/s and m/s2."""
-    rise, fall = Step((high - low) / up, high), Step((high - low) / down, low)
-    return (Step(2.0, low), *((rise, Step(2.0, high), fall, Step(2.0, low)) * times))
+    rise, fall = ManoeuvrePart((high - low) / up, high), ManoeuvrePart((high - low) / down, low)
+    return (
+        ManoeuvrePart(2.0, low),
+        *((rise, ManoeuvrePart(2.0, high), fall, ManoeuvrePart(2.0, low)) * times),
+    )
 
 
 LIBRARY: tuple[Manoeuvre, ...] = (
-    Manoeuvre("hold 8 m/s", (Step(40.0, 8.0),)),
-    Manoeuvre("hold 15 m/s", (Step(40.0, 15.0),)),
-    Manoeuvre("hold 22 m/s", (Step(40.0, 22.0),)),
-    Manoeuvre("hold 30 m/s", (Step(40.0, 30.0),)),
+    Manoeuvre("hold 8 m/s", (ManoeuvrePart(40.0, 8.0),)),
+    Manoeuvre("hold 15 m/s", (ManoeuvrePart(40.0, 15.0),)),
+    Manoeuvre("hold 22 m/s", (ManoeuvrePart(40.0, 22.0),)),
+    Manoeuvre("hold 30 m/s", (ManoeuvrePart(40.0, 30.0),)),
     Manoeuvre("speed up and slow down gently", _swing(8.0, 22.0, 0.8, 0.8)),
     Manoeuvre("speed up and brake firmly", _swing(6.0, 22.0, 2.0, 3.0)),
     Manoeuvre("speed up and brake firmly at 30 m/s", _swing(20.0, 30.0, 1.2, 3.0)),
@@ -93,38 +103,51 @@ LIBRARY: tuple[Manoeuvre, ...] = (
     Manoeuvre("bends at 30 m/s, both sides", _bends(30.0, 2.0, 10.0)),
     Manoeuvre(
         "climb and descend 6 %",
-        (Step(3.0, 15.0), Step(40.0, 15.0, slope=0.06), Step(40.0, 15.0, slope=-0.06), Step(3.0, 15.0)),
+        (
+            ManoeuvrePart(3.0, 15.0),
+            ManoeuvrePart(40.0, 15.0, slope=0.06),
+            ManoeuvrePart(40.0, 15.0, slope=-0.06),
+            ManoeuvrePart(3.0, 15.0),
+        ),
     ),
     Manoeuvre(
         "crests and dips",
         (
-            Step(3.0, 15.0),
-            *((Step(4.0, 15.0, slope=0.08), Step(4.0, 15.0, slope=-0.08)) * 5),
-            Step(3.0, 15.0),
+            ManoeuvrePart(3.0, 15.0),
+            *((ManoeuvrePart(4.0, 15.0, slope=0.08), ManoeuvrePart(4.0, 15.0, slope=-0.08)) * 5),
+            ManoeuvrePart(3.0, 15.0),
         ),
     ),
     Manoeuvre(
         "there and back",
-        (Step(30.0, 15.0), Step(4.0, 8.0), Step(31.4, 8.0, 0.0125), Step(4.0, 15.0), Step(30.0, 15.0)),
+        (
+            ManoeuvrePart(30.0, 15.0),
+            ManoeuvrePart(4.0, 8.0),
+            ManoeuvrePart(31.4, 8.0, 0.0125),
+            ManoeuvrePart(4.0, 15.0),
+            ManoeuvrePart(30.0, 15.0),
+        ),
     ),
-    Manoeuvre("stand for a minute", (Step(6.0, 0.0), Step(60.0, 0.0), Step(6.0, 8.0))),
-    Manoeuvre("drive on for five minutes at 22 m/s", (Step(300.0, 22.0),)),
+    Manoeuvre(
+        "stand for a minute", (ManoeuvrePart(6.0, 0.0), ManoeuvrePart(60.0, 0.0), ManoeuvrePart(6.0, 8.0))
+    ),
+    Manoeuvre("drive on for five minutes at 22 m/s", (ManoeuvrePart(300.0, 22.0),)),
 )
 
 
-def steps_of(manoeuvres: Sequence[Manoeuvre]) -> tuple[Step, ...]:
+def steps_of(manoeuvres: Sequence[Manoeuvre]) -> tuple[ManoeuvrePart, ...]:
     """Return the steps of manoeuvres one after the other, with the changes of speed between them."""
-    out = [Step(START_S, 0.0)]
+    out = [ManoeuvrePart(START_S, 0.0)]
     for one in manoeuvres:
         first = one.steps[0].speed_mps
         change = abs(first - out[-1].speed_mps)
         if change > 0.0 and first > 0.0:
-            out.append(Step(max(change / TRANSFER_MPS2, 0.5), first))
+            out.append(ManoeuvrePart(max(change / TRANSFER_MPS2, 0.5), first))
         out += one.steps
     return tuple(out)
 
 
-def motion_of(steps: Sequence[Step], wheelbase_m: float, rate_hz: float = 100.0) -> Motion:
+def motion_of(steps: Sequence[ManoeuvrePart], wheelbase_m: float, rate_hz: float = 100.0) -> Motion:
     """Return the motion of a car that drives these steps from a standstill, at `rate_hz`."""
     ends = np.cumsum([step.duration_s for step in steps])
     count = int(ends[-1] * rate_hz) + 1
@@ -159,7 +182,7 @@ def format_route(manoeuvres: Sequence[Manoeuvre]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def load_route(path: Path) -> tuple[Step, ...]:
+def load_route(path: Path) -> tuple[ManoeuvrePart, ...]:
     """Return the steps of a route file; ConfigError with file and reason where it is none."""
     text = read_text(path, MAX_BYTES, "a route")
     try:
@@ -188,7 +211,7 @@ def parse_route(text: str) -> tuple[Manoeuvre, ...]:
     return tuple(out)
 
 
-def _step(entry: object, where: str) -> Step:
+def _step(entry: object, where: str) -> ManoeuvrePart:
     if not isinstance(entry, dict):
         raise ConfigError(f"{where}: a step is a table such as {{ duration_s = 10.0, speed_mps = 15.0 }}")
     values: dict[str, float] = {}
@@ -202,4 +225,4 @@ def _step(entry: object, where: str) -> Step:
     for key in ("duration_s", "speed_mps"):
         if key not in values:
             raise ConfigError(f"{where}: a step without {key}")
-    return Step(**values)
+    return ManoeuvrePart(**values)

@@ -45,7 +45,7 @@ _STAMP = re.compile(rb"\((\d+)\.(\d+)\)")
 
 
 @dataclass
-class Series:
+class LoggedSignal:
     """The readings of one signal in the order of the log."""
 
     signal: SignalPlan
@@ -76,7 +76,7 @@ class CanRewriter:
         self._channel = channel
         self._buses = buses or {}
         self._series = {
-            (key, signal.role): Series(signal)
+            (key, signal.role): LoggedSignal(signal)
             for key, plan in plans.items()
             for group in plan.groups
             for signal in group.signals
@@ -141,7 +141,7 @@ class CanRewriter:
             ):
                 yield key, frame, group
 
-    def _change(self, series: Series) -> bool:
+    def _change(self, series: LoggedSignal) -> bool:
         """Compute the new bits of a signal; return whether any differ."""
         series.new = series.bits
         if len(series.bits) < 2:
@@ -158,7 +158,7 @@ class CanRewriter:
         series.new = new
         return new != series.bits
 
-    def _counts(self, series: Series, host_s: FloatArray) -> list[int] | None:
+    def _counts(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
         signal = series.signal
         assert signal.wheel is not None
         unsigned = signal.backward_when is not None
@@ -170,7 +170,7 @@ class CanRewriter:
         made = recounted(counts, more, sigma_of(host_s), signal.modulus)
         return [int(count) for count in made.tolist()]
 
-    def _readings(self, series: Series, host_s: FloatArray) -> list[int] | None:
+    def _readings(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
         signal = series.signal
         layout = signal.field
         numbers = np.array([layout.number(bits) for bits in series.bits], dtype=np.float64)

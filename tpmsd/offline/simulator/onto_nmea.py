@@ -31,7 +31,7 @@ _NUMBER = re.compile(rb"\d+(?:\.\d*)?", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Layout:
+class SentenceLayout:
     """Fields of a sentence by their number, 0 where it has none; its address is field 0."""
 
     latitude: int = 0
@@ -45,11 +45,11 @@ class Layout:
 
 
 LAYOUTS = {
-    b"RMC": Layout(latitude=3, longitude=5, knots=7, course=8, needs=(2, b"V")),
-    b"GGA": Layout(latitude=2, longitude=4, needs=(6, b"0")),
-    b"GNS": Layout(latitude=2, longitude=4),
-    b"GLL": Layout(latitude=1, longitude=3, needs=(6, b"V")),
-    b"VTG": Layout(course=1, magnetic=3, knots=5, kmh=7),
+    b"RMC": SentenceLayout(latitude=3, longitude=5, knots=7, course=8, needs=(2, b"V")),
+    b"GGA": SentenceLayout(latitude=2, longitude=4, needs=(6, b"0")),
+    b"GNS": SentenceLayout(latitude=2, longitude=4),
+    b"GLL": SentenceLayout(latitude=1, longitude=3, needs=(6, b"V")),
+    b"VTG": SentenceLayout(course=1, magnetic=3, knots=5, kmh=7),
 }
 
 
@@ -119,7 +119,7 @@ class NmeaRewriter:
             made += b"*" + (digits if check.lower() == check and check.upper() != check else digits.upper())
         return line[: match.start(1)] + made + line[match.end() :]
 
-    def _move(self, kind: bytes, fields: list[bytes], layout: Layout, change: FixChange) -> None:
+    def _move(self, kind: bytes, fields: list[bytes], layout: SentenceLayout, change: FixChange) -> None:
         """Move the position."""
         if not layout.latitude or len(fields) <= layout.longitude + 1:
             return
@@ -149,7 +149,7 @@ class NmeaRewriter:
         made = f"{degrees:0{max(len(whole) - 2, 1)}d}{minutes:02d}"
         return (made + (f".{part:0{len(digits)}d}" if digits else "")).encode("ascii")
 
-    def _speed(self, kind: bytes, fields: list[bytes], layout: Layout, change: FixChange) -> None:
+    def _speed(self, kind: bytes, fields: list[bytes], layout: SentenceLayout, change: FixChange) -> None:
         """Change speed and course as vectors; the speed alone where no course is stated."""
         plain, acting = complex(change.plain_mps[0]), complex(change.acting_mps[0])
         if plain == acting:

@@ -14,7 +14,7 @@ import numpy as np
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.simulator.clock import Clocks
-from tpmsd.offline.simulator.geodesy import Track, on_ellipsoid, radii_of_curvature
+from tpmsd.offline.simulator.geodesy import GeodeticTrack, on_ellipsoid, radii_of_curvature
 from tpmsd.offline.simulator.nmea import SENTENCES, Epoch, sentence
 from tpmsd.offline.simulator.noise import gauss_markov
 from tpmsd.offline.simulator.world import World
@@ -85,7 +85,7 @@ class Epochs:
     north_mps: FloatArray
     valid: np.ndarray
     hdop: FloatArray
-    track: Track
+    track: GeodeticTrack
     """The truth at the epochs."""
     height_m: FloatArray
 
@@ -108,7 +108,7 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
 
     # Longitudes are unwrapped for the interpolation, since a drive may cross the date line.
     longitude = at_epochs(np.degrees(np.unwrap(np.radians(full.longitude_deg))))
-    track = Track(
+    track = GeodeticTrack(
         at_epochs(full.latitude_deg), longitude, at_epochs(full.east_mps), at_epochs(full.north_mps)
     )
     lag = world.model.velocity_age_s()

@@ -18,7 +18,7 @@ KMH = 1 / 3.6
 
 
 @dataclass(frozen=True, slots=True)
-class Style:
+class RoadStyle:
     """Habits of the driver and shape of the land on a kind of road."""
 
     transition_m: float
@@ -34,11 +34,11 @@ class Style:
     grade_spacing_m: float
 
 
-CITY = Style(8.0, 30.0, 0.15, 0.0, 0.010, 120.0)
-RURAL = Style(40.0, 60.0, 0.15, 0.0, 0.015, 250.0)
-HILLS = Style(40.0, 60.0, 0.15, 0.0, 0.050, 250.0)
-MOTORWAY = Style(120.0, 120.0, 0.20, 0.06, 0.012, 500.0)
-TRACK = Style(15.0, 60.0, 0.10, 0.0, 0.0, 500.0)
+CITY = RoadStyle(8.0, 30.0, 0.15, 0.0, 0.010, 120.0)
+RURAL = RoadStyle(40.0, 60.0, 0.15, 0.0, 0.015, 250.0)
+HILLS = RoadStyle(40.0, 60.0, 0.15, 0.0, 0.050, 250.0)
+MOTORWAY = RoadStyle(120.0, 120.0, 0.20, 0.06, 0.012, 500.0)
+TRACK = RoadStyle(15.0, 60.0, 0.10, 0.0, 0.0, 500.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,18 +49,20 @@ class Segment:
     curvature_per_m: float
     """Positive to the left."""
     limit_mps: float
-    style: Style
+    style: RoadStyle
     stop_s: float = 0.0
     """Time for which the car stands at the segment's end, s; 0 where it does not stop."""
 
 
-def _bend(angle_rad: float, radius_m: float, limit_mps: float, style: Style, stop_s: float = 0.0) -> Segment:
+def _bend(
+    angle_rad: float, radius_m: float, limit_mps: float, style: RoadStyle, stop_s: float = 0.0
+) -> Segment:
     # The curvature ramps up and down within the segment, so the turned angle is curvature * (length - ramp).
     length = abs(angle_rad) * radius_m + style.transition_m
     return Segment(length, math.copysign(1 / radius_m, angle_rad), limit_mps, style, stop_s)
 
 
-def _straight(length_m: float, limit_mps: float, style: Style, stop_s: float = 0.0) -> Segment:
+def _straight(length_m: float, limit_mps: float, style: RoadStyle, stop_s: float = 0.0) -> Segment:
     return Segment(length_m, 0.0, limit_mps, style, stop_s)
 
 
@@ -87,7 +89,7 @@ def _city(rng: np.random.Generator) -> Iterator[Segment]:
                 )
 
 
-def _rural(rng: np.random.Generator, style: Style = RURAL) -> Iterator[Segment]:
+def _rural(rng: np.random.Generator, style: RoadStyle = RURAL) -> Iterator[Segment]:
     while True:
         limit = float(rng.choice([70, 80, 90, 100])) * KMH
         for _ in range(int(rng.integers(6, 14))):

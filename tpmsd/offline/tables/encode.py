@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.tables.roles import INERTIAL_UNITS
-from tpmsd.offline.tables.signals import Fixes, Series, Signals
+from tpmsd.offline.tables.signals import Fixes, SignalReadings, Signals
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
@@ -77,18 +77,18 @@ def encode(signals: Signals) -> Encoded:
     return Encoded(tuple(items), dbc, roles, None if per_turn is None else float(per_turn))
 
 
-def _counter_frames(series: Series, identifier: int, scale: float) -> Iterator[CanFrame]:
+def _counter_frames(series: SignalReadings, identifier: int, scale: float) -> Iterator[CanFrame]:
     counts = np.rint(series.value * scale).astype(np.int64) & 0xFFFFFFFF
     for time_s, count in zip(_stamps(series), counts.tolist(), strict=True):
         yield _frame(time_s, identifier, int(count).to_bytes(4, "little"))
 
 
-def _double_frames(series: Series, identifier: int) -> Iterator[CanFrame]:
+def _double_frames(series: SignalReadings, identifier: int) -> Iterator[CanFrame]:
     for time_s, value in zip(_stamps(series), series.value.tolist(), strict=True):
         yield _frame(time_s, identifier, struct.pack("<d", value))
 
 
-def _stamps(series: Series) -> list[float]:
+def _stamps(series: SignalReadings) -> list[float]:
     return [round(time_s, 6) for time_s in series.time_s.tolist()]
 
 

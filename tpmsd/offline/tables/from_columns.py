@@ -1,7 +1,7 @@
 """Arrays and data frames with named columns as series by role.
 
-In: mappings (dicts, data frames) from a column's name, its unit as suffix, to an array. Out: role -> `Series`
-in SI units. Pure.
+In: mappings (dicts, data frames) from a column's name, its unit as suffix, to an array. Out: role ->
+`SignalReadings` in SI units. Pure.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.columns import BY_NAME
 from tpmsd.offline.tables.roles import ROLES, SUFFIXES, is_linear, scale_of, split_name
-from tpmsd.offline.tables.signals import Series
+from tpmsd.offline.tables.signals import SignalReadings
 
 TIME = "time_s"
 
 
-class Columns(Protocol):
+class InMemoryTable(Protocol):
     """A dict of arrays, a data frame, a structured array."""
 
     def __getitem__(self, name: str, /) -> Any:
@@ -29,7 +29,9 @@ class Columns(Protocol):
         ...
 
 
-def series_of(columns: Columns, what: str, radius_m: Iterable[float], prefix: str = "") -> dict[str, Series]:
+def series_of(
+    columns: InMemoryTable, what: str, radius_m: Iterable[float], prefix: str = ""
+) -> dict[str, SignalReadings]:
     """Return a mapping role -> series of the columns that are roles.
 
     `what` is the argument's name, for errors; `radius_m` (4,) divides speeds along the road; `prefix` may be
@@ -41,7 +43,7 @@ def series_of(columns: Columns, what: str, radius_m: Iterable[float], prefix: st
         raise ConfigError(f"{what}: no column {TIME}; found {', '.join(names) or 'none'}")
     time_s = _array(columns, TIME, what)
     radii = dict(zip(WHEELS, radius_m, strict=True))
-    found: dict[str, Series] = {}
+    found: dict[str, SignalReadings] = {}
     # In a table that spells the prefix out, `speed_mps` is something else.
     prefix = "" if any(prefix and name.startswith(prefix) for name in names) else prefix
     for name in names:
@@ -62,7 +64,7 @@ def series_of(columns: Columns, what: str, radius_m: Iterable[float], prefix: st
         factor, offset = scale_of(role, unit)
         if is_linear(role, unit):
             factor /= radii[role[-2:]]
-        found[role] = Series(time_s, values * factor + offset)
+        found[role] = SignalReadings(time_s, values * factor + offset)
     return found
 
 

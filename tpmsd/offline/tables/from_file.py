@@ -1,7 +1,7 @@
 """A table with its map as a car's signals.
 
-In: a table's path, a `TableMap`. Out: role -> `Series` in SI units, the moduli of counts, the car's tables. A
-column that the map names and the table lacks is told with the map's line.
+In: a table's path, a `TableMap`. Out: role -> `SignalReadings` in SI units, the moduli of counts, the car's
+tables. A column that the map names and the table lacks is told with the map's line.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.map_file import ColumnMap, TableMap
-from tpmsd.offline.tables.read_table import Table, read_table
+from tpmsd.offline.tables.read_table import InputTable, read_table
 from tpmsd.offline.tables.roles import TIME_UNITS, is_linear, scale_of, split_name
-from tpmsd.offline.tables.signals import Series
+from tpmsd.offline.tables.signals import SignalReadings
 
 TIME = "time_s"
 _USUAL_RADIUS_M = 0.3
@@ -31,7 +31,7 @@ _USUAL_RADIUS_M = 0.3
 class FileSignals:
     """Content of a table file."""
 
-    series: dict[str, Series]
+    series: dict[str, SignalReadings]
     moduli: dict[str, int]
     car: dict[str, dict[str, Any]]
     """Tables of a vehicle.toml that the map or the table itself brings; empty where the map names a file."""
@@ -51,7 +51,7 @@ def read_signals(path: Path, mapped: TableMap) -> FileSignals:
         return _signals_of(table, path, mapped)
 
 
-def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
+def _signals_of(table: InputTable, path: Path, mapped: TableMap) -> FileSignals:
     columns = mapped.columns
     car = mapped.car
     if not car.get("vehicle") and mapped.config is None and table.vehicle_toml is not None:
@@ -61,7 +61,7 @@ def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
     else:
         _check_names(table, mapped)
     radii = _radii(mapped, car)
-    series: dict[str, Series] = {}
+    series: dict[str, SignalReadings] = {}
     for role, one in columns.items():
         values = table.column(one.column)
         values = np.where(np.isin(values, one.invalid), np.nan, values) if one.invalid else values
@@ -72,13 +72,13 @@ def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
         time_s = _time(table, path, mapped, one)
         if len(time_s) != len(values):
             raise InputError(path, f"{one.column}: {len(values)} values, {len(time_s)} times")
-        series[role] = Series(time_s, values)
+        series[role] = SignalReadings(time_s, values)
         _check_descends(table, path, role, series[role])
     moduli = {role: one.modulus for role, one in columns.items() if one.modulus is not None}
     return FileSignals(series, moduli, car)
 
 
-def _check_descends(table: Table, path: Path, role: str, series: Series) -> None:
+def _check_descends(table: InputTable, path: Path, role: str, series: SignalReadings) -> None:
     """Check that the times of a column's readings never descend; InputError with the line where one does."""
     there = np.flatnonzero(np.isfinite(series.value) & np.isfinite(series.time_s))
     falls = np.flatnonzero(np.diff(series.time_s[there]) < 0.0)
@@ -87,7 +87,7 @@ def _check_descends(table: Table, path: Path, role: str, series: Series) -> None
         raise InputError(path, f"{role}: time does not rise at {series.time_s[row]:.6f} s", table.line(row))
 
 
-def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
+def _by_names(table: InputTable, path: Path) -> dict[str, ColumnMap]:
     """Return columns whose names are a role with its unit, as in the tick table."""
     found = {}
     for name in table.names:
@@ -101,7 +101,7 @@ def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
     return found
 
 
-def _check_names(table: Table, mapped: TableMap) -> None:
+def _check_names(table: InputTable, mapped: TableMap) -> None:
     problems = _lacking(table, mapped)
     if problems:
         raise ConfigProblems(problems)
@@ -116,7 +116,7 @@ def names_told(path: Path, mapped: TableMap) -> list[Problem]:
         return []
 
 
-def _lacking(table: Table, mapped: TableMap) -> list[Problem]:
+def _lacking(table: InputTable, mapped: TableMap) -> list[Problem]:
     wanted = list(mapped.named)
     here = next((name for name, _, _ in wanted if name in table.names), None)
     shared = here is None or table.own_time(here) is None
@@ -134,7 +134,7 @@ def _lacking(table: Table, mapped: TableMap) -> list[Problem]:
     return sorted(problems, key=lambda problem: problem.line or 0)
 
 
-def _time(table: Table, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
+def _time(table: InputTable, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
     if one.time is not None:
         return table.column(one.time) * TIME_UNITS[one.time_unit]
     own = table.own_time(one.column)

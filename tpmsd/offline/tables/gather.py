@@ -1,6 +1,6 @@
 """Conversion of series by role to a car's signals.
 
-In: role -> `Series` in SI units, the nominal radii. Out: `Signals`. Pure.
+In: role -> `SignalReadings` in SI units, the nominal radii. Out: `Signals`. Pure.
 
 Wheel speeds become angles by the trapezoidal rule; counts that roll over are unwrapped by their modulus;
 positions in a simulator's plane are laid on the ellipsoid so that lengths and angles along the way stay.
@@ -16,7 +16,7 @@ from tpmsd.car.config.model import OPTIONAL_ROLES
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.roles import ANGLE_ROLES, COUNT_ROLES, SPEED_ROLES, STD_ROLES
-from tpmsd.offline.tables.signals import Fixes, Series, Signals
+from tpmsd.offline.tables.signals import Fixes, SignalReadings, Signals
 
 ORIGIN_DEG = (50.0, 8.0)
 """Latitude and longitude at which the plane of a simulator touches the earth; any point will do."""
@@ -31,7 +31,7 @@ class TableError(ConfigError):
     """Readings that cannot be used, whatever the columns are said to be."""
 
 
-def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[str]]:
+def split_empty(series: Mapping[str, SignalReadings]) -> tuple[dict[str, SignalReadings], list[str]]:
     """Return the series without wheels and inertial signals that hold no reading at all, and the roles of
     those.
 
@@ -43,7 +43,7 @@ def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[s
     return {role: one for role, one in series.items() if role not in empty}, empty
 
 
-def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None = None) -> Signals:
+def signals_from(series: Mapping[str, SignalReadings], modulus: Mapping[str, int] | None = None) -> Signals:
     """Return the signals of the series; `modulus`: the number at which a wheel's count begins again, by role.
 
     ConfigError where wheels are missing, or told in two ways.
@@ -66,8 +66,8 @@ def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None
         raise ConfigError(f"no wheel_*_{missing[0]}: all four wheels are needed, or the rear pair")
     for wheel, one in wheels.items():
         _check_times(one, f"wheel {wheel}")
-    angles: dict[str, Series] = {}
-    counts: dict[str, Series] = {}
+    angles: dict[str, SignalReadings] = {}
+    counts: dict[str, SignalReadings] = {}
     if found[0] == "angles":
         angles = wheels
     elif found[0] == "speeds":
@@ -81,7 +81,7 @@ def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None
     return Signals(angles, counts, _counts_per_turn(series), inertial, _fixes(series))
 
 
-def _counts_per_turn(series: Mapping[str, Series]) -> float | None:
+def _counts_per_turn(series: Mapping[str, SignalReadings]) -> float | None:
     """Return the counts per turn by the rotations' standard deviations, each quantum / sqrt(6); None where
     there is none."""
     stds = [series[role].finite().value for role in STD_ROLES if role in series]
@@ -89,11 +89,11 @@ def _counts_per_turn(series: Mapping[str, Series]) -> float | None:
     return None if std < FINEST_RAD else round(2.0 * np.pi / (std * np.sqrt(6.0)), 6)
 
 
-def _present(roles: tuple[str, ...], series: Mapping[str, Series]) -> list[tuple[str, str]]:
+def _present(roles: tuple[str, ...], series: Mapping[str, SignalReadings]) -> list[tuple[str, str]]:
     return [(wheel, role) for wheel, role in zip(WHEELS, roles, strict=True) if role in series]
 
 
-def _check_times(series: Series, name: str) -> None:
+def _check_times(series: SignalReadings, name: str) -> None:
     times = series.finite().time_s
     if len(times) < 2:
         raise TableError(f"{name}: fewer than two readings")
@@ -102,22 +102,22 @@ def _check_times(series: Series, name: str) -> None:
         raise TableError(f"{name}: time does not rise at {times[at + 1]:.6f} s")
 
 
-def _integrated(series: Series) -> Series:
+def _integrated(series: SignalReadings) -> SignalReadings:
     known = series.finite()
     steps = np.diff(known.time_s) * 0.5 * (known.value[1:] + known.value[:-1])
-    return Series(known.time_s, np.concatenate([[0.0], np.cumsum(steps)]))
+    return SignalReadings(known.time_s, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _unwrapped(series: Series, modulus: int | None) -> Series:
+def _unwrapped(series: SignalReadings, modulus: int | None) -> SignalReadings:
     if modulus is None:
         return series
     known = series.finite()
     steps = np.diff(known.value)
     steps = steps - modulus * np.round(steps / modulus)
-    return Series(known.time_s, known.value[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+    return SignalReadings(known.time_s, known.value[0] + np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _fixes(series: Mapping[str, Series]) -> Fixes | None:
+def _fixes(series: Mapping[str, SignalReadings]) -> Fixes | None:
     """Return the fixes: rows in which the receiver told a position or a speed."""
     receiver = {role: one for role, one in series.items() if role.startswith("gnss_")}
     anchor = next((receiver[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in receiver), None)
@@ -156,7 +156,7 @@ def _fixes(series: Mapping[str, Series]) -> Fixes | None:
     return Fixes(*(np.asarray(column[order], dtype=np.float64) for column in table))
 
 
-def _at(series: Series, time_s: FloatArray) -> FloatArray:
+def _at(series: SignalReadings, time_s: FloatArray) -> FloatArray:
     """Return values at the fixes' times: the reading of that very time, else the last before it."""
     if len(series.time_s) == len(time_s) and np.array_equal(series.time_s, time_s):
         return series.value

@@ -16,7 +16,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables import guess_values as by_value
 from tpmsd.offline.tables.guess_names import WHEEL, roles_by_name, spelled, time_weight
-from tpmsd.offline.tables.read_table import Table
+from tpmsd.offline.tables.read_table import InputTable
 from tpmsd.offline.tables.roles import TIME_UNITS, scale_of
 
 USUAL_RADIUS_M, USUAL_TRACK_M, USUAL_WHEELBASE_M = 0.315, 1.55, 2.7
@@ -27,7 +27,7 @@ _POSITIONS = (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north"))
 
 
 @dataclass
-class Column:
+class GuessedColumn:
     """A role's column."""
 
     name: str
@@ -44,7 +44,7 @@ class Guess:
 
     time: str | None = None
     time_unit: str = "s"
-    columns: dict[str, Column] = field(default_factory=dict)
+    columns: dict[str, GuessedColumn] = field(default_factory=dict)
     measures: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Key of [vehicle] -> value and reason."""
     unused: tuple[str, ...] = ()
@@ -79,7 +79,7 @@ class Guess:
         return "\n".join(lines) + "\n"
 
 
-def guess(table: Table) -> Guess:
+def guess(table: InputTable) -> Guess:
     """Guess the map of a table.
 
     Returns:
@@ -93,7 +93,7 @@ def guess(table: Table) -> Guess:
 
 
 class _Guesser:
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: InputTable) -> None:
         self._table = table
         self._found = Guess()
         self._values: dict[str, FloatArray] = {}
@@ -109,7 +109,7 @@ class _Guesser:
         for role, entries in chosen.items():
             entries.sort(key=lambda entry: -entry[0])
             rivals = tuple(name for _, name in entries[1:3])
-            found.columns[role] = Column(entries[0][1], "by its name", rivals=rivals)
+            found.columns[role] = GuessedColumn(entries[0][1], "by its name", rivals=rivals)
         self._drop_half_positions()
         motion = self._motion()
         self._wheels(motion)
@@ -191,7 +191,7 @@ class _Guesser:
             return by_value.motion_of(time_s, east, north)
         return None
 
-    def _named_unit(self, role: str, one: Column) -> bool:
+    def _named_unit(self, role: str, one: GuessedColumn) -> bool:
         """Take the unit of the name if the role can have it; False without one."""
         said = spelled(one.name).unit
         if said is None:
@@ -204,7 +204,7 @@ class _Guesser:
         one.unit, one.why = said, "role and unit by its name"
         return True
 
-    def _unit(self, role: str, one: Column, motion: by_value.GroundMotion | None) -> None:
+    def _unit(self, role: str, one: GuessedColumn, motion: by_value.GroundMotion | None) -> None:
         """Unit and sign of a role that is no wheel's."""
         named = self._named_unit(role, one)
         time_s = self._time(one.name)
@@ -224,7 +224,12 @@ class _Guesser:
             self._yaw(one, named, time_s, values, motion)
 
     def _direction(
-        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, motion: by_value.GroundMotion
+        self,
+        one: GuessedColumn,
+        named: bool,
+        time_s: FloatArray,
+        values: FloatArray,
+        motion: by_value.GroundMotion,
     ) -> None:
         """Clockwise from north or counter-clockwise from east, in degrees or radians: by the positions."""
         columns = self._found.columns
@@ -250,7 +255,12 @@ class _Guesser:
             columns[kind] = columns.pop(role)
 
     def _yaw(
-        self, one: Column, named: bool, time_s: FloatArray, values: FloatArray, motion: by_value.GroundMotion
+        self,
+        one: GuessedColumn,
+        named: bool,
+        time_s: FloatArray,
+        values: FloatArray,
+        motion: by_value.GroundMotion,
     ) -> None:
         at_s, rate = motion.rate()
         slope, correlation = by_value.slope(time_s, values, at_s, rate)
@@ -297,7 +307,7 @@ class _Guesser:
             self._found.measures["teeth_per_rev"] = (float(np.round(teeth)), why)
 
     def _per_mps(
-        self, wheels: Mapping[str, Column], kind: str, motion: by_value.GroundMotion | None
+        self, wheels: Mapping[str, GuessedColumn], kind: str, motion: by_value.GroundMotion | None
     ) -> float | None:
         """Median of the wheels' units (per second, for angles and counts) per m/s of the receiver."""
         found = []
@@ -314,7 +324,7 @@ class _Guesser:
                 found.append(per_mps)
         return float(np.median(found)) if found else None
 
-    def _speed_unit(self, wheels: Mapping[str, Column], per_mps: float | None) -> None:
+    def _speed_unit(self, wheels: Mapping[str, GuessedColumn], per_mps: float | None) -> None:
         doubts = self._found.doubts
         named = {spelled(one.name).unit for one in wheels.values()} - {None}
         for wheel, one in wheels.items():
@@ -352,7 +362,7 @@ class _Guesser:
         else:
             self._found.doubts.append(f"wheel speeds in {unit} need a rolling radius of {radius:.3g} m")
 
-    def _radius_of_angle(self, wheels: Mapping[str, Column], per_mps: float) -> None:
+    def _radius_of_angle(self, wheels: Mapping[str, GuessedColumn], per_mps: float) -> None:
         unit = next(iter(wheels.values())).unit
         for name in ("rad", "deg") if unit is None else ("rad",):
             radius = 1.0 / (per_mps * scale_of("wheel_angle_rl", name)[0])

@@ -96,7 +96,7 @@ class NativeTable:
             raise InputError(self.path, str(error)) from None
 
 
-class _Opened(Protocol):
+class _NativeTable(Protocol):
     """A table in the child."""
 
     names: tuple[str, ...]
@@ -241,7 +241,7 @@ class _Hdf5:
         return ()
 
 
-_OPEN: dict[str, Callable[[Path], _Opened]] = {".parquet": _Parquet, ".mf4": _Mf4, ".mat": _Hdf5}
+_OPEN: dict[str, Callable[[Path], _NativeTable]] = {".parquet": _Parquet, ".mf4": _Mf4, ".mat": _Hdf5}
 
 
 def _floats(values: Any, name: str) -> FloatArray:

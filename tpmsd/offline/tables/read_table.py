@@ -1,7 +1,7 @@
 """Users' tables: CSV, Parquet, MF4 and MATLAB v7.3, column by column.
 
-In: a path by its suffix. Out: `Table`: the names of its columns, and each as an array; InputError (file, line
-where there are lines, reason) where it cannot be read. CSV and Parquet have one time column for all; the
+In: a path by its suffix. Out: `InputTable`: the names of its columns, and each as an array; InputError (file,
+line where there are lines, reason) where it cannot be read. CSV and Parquet have one time column for all; the
 signals of MF4 bring their own times; those of HDF5 files name the data set with theirs.
 """
 
@@ -28,7 +28,7 @@ MAX_LINE_CHARS = 1 << 20
 """Length of a row, and of the header, at most."""
 
 
-class Table(Protocol):
+class InputTable(Protocol):
     """A table, whatever its file."""
 
     names: tuple[str, ...]
@@ -52,7 +52,7 @@ class Table(Protocol):
         ...
 
 
-def read_table(path: Path, wanted: Iterable[str] | None = None) -> Table:
+def read_table(path: Path, wanted: Iterable[str] | None = None) -> InputTable:
     """Open a table; of CSV only the columns in `wanted` are kept (None: all)."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:

@@ -13,16 +13,16 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)
-class Series:
+class SignalReadings:
     """One signal: n readings; those that are NaN were not made."""
 
     time_s: FloatArray
     value: FloatArray
 
-    def finite(self) -> Series:
+    def finite(self) -> SignalReadings:
         """Return the series without the readings that are not finite."""
         known = np.isfinite(self.value) & np.isfinite(self.time_s)
-        return Series(self.time_s[known], self.value[known])
+        return SignalReadings(self.time_s[known], self.value[known])
 
 
 @dataclass(frozen=True)
@@ -51,13 +51,13 @@ class Fixes:
 class Signals:
     """Signals that a table holds of a drive."""
 
-    angles: dict[str, Series] = field(default_factory=dict)
+    angles: dict[str, SignalReadings] = field(default_factory=dict)
     """Wheel -> angle turned, rad."""
-    counts: dict[str, Series] = field(default_factory=dict)
+    counts: dict[str, SignalReadings] = field(default_factory=dict)
     """Wheel -> counts that rise without rolling over. Either these or the angles."""
     counts_per_turn: float | None = None
     """Counts per turn of angles that were counted, so that they are weighted as such; None where they are
     exact."""
-    inertial: dict[str, Series] = field(default_factory=dict)
+    inertial: dict[str, SignalReadings] = field(default_factory=dict)
     """Role of an optional signal -> its values."""
     fixes: Fixes | None = None

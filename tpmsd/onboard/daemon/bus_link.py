@@ -28,7 +28,7 @@ HINT_PERIOD_S = 60.0
 """A controller at the limit changes its state many times a second; the log tells of it this often."""
 
 
-class Bus(Protocol):
+class BusInterface(Protocol):
     """An open interface, as `LiveCan`."""
 
     @property
@@ -52,11 +52,11 @@ class Bus(Protocol):
         """Close."""
 
 
-OpenBus = Callable[[CanConfig, list[dict[str, Any]] | None, str], Bus]
+OpenBus = Callable[[CanConfig, list[dict[str, Any]] | None, str], BusInterface]
 """Opens a channel with filters; raises `CanDown`."""
 
 
-def open_can(config: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> Bus:
+def open_can(config: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> BusInterface:
     """Open an interface of this machine; `CanDown` if it is missing or down."""
     if config.interface == "socketcan" and not _is_up(channel):
         # Such a socket opens, yet neither hears nor says anything that it is deaf.
@@ -94,13 +94,17 @@ class BusLink(Link):
     """
 
     def __init__(
-        self, open_bus: Callable[[], Bus], label: str, log: logging.Logger, error_classes: bool = True
+        self,
+        open_bus: Callable[[], BusInterface],
+        label: str,
+        log: logging.Logger,
+        error_classes: bool = True,
     ) -> None:
         """`error_classes`: error frames are SocketCAN's, whose identifiers tell what is wrong."""
         super().__init__(label, log)
         self._open_bus = open_bus
         self._error_classes = error_classes
-        self._bus: Bus | None = None
+        self._bus: BusInterface | None = None
         self._dropped_before = self._malformed_before = 0
         self._full = False
         self._hint_logged_s = -math.inf

@@ -35,7 +35,7 @@ class RecordingError(TpmsdError):
 
 
 @dataclass(slots=True)
-class Seen:
+class RecordingProgress:
     """Data recorded so far."""
 
     frames: int = 0
@@ -74,9 +74,11 @@ class DriveRecording:
         self._folder, self._bus, self._receiver = folder, bus, receiver
         self._now, self._monotonic, self._max_bytes = now, monotonic, max_bytes
         self._assembler = NmeaAssembler()
-        self.seen = Seen()
+        self.seen = RecordingProgress()
 
-    def run(self, stopped: Callable[[], bool], report: Callable[[Seen], None], duration_s: float) -> Seen:
+    def run(
+        self, stopped: Callable[[], bool], report: Callable[[RecordingProgress], None], duration_s: float
+    ) -> RecordingProgress:
         """Record until `stopped`, the time or a limit; `report` is called once a second."""
         descriptors = Descriptors()
         start_s = flushed_s = synced_s = self._monotonic()

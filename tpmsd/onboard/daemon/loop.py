@@ -26,7 +26,7 @@ from cantools.database import Database
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.car.config.model import BusConfig, Config
 from tpmsd.foundation.provenance import provenance
-from tpmsd.onboard.daemon.bus_link import Bus, BusLink, OpenBus, open_can, own_filters, reset_filters
+from tpmsd.onboard.daemon.bus_link import BusInterface, BusLink, OpenBus, open_can, own_filters, reset_filters
 from tpmsd.onboard.daemon.clock import Clock
 from tpmsd.onboard.daemon.deadlines import Deadlines, Every
 from tpmsd.onboard.daemon.descriptors import Descriptors
@@ -156,7 +156,7 @@ class Daemon:
         self._lag = Every(clock.scale * LAG_AGAIN_S)
         self._manager = ServiceManager(notifier, clock.scale)
 
-    def _open_other(self, open_bus: OpenBus, bus: BusConfig, number: int, database: Database) -> Bus:
+    def _open_other(self, open_bus: OpenBus, bus: BusConfig, number: int, database: Database) -> BusInterface:
         """Open a further bus; `CanDown` as `open_bus`."""
         settings = dataclasses.replace(
             self._config.can, interface=bus.interface, channel=bus.channel, fd=bus.fd, bitrate=bus.bitrate

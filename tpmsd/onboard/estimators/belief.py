@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S, Stated
 from tpmsd.onboard.estimators.odometry_block import Block
@@ -26,14 +26,14 @@ Saved = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Car:
+class FilterCar:
     """Car as a belief knows it."""
 
     order: tuple[int, ...]
     """Places of the filter's wheels in arrays of four."""
     nominal_m: FloatArray
     """(d,) nominal radii."""
-    geometry: Geometry
+    geometry: WheelPositions
     antenna_m: tuple[float, float]
     """Forward and left of the middle of the rear axle."""
     driven_front: bool = False
@@ -94,14 +94,14 @@ class Moment(NamedTuple):
     gyro_trusted: bool
 
 
-class Rolling(NamedTuple):
+class RolledTick(NamedTuple):
     """The rear wheels turned."""
 
     moment: Moment
     angle_rad: FloatArray
     """(d,) rotation; finite for the rear pair."""
     distance_m: float
-    """Distance by nominal radii (`Car.virtual_motion`)."""
+    """Distance by nominal radii (`FilterCar.virtual_motion`)."""
     turn_rad: float
     """Turn by nominal radii."""
     curvature: float | None
@@ -124,7 +124,7 @@ class Coasting:
     yaw_rate_radps: float
 
 
-Movement = Rolling | Standing | Coasting
+Movement = RolledTick | Standing | Coasting
 
 
 class Sight(NamedTuple):

@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.car.config.model import Config, FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FL, FR, RL, RR
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
 from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
-from tpmsd.onboard.estimators.belief import Belief, Car
+from tpmsd.onboard.estimators.belief import Belief, FilterCar
 from tpmsd.onboard.estimators.gates.fix_gate import FIX_WEIGHTS
 from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.estimators.gates.slip_gate import make_gate
@@ -71,20 +71,20 @@ def build_filter(
     )
 
 
-def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> Car:
+def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
     """Return the car as a filter of its rear pair, or of all its wheels, knows it."""
     order = (RL, RR, FL, FR) if front else (RL, RR)
-    return Car(
+    return FilterCar(
         order=order,
         nominal_m=np.array([vehicle.wheel_radius_m[i] for i in order]),
-        geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+        geometry=WheelPositions(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
         antenna_m=(gnss.antenna_forward_m, gnss.antenna_left_m),
         driven_front=vehicle.driven_axle in ("front", "all"),
         driven_rear=vehicle.driven_axle in ("rear", "all"),
     )
 
 
-def begin_belief(row: Row, car: Car, settings: FilterConfig, rng: np.random.Generator) -> Belief:
+def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: np.random.Generator) -> Belief:
     """Return the belief of a row, before the first tick."""
     pieces = row.pieces
     if isinstance(pieces, MixturePieces):

@@ -15,13 +15,13 @@ import numpy as np
 
 from tpmsd.car.config.model import MEASUREMENTS
 from tpmsd.car.physics.priors import GYRO_ZERO_RADPS
-from tpmsd.onboard.estimators.belief import Car, Moment
+from tpmsd.onboard.estimators.belief import FilterCar, Moment
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import NAN, Tick
 
 
-class Heard:
+class NamedMeasurements:
     """Takes out of each tick what the configuration does not name."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -103,7 +103,7 @@ class GyroBias:
 class FrameBlocks:
     """Blocks of the rear pair's rotation for beliefs that make none of their own."""
 
-    def __init__(self, car: Car) -> None:
+    def __init__(self, car: FilterCar) -> None:
         self._blocks = BlockBuilder(list(car.order[:2]), car.nominal_m[:2], car.geometry)
         self._radii = np.zeros(2)
         self._gyro = GyroBias()

@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -70,7 +70,7 @@ class Block:
 class BlockBuilder:
     """Adds ticks up; a block ends at a fix with speed, or by time where there are none."""
 
-    def __init__(self, order: list[int], nominal: FloatArray, geometry: Geometry) -> None:
+    def __init__(self, order: list[int], nominal: FloatArray, geometry: WheelPositions) -> None:
         self._order, self._nominal, self._geometry = order, nominal, geometry
         self.reset()
 

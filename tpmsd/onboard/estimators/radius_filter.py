@@ -16,16 +16,16 @@ from tpmsd.car.config.model import FilterConfig, VehicleConfig
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, Stated
 from tpmsd.onboard.estimators.belief import (
     Belief,
-    Car,
     Coasting,
+    FilterCar,
     Moment,
     Moments,
-    Rolling,
+    RolledTick,
     Sight,
     Standing,
     numbers,
 )
-from tpmsd.onboard.estimators.frame_measurements import FrameBlocks, Heard
+from tpmsd.onboard.estimators.frame_measurements import FrameBlocks, NamedMeasurements
 from tpmsd.onboard.estimators.gates.fix_gate import FixGate
 from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.estimators.gates.position_accuracy import PositionAccuracy
@@ -61,7 +61,7 @@ class RadiusFilter:
 
     def __init__(
         self,
-        car: Car,
+        car: FilterCar,
         vehicle: VehicleConfig,
         settings: FilterConfig,
         gate: MotionGate,
@@ -84,7 +84,7 @@ class RadiusFilter:
         self._fix_gate = FixGate()
         self._accuracy = PositionAccuracy()
         self._finder = PoseFinder()
-        self._heard = Heard(settings.measurements)
+        self._heard = NamedMeasurements(settings.measurements)
         self._blocks = FrameBlocks(car) if belief.takes_blocks else None
         self._reverse = ReverseWatch()
         self._located = False
@@ -135,7 +135,7 @@ class RadiusFilter:
             return self._moment(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
         curvature = self._steered_curvature(tick, travel, moment.informative)
-        travel, turn = self.belief.predict(Rolling(moment, angle, travel, turn, curvature, judged))
+        travel, turn = self.belief.predict(RolledTick(moment, angle, travel, turn, curvature, judged))
         self._speed, self._yaw_rate = travel / tick.dt_s, turn / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
         self._steady_yaw_rate += share * (self._yaw_rate - self._steady_yaw_rate)

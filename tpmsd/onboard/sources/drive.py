@@ -92,7 +92,7 @@ class Drive:
 
     def parts(self) -> Iterator[Part | Sentence]:
         """Yield frames and sentences, with the frames between two sentences together."""
-        can, gnss = _Frames(self._undamaged_frames()), _Sentences(self._undamaged_sentences())
+        can, gnss = _FrameStream(self._undamaged_frames()), _SentenceStream(self._undamaged_sentences())
         while can.head_s is not None or gnss.head_s is not None:
             stream = _next(can, gnss)
             steps = stream.steps
@@ -171,7 +171,7 @@ class Drive:
         return 0.0 if first is None or last is None else max(last - first, 0.0)
 
 
-class _Sentences:
+class _SentenceStream:
     """The receiver's file: when its next sentence came, and where it last stepped back."""
 
     source = "gnss"
@@ -210,7 +210,7 @@ class _Sentences:
         self._head = item
 
 
-class _Frames:
+class _FrameStream:
     """The bus's file in the same way, in blocks."""
 
     source = "can"
@@ -273,7 +273,7 @@ class _Frames:
         return start + int(np.argmax(late)) if late.any() else len(time_s)
 
 
-_Stream = _Frames | _Sentences
+_Stream = _FrameStream | _SentenceStream
 
 
 def _next(one: _Stream, other: _Stream) -> _Stream:

@@ -18,7 +18,7 @@ import numpy as np
 from tpmsd.car.config.model import Config
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.grade import GradeTracker
-from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
 from tpmsd.foundation.wheels import RL, RR, FloatArray
@@ -77,7 +77,7 @@ class Compensation:
         vehicle = config.vehicle
         self._car = Car(
             radius_m=np.array(vehicle.wheel_radius_m),
-            geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+            geometry=WheelPositions(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
             driven=driven_mask(vehicle.driven_axle),
             teeth_per_rev=vehicle.teeth_per_rev,
             **({} if vehicle.steering_ratio is None else {"steering_ratio": vehicle.steering_ratio}),

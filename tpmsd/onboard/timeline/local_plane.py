@@ -33,7 +33,7 @@ _NEAR_M = 20e3
 
 
 @dataclass(frozen=True, slots=True)
-class _Point:
+class _Horizon:
     """A point's horizon: its latitude's sine, and the unit vectors there, earth-centred."""
 
     sin_latitude: float
@@ -57,7 +57,7 @@ class _Anchor:
     """Point at which the plane touches the ellipsoid (raised to the car's height), and its coordinates in the
     plane."""
 
-    point: _Point
+    point: _Horizon
     height_m: float
     origin_m: Vector
     east_m: float
@@ -73,7 +73,7 @@ class LocalPlane:
         self._radius_m = radius_m
         self._climb_m = climb_m
         self._anchor: _Anchor | None = None
-        self._here: _Point | None = None
+        self._here: _Horizon | None = None
         self.anchors = 0
         """Number of times that the plane was laid on, the first time included."""
 
@@ -141,16 +141,18 @@ class LocalPlane:
         heading = math.pi / 2 - course_rad + self.rotation_rad
         return math.pi - (math.pi - heading) % (2 * math.pi) if math.isfinite(heading) else math.nan
 
-    def _lay(self, here: _Point, height_m: float, east_m: float, north_m: float, rotation_rad: float) -> None:
+    def _lay(
+        self, here: _Horizon, height_m: float, east_m: float, north_m: float, rotation_rad: float
+    ) -> None:
         self._anchor = _Anchor(here, height_m, here.earth_centred(height_m), east_m, north_m, rotation_rad)
         self._here = here
         self.anchors += 1
 
 
-def _horizon(latitude_rad: float, longitude_rad: float) -> _Point:
+def _horizon(latitude_rad: float, longitude_rad: float) -> _Horizon:
     sin_lat, cos_lat = math.sin(latitude_rad), math.cos(latitude_rad)
     sin_lon, cos_lon = math.sin(longitude_rad), math.cos(longitude_rad)
-    return _Point(
+    return _Horizon(
         sin_lat,
         east=(-sin_lon, cos_lon, 0.0),
         north=(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat),

@@ -89,7 +89,7 @@ def drift_covariance(wheels: int) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TickMotion:
     """One tick as the process model sees it."""
 
     dt_s: float
@@ -165,7 +165,7 @@ class ProcessModel:
         own += np.square(common) * SETTINGS.drift_common_m**2
         return own.transpose(2, 0, 1)
 
-    def travel_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
+    def travel_and_turn(self, mean: FloatArray, motion: TickMotion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
         state = mean.T
         left, right = (state[MU : MU + 2] + self._rear_m) * motion.rear_rad[:, None]
@@ -182,18 +182,18 @@ class ProcessModel:
             turn *= self._turn_share(state, motion)
         return travel, turn
 
-    def _turn_share(self, state: FloatArray, motion: Motion) -> FloatArray:
+    def _turn_share(self, state: FloatArray, motion: TickMotion) -> FloatArray:
         """(N,) share of the wheels' turn that is the car's, where they alone tell it: by a_y = v * turn / dt
         `load_turn` is proportional to the turn itself."""
         factor: FloatArray = 1.0 + state[LOAD] * self.load_gain(motion)
         return np.reciprocal(np.maximum(factor, SETTINGS.least_load_factor))
 
-    def load_gain(self, motion: Motion) -> float:
+    def load_gain(self, motion: TickMotion) -> float:
         """Return the fraction of the car's turn by which the wheels show too much of it, per LOAD."""
         distance_m = float(motion.rear_rad @ self._rear_m[:, 0]) / 2.0
         return distance_m * float(motion.rear_rad.sum()) / (self._track * motion.dt_s**2)
 
-    def load_turn(self, motion: Motion) -> float:
+    def load_turn(self, motion: TickMotion) -> float:
         """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
         too much of it."""
         return -motion.accel_lat_mps2 * float(motion.rear_rad[0] + motion.rear_rad[1]) / self._track
@@ -202,7 +202,7 @@ class ProcessModel:
         self,
         mean: FloatArray,
         covariance: FloatArray,
-        motion: Motion,
+        motion: TickMotion,
         position_std_m: float,
         drift: FloatArray | None = None,
         noise_factor: FloatArray | float = 1.0,
@@ -248,7 +248,7 @@ class ProcessModel:
         spread[MU:, MU:] += drift.transpose(1, 2, 0) * motion.dt_s
         return mean_travel, mean_turn
 
-    def constants(self, motion: Motion, position_std_m: float) -> tuple[float, ...]:
+    def constants(self, motion: TickMotion, position_std_m: float) -> tuple[float, ...]:
         """Return what `propagate` takes of a tick as plain numbers, in the order of `struct motion` in
         `_bank.c`; NaN where there is no witness or no steering, or where the lateral acceleration is known.
         """
@@ -286,7 +286,7 @@ class ProcessModel:
         step: FloatArray,
         travel: FloatArray,
         turn: FloatArray,
-        motion: Motion,
+        motion: TickMotion,
         share: FloatArray | float,
     ) -> _Bend:
         """Return the bend of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N):
@@ -310,7 +310,7 @@ class ProcessModel:
         return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share)
 
     def _set_noise(
-        self, out: FloatArray, motion: Motion, distance: float, turn: float, factor: FloatArray | float
+        self, out: FloatArray, motion: TickMotion, distance: float, turn: float, factor: FloatArray | float
     ) -> None:
         """Set what a tick adds to the variances (GYRO + 1, N or 1) of the hypotheses, but for BE and BN."""
         rough = not motion.informative

@@ -21,7 +21,7 @@ from tpmsd.onboard.estimators.bank.batched_kalman import (
     square_weights,
     symmetrise,
 )
-from tpmsd.onboard.estimators.bank.error_state import MU, PSI, Motion, ProcessModel
+from tpmsd.onboard.estimators.bank.error_state import MU, PSI, ProcessModel, TickMotion
 from tpmsd.onboard.estimators.bank.jump_hypotheses import Bank
 from tpmsd.onboard.estimators.resampling import effective_number
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -37,7 +37,7 @@ def usable(module: ModuleType | None) -> bool:
     """Return whether this compiled kernel was built, and of sources whose `propagate` takes what is handed to
     it.
     """
-    standing = Motion(1.0, np.zeros(2), 0.0, 0.0, False)
+    standing = TickMotion(1.0, np.zeros(2), 0.0, 0.0, False)
     handed = ProcessModel(np.ones(2), 1.0, False).constants(standing, 1.0)
     whole = getattr(module, "MOTION_NUMBERS", None) == len(handed)
     return whole and hasattr(module, "propagate_half")
@@ -61,7 +61,7 @@ class BankKernel(Protocol):
     """The arithmetic of the bank."""
 
     def propagate(
-        self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
+        self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
         """Move all hypotheses through a tick; mean way (m) and turn (rad). `drift`: of `drift_at`."""
         ...
@@ -95,7 +95,7 @@ class ArrayKernel:
     """Kernel of NumPy arrays."""
 
     def propagate(
-        self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
+        self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
         """Return what `BankKernel` returns."""
         factor = bank.noise_factor
@@ -147,7 +147,7 @@ class CompiledKernel:
         self._arrays = ArrayKernel()
 
     def propagate(
-        self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
+        self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
         """Return what `BankKernel` returns."""
         travel, turn = self._propagate(

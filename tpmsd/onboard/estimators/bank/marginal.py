@@ -21,7 +21,7 @@ from tpmsd.onboard.estimators.bank.error_state import MU, E, N
 from tpmsd.onboard.estimators.bank.kernel import HALF_KERNEL
 from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.bank.particle_bank import ParticleBank, SampledHypotheses
-from tpmsd.onboard.estimators.belief import Car, Moment, Moments, Sight
+from tpmsd.onboard.estimators.belief import FilterCar, Moment, Moments, Sight
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.resampling import Lineage, between_std
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -41,7 +41,7 @@ class MarginalBelief(MixtureBelief):
 
     bank: ParticleBank
 
-    def __init__(self, car: Car, pieces: MarginalPieces, count: int, rng: np.random.Generator) -> None:
+    def __init__(self, car: FilterCar, pieces: MarginalPieces, count: int, rng: np.random.Generator) -> None:
         self._hypotheses, self._rng = pieces.hypotheses, rng
         super().__init__(car, pieces.mixture, count, pieces.hypotheses.begin(count, car.nominal_m, rng))
         self._lineage = Lineage(count)

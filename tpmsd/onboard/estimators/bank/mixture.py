@@ -39,22 +39,22 @@ from tpmsd.onboard.estimators.bank.error_state import (
     PSI,
     SLIP,
     E,
-    Motion,
     N,
     ProcessModel,
+    TickMotion,
     initial_state,
 )
 from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses, stated
 from tpmsd.onboard.estimators.bank.kernel import KERNEL, BankKernel
 from tpmsd.onboard.estimators.base import NIGHT_S, Stated
 from tpmsd.onboard.estimators.belief import (
-    Car,
     Coasting,
+    FilterCar,
     Moment,
     Moments,
     Movement,
     Pose,
-    Rolling,
+    RolledTick,
     Saved,
     Sight,
     numbers,
@@ -87,7 +87,7 @@ class MixtureBelief:
 
     takes_blocks = False
 
-    def __init__(self, car: Car, pieces: MixturePieces, count: int, bank: Bank | None = None) -> None:
+    def __init__(self, car: FilterCar, pieces: MixturePieces, count: int, bank: Bank | None = None) -> None:
         """`bank` None: that of the pieces' jump hypotheses."""
         self._car, self._pieces, self._kernel = car, pieces, pieces.kernel
         self._process = ProcessModel(car.nominal_m, car.geometry.track_rear_m, car.driven_rear)
@@ -112,7 +112,7 @@ class MixtureBelief:
 
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Propagate all hypotheses through a tick."""
-        if isinstance(movement, Rolling):
+        if isinstance(movement, RolledTick):
             self._informative = movement.moment.informative
             return self._roll(movement)
         self._informative = False
@@ -120,14 +120,14 @@ class MixtureBelief:
             return self._coast(movement)
         return 0.0, 0.0
 
-    def _roll(self, rolling: Rolling) -> tuple[float, float]:
+    def _roll(self, rolling: RolledTick) -> tuple[float, float]:
         moment, tick = rolling.moment, rolling.moment.tick
         rear = rolling.angle_rad[:2]
         by_gyro = moment.gyro_trusted and math.isfinite(tick.yaw_rate_radps)
         # The wheels' is smoothed: one that does not hold this tick's reading error.
         yaw_rate = tick.yaw_rate_radps - self._gyro_bias if by_gyro else self._slow_yaw_rate
         self._grade.move(rolling.distance_m)
-        motion = Motion(
+        motion = TickMotion(
             dt_s=tick.dt_s,
             rear_rad=rear,
             accel_long_mps2=moment.accel_mps2,

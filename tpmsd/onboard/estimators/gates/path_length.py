@@ -25,7 +25,7 @@ UNSTEADY = frozenset({5, 6})
 reckoning has no position of its own."""
 
 
-class _Step(NamedTuple):
+class _PathStep(NamedTuple):
     time_s: float
     path_m: float
     integral_m: float
@@ -46,7 +46,7 @@ class PathLength:
         self._window_s = window_s
         self._before: Fix | None = None
         self._speeds: list[tuple[float, float]] = []
-        self._steps: deque[_Step] = deque()
+        self._steps: deque[_PathStep] = deque()
         self._path_m = self._integral_m = 0.0
         self._squares_m2 = self._with_before_m2 = 0.0
         self.apart = False
@@ -130,7 +130,7 @@ class PathLength:
             return
         off = path - integral
         product = off * self._steps[-1].difference_m if self._steps else 0.0
-        self._steps.append(_Step(fix.time_s, path, integral, fix.speed_mps, product))
+        self._steps.append(_PathStep(fix.time_s, path, integral, fix.speed_mps, product))
         self._path_m += path
         self._integral_m += integral
         self._squares_m2 += off * off

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from tpmsd.onboard.estimators.belief import Car, Rolling
+from tpmsd.onboard.estimators.belief import FilterCar, RolledTick
 from tpmsd.onboard.estimators.published.radius_models import RadiusModel
 from tpmsd.onboard.estimators.published.sampled_motion import Particles
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -22,7 +22,12 @@ class ChangeModel(Protocol):
     """Supposes changes in some particles."""
 
     def suppose(
-        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+        self,
+        particles: Particles,
+        radii: RadiusModel,
+        rolling: RolledTick,
+        car: FilterCar,
+        rng: np.random.Generator,
     ) -> None:
         """Change radii and headings of some particles, in place."""
         ...
@@ -37,7 +42,12 @@ class PoissonChanges:
     """Relative to the radius."""
 
     def suppose(
-        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+        self,
+        particles: Particles,
+        radii: RadiusModel,
+        rolling: RolledTick,
+        car: FilterCar,
+        rng: np.random.Generator,
     ) -> None:
         """Poisson number of particles, wheel and size at random."""
         number = int(rng.poisson(self.rate_per_s * rolling.moment.tick.dt_s * particles.count))

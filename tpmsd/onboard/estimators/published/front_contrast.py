@@ -16,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.car.physics.kinematics import Geometry, wheel_speeds
+from tpmsd.car.physics.kinematics import WheelPositions, wheel_speeds
 from tpmsd.foundation.wheels import FL, FR, FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
     Belief,
-    Car,
+    FilterCar,
     Moment,
     Moments,
     Movement,
-    Rolling,
+    RolledTick,
     Saved,
     Sight,
     saved_radii,
@@ -39,7 +39,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 class FrontContrast:
     """Radius errors of fl and fr beyond what the rear pair's explain."""
 
-    def __init__(self, nominal_m: FloatArray, geometry: Geometry, forgetting_factor: float) -> None:
+    def __init__(self, nominal_m: FloatArray, geometry: WheelPositions, forgetting_factor: float) -> None:
         """`nominal_m` (4,) in the order rl, rr, fl, fr."""
         self._nominal, self._geometry, self._forgetting = nominal_m, geometry, forgetting_factor
         ratio = geometry.track_front_m / geometry.track_rear_m
@@ -94,7 +94,7 @@ class FrontContrast:
 class FrontBeside:
     """A `Belief` of four wheels: that of the rear pair, and the front wheels learned beside it."""
 
-    def __init__(self, rear: Belief, car: Car, forgetting_factor: float) -> None:
+    def __init__(self, rear: Belief, car: FilterCar, forgetting_factor: float) -> None:
         """`rear` is of the rear pair of the same car."""
         self.rear = rear
         self.takes_blocks = rear.takes_blocks
@@ -105,7 +105,7 @@ class FrontBeside:
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move the rear belief; learn the contrast from informative ticks."""
         moved = self.rear.predict(movement)
-        if isinstance(movement, Rolling) and movement.moment.informative:
+        if isinstance(movement, RolledTick) and movement.moment.informative:
             self._contrast.learn(movement.angle_rad, self._rear_m, movement.moment.tick.dt_s)
         return moved
 

@@ -24,13 +24,13 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
-    Car,
     Coasting,
+    FilterCar,
     Moment,
     Moments,
     Movement,
     Pose,
-    Rolling,
+    RolledTick,
     Saved,
     Sight,
     saved_radii,
@@ -155,7 +155,7 @@ class GaussianBelief:
 
     takes_blocks = True
 
-    def __init__(self, car: Car, pieces: GaussianPieces) -> None:
+    def __init__(self, car: FilterCar, pieces: GaussianPieces) -> None:
         self._car, self._pieces = car, pieces
         self.mean = np.zeros(SIZE)
         self.mean[SIGMA:] = pieces.noise_std_m**2
@@ -166,7 +166,7 @@ class GaussianBelief:
 
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move by one tick."""
-        if isinstance(movement, Rolling):
+        if isinstance(movement, RolledTick):
             return self._roll(movement)
         self._last = (0.0, 0.0)
         if isinstance(movement, Coasting):
@@ -180,7 +180,7 @@ class GaussianBelief:
             covariance[PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
         return self._last
 
-    def _roll(self, rolling: Rolling) -> tuple[float, float]:
+    def _roll(self, rolling: RolledTick) -> tuple[float, float]:
         car, mean = self._car, self.mean
         roll = Roll(rolling.angle_rad[:2], car.nominal_m[:2], car.geometry.track_rear_m, rolling.curvature)
         self.mean, self.covariance, travel, turn = self._pieces.transform(mean, self.covariance, roll)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.belief import Car, Rolling
+from tpmsd.onboard.estimators.belief import FilterCar, RolledTick
 from tpmsd.onboard.estimators.published.position_noise import PositionStatistics
 from tpmsd.onboard.estimators.published.radius_models import RadiusModel
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -101,7 +101,12 @@ class SampledMotion(Protocol):
     """A motion model; frozen, its parameters alone."""
 
     def advance(
-        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+        self,
+        particles: Particles,
+        radii: RadiusModel,
+        rolling: RolledTick,
+        car: FilterCar,
+        rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Way and turn (N,) of a tick, radii learned if it is informative, and the log-likelihood (N,) of the
         wheels where they are measurements."""
@@ -113,7 +118,12 @@ class WheelsIn:
     """The wheels are inputs: a draw of the radius errors makes way and turn (6a), (6b)."""
 
     def advance(
-        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+        self,
+        particles: Particles,
+        radii: RadiusModel,
+        rolling: RolledTick,
+        car: FilterCar,
+        rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Table I, lines 10, 11 and 13."""
         noise = radii.draw(particles.radii, rng)
@@ -147,7 +157,12 @@ class WheelsMeasured:
     accel_std_mps2: float = SETTINGS.walk_speed_mps2
 
     def advance(
-        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+        self,
+        particles: Particles,
+        radii: RadiusModel,
+        rolling: RolledTick,
+        car: FilterCar,
+        rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Walk, and weigh by the wheels."""
         dt, track = rolling.moment.tick.dt_s, car.geometry.track_rear_m
@@ -175,7 +190,7 @@ class WheelsMeasured:
         return travel, turn, log
 
     def _path_log(
-        self, particles: Particles, radii: RadiusModel, paths: FloatArray, rear: FloatArray, car: Car
+        self, particles: Particles, radii: RadiusModel, paths: FloatArray, rear: FloatArray, car: FilterCar
     ) -> FloatArray:
         """Log-likelihood (N,) of the wheels' paths (2, N) in a tick that is not informative."""
         mean, scale, dof = radii.marginals(particles.radii)

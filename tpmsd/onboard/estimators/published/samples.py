@@ -21,13 +21,13 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
-    Car,
     Coasting,
+    FilterCar,
     Moment,
     Moments,
     Movement,
     Pose,
-    Rolling,
+    RolledTick,
     Saved,
     Sight,
     numbers,
@@ -83,7 +83,7 @@ class SampledBelief:
 
     takes_blocks = True
 
-    def __init__(self, car: Car, pieces: SampledPieces, count: int, rng: np.random.Generator) -> None:
+    def __init__(self, car: FilterCar, pieces: SampledPieces, count: int, rng: np.random.Generator) -> None:
         self._car, self._pieces, self._rng = car, pieces, rng
         self.particles = Particles.uniform(count, pieces.radii.begin(count, car.nominal_m[:2], rng))
         self._lineage = Lineage(count)
@@ -91,7 +91,7 @@ class SampledBelief:
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move all poses by one tick."""
         particles, rng = self.particles, self._rng
-        if isinstance(movement, Rolling):
+        if isinstance(movement, RolledTick):
             pieces = self._pieces
             if movement.moment.informative:
                 particles.radii = pieces.radii.forget(particles.radii, movement.moment.tick.dt_s, rng)

@@ -24,7 +24,7 @@ CLOCK_STEP_S = 1.0
 """Frames that are late in unbroken order for this long are not late: the clock was set back."""
 
 
-class Verdict(IntEnum):
+class FrameVerdict(IntEnum):
     """Treatment of a frame."""
 
     USE = 0
@@ -42,7 +42,7 @@ def timeout_of(period_s: float) -> float:
     return max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s) if period_s else FIRST_TIMEOUT_S
 
 
-_USE = Verdict.USE
+_USE = FrameVerdict.USE
 """Looked up for every frame: a member of an enumeration is found more slowly."""
 
 
@@ -107,7 +107,7 @@ class MessageArrival:
         """Take the clock as set back, as another input has shown: the next frame is the first after that."""
         self._stepped = True
 
-    def judge(self, time_s: float, data: bytes) -> Verdict:
+    def judge(self, time_s: float, data: bytes) -> FrameVerdict:
         """Return the verdict on a frame; sets `lost` and learns the period."""
         self.lost = 0
         stepped, self._stepped = self._stepped, False
@@ -166,21 +166,21 @@ class MessageArrival:
         self.lost = max(0, round(self._gap_s / self.period_s) - self._gap_frames)
         self._gap_frames = 0
 
-    def _judge_late(self, time_s: float, interval: float, data: bytes) -> Verdict:
+    def _judge_late(self, time_s: float, interval: float, data: bytes) -> FrameVerdict:
         if interval == 0.0 and data == self._data:
-            return Verdict.REPEATED
+            return FrameVerdict.REPEATED
         if time_s <= self._late_last_s:
             self._late_first_s = time_s
         self._late_last_s = time_s
         if time_s - self._late_first_s < CLOCK_STEP_S:
-            return Verdict.LATE
+            return FrameVerdict.LATE
         return self._step(time_s, data)
 
-    def _step(self, time_s: float, data: bytes) -> Verdict:
+    def _step(self, time_s: float, data: bytes) -> FrameVerdict:
         self.last_s, self._data = time_s, data
         self._late_last_s = float("inf")
         self._gap_frames = 0
-        return Verdict.CLOCK_STEP
+        return FrameVerdict.CLOCK_STEP
 
     def _unbunched(self, ordered: list[float], near: list[float]) -> list[float]:
         """Return the intervals that make the period: `near`, or all of them if frames come in bunches.

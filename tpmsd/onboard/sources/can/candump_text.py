@@ -90,7 +90,7 @@ def _template(line: str) -> _Template | None:
     )
 
 
-class _Rows:
+class _LineTable:
     """A row per line, filled by and by."""
 
     def __init__(self, lines: int) -> None:
@@ -141,7 +141,7 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
     """Return the frames of whole lines (each with its line end); `bad` hears of those that are none, blank
     ones aside, in their order."""
     raw = text.encode("latin-1")
-    rows = _Rows(raw.count(b"\n"))
+    rows = _LineTable(raw.count(b"\n"))
     if compiled is not None and _read_compiled(raw, rows):
         return rows.block(first_line)
     buffer = np.frombuffer(raw, dtype=np.uint8)
@@ -170,7 +170,7 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
     return rows.block(first_line)
 
 
-def _read_compiled(raw: bytes, rows: _Rows) -> bool:
+def _read_compiled(raw: bytes, rows: _LineTable) -> bool:
     """Fill the rows of the commonest lines on the channel of the first one; return whether those are all."""
     first = raw[: raw.index(b"\n")].decode("latin-1")
     match = LINE.match(first)
@@ -200,7 +200,7 @@ def _read_shape(
     starts: NDArray[np.intp],
     lines: NDArray[np.intp],
     length: int,
-    rows: _Rows,
+    rows: _LineTable,
 ) -> None:
     """Read the lines of one shape by as many templates as they need."""
     for _ in range(MOST_TEMPLATES):
@@ -217,7 +217,7 @@ def _read_shape(
 
 
 def _read_alike(
-    text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _Rows
+    text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _LineTable
 ) -> NDArray[np.bool_]:
     """Fill the rows of the lines (n,) that the template fits; return them. `text` (length, n)."""
     digits = text[np.concatenate([template.whole, template.fraction])] - ord("0")

@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from cantools.database.can import Database
 
 from tpmsd.car.config.model import WHEEL_COUNT_ROLES, Config
-from tpmsd.onboard.sources.can.arrival import MIN_TIMEOUT_S, MessageArrival, Verdict
+from tpmsd.onboard.sources.can.arrival import MIN_TIMEOUT_S, FrameVerdict, MessageArrival
 from tpmsd.onboard.sources.can.databases import load_database
 from tpmsd.onboard.sources.can.faults import FaultLog
 from tpmsd.onboard.sources.can.senders import SenderWatch
@@ -47,7 +47,7 @@ from tpmsd.onboard.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 __all__ = ["CanDecoder", "can_filters", "load_database"]
 
 Tracker = WheelCounter | WheelSpeedIntegrator
-_USE = Verdict.USE
+_USE = FrameVerdict.USE
 
 FRESH_S = 0.5
 """A wheel that was heard of within this time can bear witness against another one."""
@@ -275,7 +275,7 @@ class CanDecoder:
         verdict = arrival.judge(time_s, data)
         if verdict is not _USE:
             self._faults.note_message(out, time_s, verdict.name.lower(), group.origins)
-            if verdict is not Verdict.CLOCK_STEP:
+            if verdict is not FrameVerdict.CLOCK_STEP:
                 return
             self._calm_until_s = -math.inf
             group.watch.restart(time_s)

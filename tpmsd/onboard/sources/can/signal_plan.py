@@ -158,7 +158,7 @@ def needed_signals(config: Config) -> dict[str, str]:
 def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
     """Return plans by key. A `ConfigError` names the role whose message, signal or unit does not fit."""
     found: dict[int, tuple[Message, list[tuple[Signal, SignalPlan]]]] = {}
-    conditions = _Conditions(database)
+    conditions = _ComparisonList(database)
     for role, name in needed_signals(config).items():
         bus = config.can.bus_number(role)
         message, signal = _find(database_of(database, bus), role, name)
@@ -195,7 +195,7 @@ def _key(bus: int, message: Message) -> int:
     return bus << BUS_SHIFT | message.frame_id | (EXTENDED if message.is_extended_frame else 0)
 
 
-class _Conditions:
+class _ComparisonList:
     """Gathers the comparisons, each once."""
 
     def __init__(self, database: Database) -> None:

@@ -32,7 +32,7 @@ _COMES_SEVERALLY = ("gnss_latitude", "gnss_longitude")
 
 
 @dataclass(slots=True)
-class _Burst:
+class _CanEpoch:
     arrival_s: float
     last_s: float
     values: dict[str, float] = field(default_factory=dict)
@@ -55,7 +55,7 @@ class CanFixAssembler:
         self._position_step_m = _EARTH_M * max(
             (steps.get(role, 0.0) for role in _COMES_SEVERALLY), default=0.0
         )
-        self._burst: _Burst | None = None
+        self._burst: _CanEpoch | None = None
         self._interval = EpochInterval()
         self._episodes = Episodes(self.counts)
         self._clock = ReceiverClock()
@@ -79,7 +79,7 @@ class CanFixAssembler:
             events += self._close()
             burst = None
         if burst is None:
-            burst = self._burst = _Burst(time_s, time_s)
+            burst = self._burst = _CanEpoch(time_s, time_s)
         burst.last_s = time_s
         burst.values[role] = value
         if role == "gnss_latitude":
