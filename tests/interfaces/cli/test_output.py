@@ -16,7 +16,9 @@ from hypothesis import strategies as st
 
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.plain import plain
-from tpmsd.interfaces.cli.output import Progress, dumps, fitted_to, write_json
+from tpmsd.interfaces.cli.output import Progress, dumps, write_json
+from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 
 class _Terminal(io.StringIO):
@@ -138,6 +140,17 @@ def test_text_and_bar_fit_into_the_terminal(columns: int, monkeypatch: pytest.Mo
         clock.now += 10.0
         progress.update(500.0)
     assert max(map(len, terminal.getvalue().split("\r"))) < columns
+
+
+def test_reports_of_all_commands_fit_into_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`diagnose`, `replay`, `explain` and `calibrate` print through `Outputs.say`."""
+    monkeypatch.setenv("COLUMNS", "40")
+    terminal = _Terminal()
+    monkeypatch.setattr("sys.stdout", terminal)
+    Outputs(("--json", None)).say("\n".join(["a sentence that is longer than forty columns are"] * 2))
+    lines = terminal.getvalue().splitlines()
+    assert 4 == len(lines)
+    assert max(map(len, lines)) <= 40
 
 
 def test_progress_of_a_share_states_no_rate() -> None:

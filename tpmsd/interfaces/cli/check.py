@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING
 from tpmsd.car.config.gnss_source import source_of
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.cli.output import Subparsers, add_json_option, fitted_to, json_text
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 from tpmsd.interfaces.cli.status import colour_wanted
+from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 if TYPE_CHECKING:
     from tpmsd.car.config.check import CheckResult

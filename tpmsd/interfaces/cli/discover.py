@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.cli.output import Subparsers, add_json_option, fitted_to, json_text
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 if TYPE_CHECKING:
     from tpmsd.offline.discovery.result import Discovery, FoundRole

@@ -9,10 +9,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import re
 import shutil
 import sys
-import textwrap
 import time
 from collections.abc import Callable
 from typing import IO, TYPE_CHECKING, Any
@@ -30,9 +28,6 @@ else:
 
 _BAR_WIDTH = 28
 _REDRAW_S = 0.1
-_NARROWEST = 40
-_FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)* {2,}")
-_PAINTED = re.compile(r"(\x1b\[[\d;]+m)([^\x1b]*)(\x1b\[0m)")
 
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
@@ -58,34 +53,6 @@ def write_json(obj: Any, target: str) -> None:
     Raises `OutputError` with one line where the file cannot be written.
     """
     Outputs(("--json", target)).write({"--json": lambda: json_text(obj)})
-
-
-def fitted_to(out: IO[str], text: str) -> str:
-    """Return the text in lines that fit into the terminal `out`; unchanged where `out` is a file or a pipe.
-
-    Later lines of a row stand below its second column, where that leaves half of the width.
-    """
-    if not getattr(out, "isatty", lambda: False)():
-        return text
-    width = max(shutil.get_terminal_size().columns, _NARROWEST)
-    return "\n".join(part for line in text.split("\n") for part in _parts(line, width))
-
-
-def _parts(line: str, width: int) -> list[str]:
-    """Return a line in parts of `width` visible characters at most; the colour of a whole line runs on."""
-    if painted := _PAINTED.fullmatch(line):
-        parts = _parts(painted[2], width)
-        return [painted[1] + parts[0], *parts[1:-1], parts[-1] + painted[3]] if parts[1:] else [line]
-    if len(line) <= width:
-        return [line]
-    start = _FIRST_COLUMN.match(line)
-    column = start.end() if start else width
-    indent = len(line) - len(line.lstrip())
-    if column > width // 2:  # no room for two columns: their blanks go
-        line, column = line[:indent] + re.sub(" {2,}", "  ", line[indent:]), indent + 4
-    return textwrap.wrap(
-        line, width, subsequent_indent=" " * column, break_on_hyphens=False, replace_whitespace=False
-    )
 
 
 class Progress:

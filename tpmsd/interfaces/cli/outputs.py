@@ -17,6 +17,7 @@ from pathlib import Path
 
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.text_file import names_configuration
+from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 Content = Callable[[], str | bytes | None]
 """Makes what goes into a file; None where there is nothing to write."""
@@ -69,7 +70,7 @@ class Outputs:
         if self.fill_stdout:
             return
         try:
-            print(text, end=end, flush=True)
+            print(fitted_to(sys.stdout, text), end=end, flush=True)
         except BrokenPipeError:
             forget_stdout()
 

@@ -1,0 +1,43 @@
+"""Text in lines that fit into the terminal: broken between words, rows hanging below their second column.
+
+In: text and the stream it goes to. Out: text; for a file or a pipe the same as went in.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import textwrap
+from typing import IO
+
+_NARROWEST = 40
+_FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)* {2,}")
+_PAINTED = re.compile(r"(\x1b\[[\d;]+m)([^\x1b]*)(\x1b\[0m)")
+
+
+def fitted_to(out: IO[str], text: str) -> str:
+    """Return the text in lines that fit into the terminal `out`; unchanged where `out` is a file or a pipe.
+
+    Later lines of a row stand below its second column, where that leaves half of the width.
+    """
+    if not getattr(out, "isatty", lambda: False)():
+        return text
+    width = max(shutil.get_terminal_size().columns, _NARROWEST)
+    return "\n".join(part for line in text.split("\n") for part in _parts(line, width))
+
+
+def _parts(line: str, width: int) -> list[str]:
+    """Return a line in parts of `width` visible characters at most; the colour of a whole line runs on."""
+    if painted := _PAINTED.fullmatch(line):
+        parts = _parts(painted[2], width)
+        return [painted[1] + parts[0], *parts[1:-1], parts[-1] + painted[3]] if parts[1:] else [line]
+    if len(line) <= width or "\x1b" in line:
+        return [line]
+    start = _FIRST_COLUMN.match(line)
+    column = start.end() if start else width
+    indent = len(line) - len(line.lstrip())
+    if column > width // 2:  # no room for two columns: their blanks go
+        line, column = line[:indent] + re.sub(" {2,}", "  ", line[indent:]), indent + 4
+    return textwrap.wrap(
+        line, width, subsequent_indent=" " * column, break_on_hyphens=False, replace_whitespace=False
+    )
