@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 if TYPE_CHECKING:
     from tpmsd.offline.diagnosis.assessment.identifiability import Telling
@@ -70,5 +72,5 @@ def run(args: argparse.Namespace) -> int:
     if args.json is not None:
         write_json(effects_document(names, drive, identifiable), args.json)
     if args.json != "-":
-        print(effects_summary(names, drive, identifiable))
+        print(fitted_to(sys.stdout, effects_summary(names, drive, identifiable)))
     return 0

@@ -12,13 +12,16 @@ from typing import IO
 
 _NARROWEST = 40
 _FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)* {2,}")
+_LIST_MARKER = re.compile(r"\s*\d+\. ")
+_BEFORE_STD, _UNBROKEN_STD = " +- ", "\u00a0+-\u00a0"
 _PAINTED = re.compile(r"(\x1b\[[\d;]+m)([^\x1b]*)(\x1b\[0m)")
 
 
 def fitted_to(out: IO[str], text: str) -> str:
     """Return the text in lines that fit into the terminal `out`; unchanged where `out` is a file or a pipe.
 
-    Later lines of a row stand below its second column, where that leaves half of the width.
+    Later lines of a row stand below its second column, where that leaves half of the width, and those of a
+    sentence below its first word. A value and its standard deviation stay on one line.
     """
     if not getattr(out, "isatty", lambda: False)():
         return text
@@ -34,10 +37,16 @@ def _parts(line: str, width: int) -> list[str]:
     if len(line) <= width or "\x1b" in line:
         return [line]
     start = _FIRST_COLUMN.match(line)
-    column = start.end() if start else width
     indent = len(line) - len(line.lstrip())
+    marker = _LIST_MARKER.match(line)
+    column = start.end() if start else marker.end() if marker else indent
     if column > width // 2:  # no room for two columns: their blanks go
         line, column = line[:indent] + re.sub(" {2,}", "  ", line[indent:]), indent + 4
-    return textwrap.wrap(
-        line, width, subsequent_indent=" " * column, break_on_hyphens=False, replace_whitespace=False
+    parts = textwrap.wrap(
+        line.replace(_BEFORE_STD, _UNBROKEN_STD),
+        width,
+        subsequent_indent=" " * column,
+        break_on_hyphens=False,
+        replace_whitespace=False,
     )
+    return [part.replace(_UNBROKEN_STD, _BEFORE_STD) for part in parts]
