@@ -10,8 +10,9 @@ import pytest
 
 from tests.car.physics.motions import car
 from tpmsd.interfaces.cli.main import main
+from tpmsd.interfaces.cli.plan import summary
 from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains
-from tpmsd.offline.planning.search import TARGET, planned
+from tpmsd.offline.planning.search import TARGET, Plan, planned
 from tpmsd.offline.simulator.manoeuvres import (
     LIBRARY,
     Manoeuvre,
@@ -75,6 +76,22 @@ def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixtur
     assert "No drive of these manoeuvres tells it." in text
     assert "hold" not in text
     assert "what tells it: compare the radii of drives that lie thousands of kilometres apart" in text
+
+
+def test_nothing_is_driven_for_what_cannot_be_told_and_what_repeats_is_one_line() -> None:
+    """Wear beside an effect that manoeuvres tell adds none to them; equal manoeuvres follow each other."""
+    equipment = Equipment(car())
+    alone = planned(PAIR, equipment, LIBRARY, 1800.0)
+    both = planned([*PAIR, "wear"], equipment, LIBRARY, 1800.0)
+
+    assert alone.manoeuvres == both.manoeuvres
+    assert (True, False, 0.0) == (alone.told, both.told, both.gains["wear"])
+    repeated = Plan((LIBRARY[1], LIBRARY[1], LIBRARY[0], LIBRARY[1]), {"wear": TARGET}, 60.0)
+    assert [f"  1. {LIBRARY[1].name}, 2 times", f"  2. {LIBRARY[0].name}", f"  3. {LIBRARY[1].name}"] == (
+        summary(repeated).splitlines()[1:4]
+    )
+    order = planned(("lateral_slip", "antenna_lever_arm"), equipment, LIBRARY, 1800.0).manoeuvres
+    assert list(order) == sorted(order, key=order.index)
 
 
 def test_a_step_is_driven_as_it_says() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -130,7 +131,11 @@ def summary(plan: Plan) -> str:
 
     if any(gain >= TARGET for gain in plan.gains.values()):
         lines = [f"Drive {plan.duration_s / 60.0:.0f} min:"]
-        lines += [f"  {number}. {one.name}" for number, one in enumerate(plan.manoeuvres, 1)]
+        groups = [(name, len(list(group))) for name, group in groupby(one.name for one in plan.manoeuvres)]
+        lines += [
+            f"  {number}. {name}" + (f", {times} times" if times > 1 else "")
+            for number, (name, times) in enumerate(groups, 1)
+        ]
     else:
         lines = ["No drive of these manoeuvres tells it."]
     lines.append("What it is to tell, at the usual size of each effect beside the others (nats):")

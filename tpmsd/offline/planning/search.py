@@ -50,7 +50,11 @@ def planned(
     longest_s: float,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Plan:
-    """Return the best plan that was found within `longest_s`; it may not identify all (`Plan.told`)."""
+    """Return the best plan that was found within `longest_s`; it may not identify all (`Plan.told`).
+
+    Where not all are identified, the search begins again for those that are: the others stay fitted beside
+    them, but get no manoeuvre.
+    """
 
     def tried(manoeuvres: Sequence[Manoeuvre]) -> Plan:
         steps = steps_of(manoeuvres)
@@ -58,40 +62,73 @@ def planned(
         gains = expected_gains(motion, equipment, effects)
         return Plan(tuple(manoeuvres), gains, sum(step.duration_s for step in steps))
 
+    wanted = list(effects)
+    best = _searched(effects, wanted, library, longest_s, tried, progress)
+    if not best.told:
+        wanted = [name for name in effects if best.gains[name] >= TARGET]
+        if wanted:
+            best = _searched(effects, wanted, library, longest_s, tried, progress)
+    return _grouped(_pruned(best, wanted, tried), wanted, tried)
+
+
+def _searched(
+    effects: Sequence[str],
+    wanted: Sequence[str],
+    library: Sequence[Manoeuvre],
+    longest_s: float,
+    tried: Callable[[Sequence[Manoeuvre]], Plan],
+    progress: Callable[[float], None],
+) -> Plan:
+    """Return a plan that was grown until it identifies the `wanted` ones, or nothing raises the criterion."""
     best = Plan((), dict.fromkeys(effects, 0.0), 0.0)
-    while len(best.manoeuvres) < MOST and not best.told:
+    while len(best.manoeuvres) < MOST and not _reaches(best, wanted):
         options = [tried([*best.manoeuvres, one]) for one in library]
         options = [one for one in options if one.duration_s <= longest_s]
         if not options:
             break
-        now = _criterion(best)
-        ahead = max(options, key=lambda one: (_criterion(one) - now) / (one.duration_s - best.duration_s))
-        if _criterion(ahead) <= now and len(best.manoeuvres) >= WARM_UP:
+        now = _criterion(best, wanted)
+        ahead = max(
+            options, key=lambda one: (_criterion(one, wanted) - now) / (one.duration_s - best.duration_s)
+        )
+        if _criterion(ahead, wanted) <= now and len(best.manoeuvres) >= WARM_UP:
             break
         best = ahead
-        progress(min(_share(best), 0.95))
-    return _pruned(best, tried)
+        progress(min(_share(best, wanted), 0.95))
+    return best
 
 
-def _pruned(plan: Plan, tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
-    """Return the plan without manoeuvres that it does not need, the longest first."""
-    if not plan.told:
+def _reaches(plan: Plan, wanted: Sequence[str]) -> bool:
+    return reaches_target({name: plan.gains[name] for name in wanted}, TARGET)
+
+
+def _pruned(plan: Plan, wanted: Sequence[str], tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
+    """Return the plan without manoeuvres that the `wanted` effects do not need, the longest first."""
+    if not wanted:
         return plan
     for one in sorted(set(plan.manoeuvres), key=lambda each: -sum(step.duration_s for step in each.steps)):
         while one in plan.manoeuvres and len(plan.manoeuvres) > 1:
             rest = list(plan.manoeuvres)
             rest.remove(one)
             shorter = tried(rest)
-            if not shorter.told:
+            if not _reaches(shorter, wanted):
                 break
             plan = shorter
     return plan
 
 
-def _criterion(plan: Plan) -> float:
-    return sum(math.log(min(max(gain, LEAST), TARGET)) for gain in plan.gains.values())
+def _grouped(plan: Plan, wanted: Sequence[str], tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
+    """Return the plan with equal manoeuvres together, where it identifies the `wanted` in that order too."""
+    together = sorted(plan.manoeuvres, key=plan.manoeuvres.index)
+    if together == list(plan.manoeuvres):
+        return plan
+    grouped = tried(together)
+    return grouped if wanted and _reaches(grouped, wanted) else plan
 
 
-def _share(plan: Plan) -> float:
+def _criterion(plan: Plan, wanted: Sequence[str]) -> float:
+    return sum(math.log(min(max(plan.gains[name], LEAST), TARGET)) for name in wanted)
+
+
+def _share(plan: Plan, wanted: Sequence[str]) -> float:
     worst, best = math.log(LEAST), math.log(TARGET)
-    return (_criterion(plan) / len(plan.gains) - worst) / (best - worst)
+    return (_criterion(plan, wanted) / len(wanted) - worst) / (best - worst)
