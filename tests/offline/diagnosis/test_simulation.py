@@ -79,6 +79,10 @@ def test_named_is_what_the_simulation_lacks(folders: Path, capsys: pytest.Captur
     assert finding["simulation"]["coefficient"]["value"] == pytest.approx(0.0, abs=1e-5)
     assert "compared with your simulation. They differ: 1 finding" in said
     assert "the recording holds it, your simulation does not" in said
+    assert "Below these sizes differences from your simulation may have stayed unseen" in said
+    sizes = {one["effect"]: one["smallest"] for one in document["not_detectable"]}
+    assert "load_transfer_lateral" not in sizes
+    assert sizes["thermal_growth"]["amplitude_m"]["value"] > 0.0
     model = load_model(document["model_file"])
     assert {"centrifugal_growth", "load_transfer_lateral"} == {effect.name for effect in model}
 
@@ -128,16 +132,23 @@ def test_what_both_hold_at_different_values_is_told_with_both() -> None:
 def test_physics_without_a_name_that_the_simulation_lacks_is_located(
     physics: str, channel: str, wheels: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Through the command: what no catalogue holds is `unknown` in its place, held by the recording alone."""
+    """Through the command: what no catalogue holds is `unknown`, and closed forms are proposed for it."""
     write_folder(drive(spec(UNNAMED[physics]), 77), tmp_path / "recording")
     write_folder(drive(spec({}, **PERFECT), 77), tmp_path / "simulation")
     drives = [str(tmp_path / "recording"), "--simulation", str(tmp_path / "simulation")]
 
-    assert 0 == main(["diagnose", *drives, "--json", "-"])
-    findings = json.loads(capsys.readouterr().out)["findings"]
+    assert 0 == main(["diagnose", *drives, "--propose", str(tmp_path / "proposed"), "--json", "-"])
+    document = json.loads(capsys.readouterr().out)
+    findings = document["findings"]
     assert [("unknown", "recording")] == [(one["effect"], one["held_by"]) for one in findings]
     assert channel == findings[0]["where"]["channel"]
     assert wheels <= set(findings[0]["where"]["wheels"])
+    first = document["proposals"][0]
+    assert (tmp_path / "proposed" / f"proposed_{first['name']}.py").is_file()
+    if physics == "speed":  # a form of the recording alone brings what the finding does
+        assert (["speed"], "rl rr") == (first["covariates"], first["on"])
+        brought = findings[0]["heldout"]["loglik_gain_per_s"] * document["driving_s"]
+        assert 0.8 * brought < first["heldout_gain"] < 1.2 * brought
 
 
 @pytest.mark.parametrize(

@@ -169,13 +169,13 @@ def _run_rolling(args: argparse.Namespace) -> int:
         gc.freeze()  # modules and drives stay: the collector need not look through them again and again
         stack.callback(gc.unfreeze)
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
+        propose = args.propose is not None
         with Progress(1.0, "diagnose", rate=False) as progress:
             if simulation is None:
                 certify = Certification(_most(args.certify), np.random.default_rng(CERTIFY_SEED))
-                propose = args.propose is not None
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
-                diagnosis = diagnose_against(recordings[0], simulation, progress.update)
+                diagnosis = diagnose_against(recordings[0], simulation, progress.update, propose)
         # The summary has them, unless standard output is the document's.
         for note in diagnosis.notes if outputs.fill_stdout else ():
             print(f"tpmsd: {note}", file=sys.stderr)
@@ -226,9 +226,8 @@ def _check_options(args: argparse.Namespace) -> None:
         check_plot_target(args.plot)
     if args.html is not None:
         check_report_packages()
-    if args.propose is not None and (args.simulation is not None or args.propose.is_file()):
-        why = "not with --simulation" if args.simulation is not None else f"{args.propose} is a file"
-        raise ConfigError(f"--propose: {why}")
+    if args.propose is not None and args.propose.is_file():
+        raise ConfigError(f"--propose: {args.propose} is a file")
     if args.simulation is not None and args.model is not None:
         raise ConfigError("--model: the baseline is the simulation, not the rolling model with known effects")
     if args.simulation is not None and len(args.drives) > 1:

@@ -76,9 +76,14 @@ def diagnose(
 
 
 def diagnose_against(
-    recording: Recording, simulation: Recording, progress: Callable[[float], None] = lambda share: None
+    recording: Recording,
+    simulation: Recording,
+    progress: Callable[[float], None] = lambda share: None,
+    propose: bool = False,
 ) -> Diagnosis:
     """Return what a recording holds that the user's own simulation of the same drive does not.
+
+    With `propose` the closed forms are looked for that suit what has no name.
 
     ConfigError where the two are of different cars or roads, or the simulation is of no use.
     """
@@ -87,8 +92,11 @@ def diagnose_against(
         return insufficient(notes)
     study, selection, evidence = examine(Study(readers, simulation=True), progress)
     selection, evidence = differences(study, selection, evidence)
+    diagnosis = report(study, selection, evidence, notes)
+    if propose:
+        diagnosis = replace(diagnosis, proposals=proposals(study, selection))
     progress(1.0)
-    return report(study, selection, evidence, notes)
+    return diagnosis
 
 
 def told_by(recording: Recording) -> tuple[Telling, ...]:

@@ -67,6 +67,8 @@ def diagnosis_document(
         document["simulation"] = {"effects": list(diagnosis.simulation)}
     if diagnosis.explanatory:
         document["explanatory"] = [asdict(one) for one in diagnosis.explanatory]
+    if diagnosis.proposals:
+        document["proposals"] = [asdict(one) for one in diagnosis.proposals]
     if diagnosis.notes:
         document["notes"] = list(diagnosis.notes)
     if alarms:

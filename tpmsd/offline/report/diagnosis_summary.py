@@ -104,7 +104,8 @@ def _unseen(diagnosis: Diagnosis) -> str:
             lines.append(f"\n  {one.effect:28}{', '.join(sizes)}")
         else:
             hidden.append(one.effect)
-    text = "\nBelow these sizes effects may have stayed unseen on this drive:" if lines else ""
+    what = "differences from your simulation" if diagnosis.baseline == ("simulation",) else "effects"
+    text = f"\nBelow these sizes {what} may have stayed unseen on this drive:" if lines else ""
     text += "".join(lines)
     return text + (f"\nNothing of these shows on such a drive: {', '.join(hidden)}." if hidden else "")
 

@@ -36,9 +36,13 @@ class Sums:
 
 
 def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
-    """Return the best, each over other covariates than those before it; none where all has a name."""
+    """Return the best, each over other covariates than those before it; none where all has a name.
+
+    Where a simulation takes the rolling model's place, a form acts in the recording alone; the simulation's
+    windows hold what both have in common.
+    """
     unnamed = [one.term for one in selection.chosen if one.term.free and not one.term.pulse]
-    if not unnamed or study.simulation:
+    if not unnamed:
         return ()
     stay = [one.term.design for one in selection.chosen if one.term not in unnamed]
     design = np.concatenate([study.hypotheses.nuisance, *stay], axis=1)
@@ -57,16 +61,16 @@ def _found(
 
     Forms with numbers of their own are tried over the covariates of the unnamed terms.
     """
-    drives = study.examined
+    drives = study.drives
     names = set.intersection(*(set(drive.reader.windows.covariates) for drive in drives))
     forms = expressions(sorted(names))
     for name in over:
         if name in names:
-            values = [drive.reader.windows.covariates[name] for drive in drives]
+            values = [drive.reader.windows.covariates[name] for drive in study.examined]
             forms += shaped_expressions(name, np.concatenate(values))
     found: list[tuple[float, Proposal]] = []
     for place in places:
-        sums = [_sums(drive, design, place, forms) for drive in drives]
+        sums = [_sums(drive, design, place, forms, acts=drive in study.examined) for drive in drives]
         total = Sums(
             sum((one.known for one in sums[1:]), sums[0].known),
             sum((one.cross for one in sums[1:]), sums[0].cross),
@@ -99,12 +103,15 @@ def _places(unnamed: list[Term], study: Study) -> list[str]:
     return [*sorted(set(readings)), *alike, *apart]
 
 
-def _sums(drive: DriveStudy, design: FloatArray, place: str, forms: list[Expression]) -> Sums:
+def _sums(drive: DriveStudy, design: FloatArray, place: str, forms: list[Expression], acts: bool) -> Sums:
+    """Return the products of one drive; `acts` is False where no form acts in it."""
     signs: Mapping[str, float] = dict(ANTISYMMETRIC.get(place, ())) or dict.fromkeys(PATTERNS[place], 1.0)
     response = sum((sign * response_at(drive.reader, one) for one, sign in signs.items()), start=np.zeros(()))
     covariates = drive.reader.windows.covariates
     weights = np.stack([form.values(covariates) for form in forms], axis=1)
-    trial = drive.whitened(np.asarray(response)[:, :, None] * weights[:, None, :])
+    trial = drive.whitened(
+        np.asarray(response)[:, :, None] * (weights if acts else 0.0 * weights)[:, None, :]
+    )
     known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
     fold = drive.blocks % SETTINGS.report.folds
     parts = [fold == number for number in range(SETTINGS.report.folds)]

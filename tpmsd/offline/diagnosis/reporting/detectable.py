@@ -33,11 +33,10 @@ SEARCHED_APART = ("ramp", "span", "by_teeth", "by_ripple", "at_walking_pace", "r
 def not_detectable(study: Study, selection: Selection, selector: Selector) -> tuple[NotDetectable, ...]:
     """Return what would have had to be larger than usual, the nearest to its usual size first.
 
-    Of an effect without any trace in the drive (no such reading, no such motion) the size is None. None are
-    returned where a simulation takes the rolling model's place.
+    Of an effect without any trace in the drive (no such reading, no such motion) the size is None. Where a
+    simulation takes the rolling model's place, sizes are those of a difference: recording less simulation.
     """
-    if study.simulation:
-        return ()
+    acting_in = 0 if study.simulation else None
     chosen = [one.term for one in selection.chosen]
     names = {term.effect for term in chosen}
     gram, _ = selector.evidence.projected(selector.design(chosen))
@@ -45,7 +44,9 @@ def not_detectable(study: Study, selection: Selection, selector: Selector) -> tu
     for name, effect in EFFECTS.items():
         if name in names or not _is_asked_for(effect):
             continue
-        terms = [t for t in study.hypotheses.catalogue if t.effect == name and t.drive is None and t.typical]
+        terms = [
+            t for t in study.hypotheses.catalogue if t.effect == name and t.drive == acting_in and t.typical
+        ]
         smallest, share = smallest_sizes(study, selector, chosen, gram, terms)
         for one in effect.parameters:
             if isinstance(one, Parameter) and one.probe > 0.0 and not terms:
