@@ -292,3 +292,14 @@ def test_a_link_that_goes_down_is_told_after_its_frames(datagrams: DatagramBus) 
 def test_a_packet_of_another_size_is_no_frame(packet: bytes) -> None:
     """Only the two sizes of linux/can.h are."""
     assert unpack_socketcan(packet, 0.0, "can0") is None
+
+
+def test_a_network_bus_without_its_package_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without msgpack the line says which extra of tpmsd brings it."""
+
+    def without(**_: object) -> None:
+        raise can.CanInterfaceNotImplementedError("msgpack not installed")
+
+    monkeypatch.setattr("can.Bus", without)
+    with pytest.raises(CanDown, match=r"pip install 'tpmsd\[multicast\]'"):
+        LiveCan(CanConfig({}, Path("bus.dbc"), interface="udp_multicast", channel="239.74.163.2"))

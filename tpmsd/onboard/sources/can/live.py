@@ -64,6 +64,8 @@ class _Bus(Protocol):
 
 _NO_FRAME = "could not unpack received message"
 """python-can's word for a datagram on its udp_multicast bus that holds no frame."""
+_MULTICAST_EXTRA = " (pip install 'tpmsd[multicast]')"
+"""The extra that brings what python-can's udp_multicast bus needs."""
 MOST_SKIPPED = 10_000
 """Frames that nobody wants, and datagrams that are none, that are passed over in one look."""
 
@@ -109,8 +111,9 @@ class LiveCan:
             bus = can.Bus(**options)
         except Exception as error:
             # Each of the twenty backends has its own exceptions, from its driver's to ImportError.
+            hint = _MULTICAST_EXTRA if "msgpack" in str(error) else ""
             raise CanDown(
-                self.channel, f"cannot be opened with {config.interface}: {_reason(error)}"
+                self.channel, f"cannot be opened with {config.interface}: {_reason(error)}{hint}"
             ) from None
         if filters is None:
             return bus
