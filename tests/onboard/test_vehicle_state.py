@@ -88,7 +88,7 @@ def test_the_status_has_the_last_state(played: tuple[Config, Items]) -> None:
     assert without == [None, None]
     jsonschema.validate(known, schema_of("tpmsd.status/2")["properties"]["vehicle_state"])
     assert "state     not known now (arupf)\n" in render_status({"vehicle_state": before})
-    slip = f"side slip {known['side_slip_rad']:+.3f} ± {known['side_slip_std_rad']:.3f} rad"
+    slip = f"side slip {known['side_slip_rad']:+.3f} +- {known['side_slip_std_rad']:.3f} rad"
     assert f"state     {slip}, lateral speed " in render_status({"vehicle_state": known})
     assert "side slip" not in render_status({})
 

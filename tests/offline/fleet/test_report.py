@@ -96,7 +96,7 @@ def test_attention_is_what_stands(tables: dict[str, list[Row]]) -> None:
 
     assert [
         ("now", "van & co", "deflation rear left", "2023-11-14 22:13"),
-        ("soon", "van 2", "slow leak rear left: -0.05 ± 0.01 %/week of radius", None),
+        ("soon", "van 2", "slow leak rear left: -0.05 +- 0.01 %/week of radius", None),
         ("look", "van 2", "/d/9: torn", None),
     ] == [(one["urgency"], one["car"], one["why"], one["since"]) for one in attention]
 
@@ -146,7 +146,7 @@ def test_models_have_their_findings(tables: dict[str, list[Row]]) -> None:
     assert (2, 5) == (model["cars"], model["drives"])
     assert ["gnss_latency"] == [one["effect"] for one in model["findings"]]
     assert [{"effect": "gnss_latency", "drives": 1, "cars": 1}] == model["named_in_drives"]
-    assert "gnss_latency latency_s: +0.1 ± 0.004 s (p 1e-09)" in report_text(report_document(tables))
+    assert "gnss_latency latency_s: +0.1 +- 0.004 s (p 1e-09)" in report_text(report_document(tables))
 
 
 def test_the_page_is_whole_by_itself(tables: dict[str, list[Row]]) -> None:

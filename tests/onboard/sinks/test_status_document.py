@@ -237,10 +237,10 @@ def test_the_table_says_it_in_words() -> None:
         f"tpmsd {__version__}, up for 1 h 02 min\n"
         "\n"
         "wheel         tyre              change in mm   from nominal\n"
-        "front left    OK                +0.02 ± 0.11   +1.20 ± 0.13\n"
-        "front right   soft?             -0.90 ± 0.11   +0.40 ± 0.13\n"
-        "rear left     SOFT              -3.10 ± 0.10   -3.20 ± 0.10\n"
-        "rear right    learning 40 %     -0.20 ± 0.30   -1.00 ± 0.40  (1 min ago)\n"
+        "front left    OK               +0.02 +- 0.11  +1.20 +- 0.13\n"
+        "front right   soft?            -0.90 +- 0.11  +0.40 +- 0.13\n"
+        "rear left     SOFT             -3.10 +- 0.10  -3.20 +- 0.10\n"
+        "rear right    learning 40 %    -0.20 +- 0.30  -1.00 +- 0.40  (1 min ago)\n"
         "\n"
         "ALARM (for 3 min): Rear left tyre is losing air (lost 3.2 mm against the others)\n"
         "\n"
@@ -311,7 +311,7 @@ def test_no_line_is_wider_than_the_terminal(width: int, colour: bool) -> None:
     assert [] == [line for line in plain.splitlines() if len(line) > width]
     assert render_status(DOCUMENT).split() == plain.split()
     if width >= 60:
-        assert any(line.startswith("rear right    learning 40 %     -0.20") for line in plain.splitlines())
+        assert any(line.startswith("rear right    learning 40 %    -0.20") for line in plain.splitlines())
     words = {word for line in render_status(DOCUMENT).splitlines() for word in line.split()}
     assert [] == [word for line in plain.splitlines() for word in line.split() if word not in words], (
         "no word is broken"
@@ -322,7 +322,7 @@ def test_a_narrow_terminal_has_no_line_that_is_too_wide() -> None:
     """At 40 columns the table leaves out the deviation from nominal, and no word is broken."""
     lines = render_status(DOCUMENT, width=40).splitlines()
     assert [] == [line for line in lines if len(line) > 40]
-    assert "rear left   SOFT           -3.10 ± 0.10" in lines
+    assert "rear left   SOFT          -3.10 +- 0.10" in lines
     assert "    (1 min ago)" in lines
     whole = set(render_status(DOCUMENT).split())
     assert {word for line in lines for word in line.split()} <= whole
@@ -366,15 +366,15 @@ def test_watching_into_a_pipe_writes_one_table_below_the_other() -> None:
 
 
 def test_reasons_have_the_sign_of_the_table() -> None:
-    """The core writes `+-` into reasons; beside `±` in the rows that would be two signs on one page."""
+    """Text has `+-` in reasons and rows alike; pages have `±`."""
     alarm = {**DOCUMENT["alarms"][0], "reason": "changed by -5.8 +- 0.3 mm"}
     shown = render_status({**DOCUMENT, "alarms": [alarm]})
-    assert "changed by -5.8 ± 0.3 mm" in shown
-    assert "+-" not in shown
+    assert "changed by -5.8 +- 0.3 mm" in shown
+    assert "±" not in shown
 
 
 def test_a_terminal_without_the_sign_gets_another() -> None:
-    """Where the encoding lacks the plus-minus sign, '+-' stands for it."""
+    """All of it is ASCII, so that a terminal of any encoding shows it."""
     raw = io.BytesIO()
     out = io.TextIOWrapper(raw, encoding="ascii", write_through=True)
     show(DOCUMENT, out, {})
@@ -434,7 +434,7 @@ def test_resonances_are_shown_where_they_are_listened_to() -> None:
         "log_ratio_soft": 0.0,
     }
     shown = [" ".join(line.split()) for line in lines if "Hz" in line or "to 1" in line]
-    assert "rear left monitoring 36.50 ± 0.40 37.50 3 to 1" in shown
+    assert "rear left monitoring 36.50 +- 0.40 37.50 3 to 1" in shown
     assert "front left off - - (sampled at 10 Hz)" in shown
     assert {} == build_status(None, loop=LOOP, can=CAN, gnss=GNSS, resonance=(off,) * 4)["resonance"]
 

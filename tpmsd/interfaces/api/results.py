@@ -287,7 +287,7 @@ class Calibration:
         """Drives and radii."""
         drives, wheels = ", ".join(self.result.drives), self.result.wheels
         radii = [
-            f"{w} {1e3 * one.radius_m:.2f} ± {1e3 * one.radius_std_m:.2f} mm" for w, one in wheels.items()
+            f"{w} {1e3 * one.radius_m:.2f} +- {1e3 * one.radius_std_m:.2f} mm" for w, one in wheels.items()
         ]
         return one_line("Calibration", repr(drives), *radii)
 

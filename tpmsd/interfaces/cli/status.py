@@ -70,11 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 def show(document: Mapping[str, Any], out: IO[str], environment: Mapping[str, str] | None = None) -> None:
     """Write the table once."""
-    out.write(
-        _encodable(
-            render_status(document, colour=colour_wanted(out, environment), width=terminal_width(out)), out
-        )
-    )
+    out.write(render_status(document, colour=colour_wanted(out, environment), width=terminal_width(out)))
     out.flush()
 
 
@@ -86,7 +82,7 @@ def watch(
         watch_screen(documents, out, colour_wanted(out, environment))
         return
     for number, document in enumerate(documents):
-        table = _encodable(render_status(document, width=terminal_width(out)), out)
+        table = render_status(document, width=terminal_width(out))
         out.write(("\n" if number else "") + table)
         out.flush()
 
@@ -125,11 +121,3 @@ def _write_each(documents: Iterable[Mapping[str, Any]], out: IO[str]) -> None:
     for document in documents:
         out.write(dumps(document, indent=None) + "\n")
         out.flush()
-
-
-def _encodable(text: str, out: IO[str]) -> str:
-    try:
-        text.encode(getattr(out, "encoding", None) or "utf-8")
-    except UnicodeEncodeError:
-        return text.replace("±", "+-")
-    return text

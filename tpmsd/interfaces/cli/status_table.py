@@ -162,7 +162,7 @@ def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
         wheel = _dict(wheels, name)
         now = _number(wheel, "frequency_hz")
         learned, ratio = _number(wheel, "baseline_hz"), _number(wheel, "log_ratio_soft")
-        text = "-" if now is None else f"{now:.2f} ± {_number(wheel, 'std_hz') or 0.0:.2f}"
+        text = "-" if now is None else f"{now:.2f} +- {_number(wheel, 'std_hz') or 0.0:.2f}"
         before = "-" if learned is None else f"{learned:.2f}"
         # As odds, for few people think in natural logarithms.
         odds = "" if ratio is None or learned is None else f"  {math.exp(min(ratio, 50.0)):.2g} to 1"
@@ -207,7 +207,7 @@ def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
         since = ""
         if now_s is not None and raised_s is not None and now_s >= raised_s:
             since = f" (for {_duration(now_s - raised_s)})"
-        reason = _text(alarm, "reason").replace("+-", "±")  # as in the rows above
+        reason = _text(alarm, "reason")
         lines.append(paint(f"ALARM{since}: {_sentence(alarm)}" + (f" ({reason})" if reason else ""), _BAD))
     return lines
 
@@ -261,7 +261,7 @@ def _vehicle_state_lines(document: Mapping[str, Any]) -> list[str]:
     ):
         value, std = _number(state, key.format("")), _number(state, key.format("_std"))
         if value is not None and std is not None:
-            parts.append(f"{words} {value:+.3f} ± {std:.3f} {unit}")
+            parts.append(f"{words} {value:+.3f} +- {std:.3f} {unit}")
     said = ", ".join(parts) or "not known now"
     return [f"{'state':<9} {said} ({printable(_text(state, 'method'))})"]
 
@@ -297,7 +297,7 @@ def _loop_line(document: Mapping[str, Any]) -> str:
 def _plus_minus(value: float | None, std: float | None) -> str:
     if value is None:
         return "-"
-    return f"{value:+.2f}" + ("" if std is None else f" ± {std:.2f}")
+    return f"{value:+.2f}" + ("" if std is None else f" +- {std:.2f}")
 
 
 def _duration(seconds: float) -> str:

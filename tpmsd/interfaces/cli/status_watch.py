@@ -144,8 +144,6 @@ def watch_screen(documents: Iterable[Mapping[str, Any]], out: IO[str], colour: b
     def draw() -> None:
         size = shutil.get_terminal_size()
         text = view.text(colour=colour, width=size.columns, height=size.lines, blocks=blocks)
-        if not _can_encode(out, text):
-            text = text.replace("±", "+-")
         out.write(_HOME + text.replace("\n", f"{_CLEAR_LINE}\r\n") + _CLEAR_LINE + _CLEAR_BELOW)
         out.flush()
 

@@ -115,7 +115,7 @@ def _joint(findings: Iterable[Row]) -> list[Row]:
     for row in findings:
         if row["level"] != "car":
             continue
-        size = with_unit(f"{row['value']:+.3g} ± {row['std']:.2g}", row["unit"])
+        size = with_unit(f"{row['value']:+.3g} +- {row['std']:.2g}", row["unit"])
         if row["effect"] == "slow_leak":
             why, kind = f"slow leak {_WHEELS[row['parameter']]}: {size} of radius", "slow_leak"
         elif row["kind"] == "loss":
@@ -232,7 +232,7 @@ def report_text(document: dict[str, Any]) -> str:
         lines += ["", f"model {model_title(model['model'])}: {drives_of_cars(model)}"]
         lines += [
             f"  {row['effect']} {row['parameter']}: "
-            + with_unit(f"{row['value']:+.3g} ± {row['std']:.2g}", row["unit"])
+            + with_unit(f"{row['value']:+.3g} +- {row['std']:.2g}", row["unit"])
             + f" (p {row['p_value']:.1g})"
             for row in model["findings"]
         ]

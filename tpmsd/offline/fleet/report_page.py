@@ -81,7 +81,7 @@ def _attention(rows: Sequence[Row]) -> Table:
         (
             Cell(row["urgency"], _ORDER[row["urgency"]], style=row["urgency"]),
             Cell(str(row["car"]), link=_anchor(row["car"])),
-            Cell(str(row["why"])),
+            Cell(str(row["why"]).replace("+-", "±")),
             Cell(row["since"] or "", style="when"),
             Cell(row["what_to_do"]),
         )
