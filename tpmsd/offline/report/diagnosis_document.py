@@ -46,6 +46,15 @@ def diagnosis_document(
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
     }
+    document |= _optional(diagnosis)
+    if alarms:
+        document["alarms"] = [alarms_document(compared) for compared in alarms]
+    return document
+
+
+def _optional(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the keys that stand only where there is something to say."""
+    document: dict[str, Any] = {}
     if diagnosis.information:
         document["information"] = [
             {
@@ -71,8 +80,6 @@ def diagnosis_document(
         document["proposals"] = [asdict(one) for one in diagnosis.proposals]
     if diagnosis.notes:
         document["notes"] = list(diagnosis.notes)
-    if alarms:
-        document["alarms"] = [alarms_document(compared) for compared in alarms]
     return document
 
 
