@@ -155,7 +155,6 @@ BRANCHY = {
     "tpmsd.interfaces.cli.check.summary": 16,
     "tpmsd.offline.calibration.vehicle_file.calibrated_toml": 16,
     "tpmsd.offline.fleet.report.report_document": 17,
-    "tpmsd.offline.report.diagnosis_document.diagnosis_document": 18,
     "tpmsd.offline.report.static_figures._for_page": 18,
     "tpmsd.offline.tables.gather.signals_from": 18,
     "tpmsd.onboard.estimators.odometry_block._build": 16,
