@@ -51,7 +51,7 @@ class ThreeDof(Baseline):
         along = [np.maximum(frame.u + side, LEAST_MPS) for side in (-front, front, -rear, rear)]
         across = (ahead, ahead, behind, behind)
         turned = (frame.steer, frame.steer, 0.0, 0.0)
-        angles = [t - np.arctan2(a, u) for t, a, u in zip(turned, across, along, strict=True)]
+        angles = [t - np.arctan(a / u) for t, a, u in zip(turned, across, along, strict=True)]
         frame.angle = np.stack(np.broadcast_arrays(*angles))
         front_n, rear_n = np.broadcast_arrays(
             0.5 * np.asarray(frame.cornering_front), 0.5 * np.asarray(frame.cornering_rear)
@@ -65,9 +65,9 @@ class ThreeDof(Baseline):
         linear_along = frame.longitudinal * slip
         lengthened = 1.0 + slip
         assert frame.friction is not None
-        linear = np.hypot(linear_along, linear_side)
+        linear = np.sqrt(linear_along * linear_along + linear_side * linear_side)
         share = grip_share(linear, lengthened, frame.friction, load, frame.tyre_shape)
-        share = share / lengthened
+        share /= lengthened
         frame.side, frame.along = linear_side * share, linear_along * share
         if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
             frame.side = frame.side + frame.ellipse * (_by_ellipse(frame, linear_side, load) - frame.side)
@@ -101,7 +101,6 @@ def _by_ellipse(frame: Frame, linear_side: FloatArray, load: FloatArray) -> Floa
 def carried_slip(frame: Frame) -> FloatArray:
     """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4,
     ...)."""
-    front, rear = axle_forces(frame)
-    halves = [0.5 * np.asarray(one) / frame.longitudinal for one in (front, front, rear, rear)]
+    halves = [0.5 * np.asarray(one) / frame.longitudinal for one in axle_forces(frame)]
     force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MOST_SLIP_FORCE, MOST_SLIP_FORCE)
-    return np.asarray(force / (1.0 - force))
+    return np.repeat(force / (1.0 - force), 2, axis=0)
