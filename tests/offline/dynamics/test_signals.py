@@ -14,9 +14,11 @@ from tests.offline.dynamics.drives import folder, loaded
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.config.problems import ConfigProblems
 from tpmsd.foundation.errors import InputError
+from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.signals import read
+from tpmsd.offline.signals.columns import OUTPUTS
 from tpmsd.offline.signals.drive import make_drive
-from tpmsd.offline.signals.read import read_signals
+from tpmsd.offline.signals.read import SignalTable, read_signals
 from tpmsd.offline.signals.write import signals_text
 
 HEAD = "time_s,road_wheel_angle_rad,yaw_rate_radps,speed_mps\n"
@@ -233,6 +235,54 @@ def test_a_wrong_unit_or_sign_is_refused(tmp_path: Path, column: str, factor: fl
 
     with pytest.raises(InputError, match=said):
         make_drive(table, load_car(where), "single-track", "turned")
+
+
+@pytest.mark.parametrize(
+    ("column", "values", "said"),
+    [
+        ("yaw_rate_radps", np.nan, "yaw_rate_radps has no values: nothing is read from it"),
+        ("velocity_lat_mps", 0.0, "velocity_lat_mps is 0 throughout: nothing is read from it"),
+        ("accel_long_mps2", 0.0, "accel_long_mps2 is 0 throughout: nothing is read from it"),
+    ],
+)
+def test_a_column_that_tells_nothing_is_named(
+    tmp_path: Path, column: str, values: float, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is left out and the answer says so; loggers write 0 for what they do not have."""
+    where = folder(tmp_path, duration_s=20.0)
+    table = read_signals(where)
+    table.columns[column][:] = values
+    (where / "signals.csv").write_text(signals_text(dict(table.columns)), encoding="utf-8")
+    _, drive = loaded(where, "single-track")
+
+    assert drive.notes == (said,)
+    assert column not in {OUTPUTS[name] for name in drive.outputs}
+    assert np.ptp(drive.inputs.accel_long_mps2) > 0.0
+    assert main(["diagnose", str(where), "--baseline", "single-track"]) == 0
+    assert f"Note: {said}." in capsys.readouterr().out
+
+
+def test_a_straight_drive_may_have_outputs_that_stand_still(tmp_path: Path) -> None:
+    """Coasting down of a simulated car has yaw rate and steering of 0; a bend without steering has not."""
+    where = folder(tmp_path, duration_s=20.0)
+    table = read_signals(where)
+    table.columns["steering_wheel_angle_rad"][:] = 0.0
+    with pytest.raises(InputError, match="while the steering stands still"):
+        make_drive(table, load_car(where), "single-track", "bends")
+    table.columns["yaw_rate_radps"][:] = 0.0
+    _, drive = make_drive(table, load_car(where), "single-track", "straight")
+
+    assert "yaw_rate" in drive.outputs
+    assert drive.notes == ()
+
+
+def test_a_handful_of_rows_is_no_drive(tmp_path: Path) -> None:
+    """The number of rows is said, not a column that would be missing."""
+    where = folder(tmp_path, duration_s=20.0)
+    table = read_signals(where)
+    five = SignalTable(table.file, {name: values[:5] for name, values in table.columns.items()})
+    with pytest.raises(InputError, match="5 rows: 10 are needed"):
+        make_drive(five, load_car(where), "single-track", "short")
 
 
 def test_an_infinite_value_is_refused_with_its_line(tmp_path: Path) -> None:

@@ -50,6 +50,14 @@ NEAR_FACTOR = 0.25
 """Relative distance from one of these factors: side slip and scales of instruments change it by less."""
 PARALLEL = 0.8
 """Correlation of lateral acceleration with speed times yaw rate from which their ratio says anything."""
+LEAST_VALUES = 10
+"""Values below which nothing is read from a column."""
+MOST_STRAIGHT_RAD = 0.5
+"""Change of the heading beyond which a car was steered: a gyro's noise adds up to a hundredth of it."""
+MOVED_BY_STEERING = tuple(
+    OUTPUTS[name] for name in ("yaw_rate", "accel_lat", "velocity_lat", "side_slip", "roll")
+)
+"""Columns that no steered car leaves at one value."""
 DRIVE_SHARES = {"front": 1.0, "rear": 0.0, "all": 0.5}
 
 
@@ -86,7 +94,9 @@ def make_drive(
     table: SignalTable, tables: CarTables, baseline: str, name: str
 ) -> tuple[Baseline, DynamicsDrive]:
     """Return the baseline of this car, and the drive with the outputs that were recorded."""
-    columns = _thinned(table)
+    if len(table.time_s) < LEAST_VALUES:
+        raise InputError(table.file, f"{len(table.time_s)} rows: {LEAST_VALUES} are needed at least")
+    columns, notes = _informative(_thinned(table))
     time = columns["time_s"] - columns["time_s"][0]
     steer, ratio = _steering(table, columns, tables, time)
     given = _forces_given(columns)
@@ -110,14 +120,40 @@ def make_drive(
         outputs.pop("side_slip", None)  # both say the same, mostly from one instrument
     _check_steering(table, columns, time, steer, speed, model.car)
     key = hashlib.sha256(np.ascontiguousarray(np.stack([time, steer])).tobytes()).hexdigest()[:12]
-    notes: tuple[str, ...] = ()
     if BASELINES[baseline].nonlinear and len(given) == 1:
         other = "brake" if given == ["drive"] else "drive"
-        notes = (
+        notes.append(
             f"{given[0]} forces are recorded without {other} forces, so speed is an input and the wheels"
-            " carry m a_x",
+            " carry m a_x"
         )
-    return model, DynamicsDrive(name, inputs, outputs, forces, float(columns["time_s"][0]), key, notes)
+    return model, DynamicsDrive(name, inputs, outputs, forces, float(columns["time_s"][0]), key, tuple(notes))
+
+
+def _informative(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray], list[str]]:
+    """Return the columns that tell something, and a note on each of the others.
+
+    A column without values tells nothing, nor does one that stands still where the car cannot: loggers write
+    0 for a sensor that is not there.
+    """
+    notes, left = [], dict(columns)
+    for name, values in columns.items():
+        count = int(np.isfinite(values).sum())
+        if count < LEAST_VALUES:
+            notes.append(f"{name} has {count or 'no'} values: nothing is read from it")
+            del left[name]
+    must = MOVED_BY_STEERING if any(_moves(left, name) for name in (ROAD_WHEEL, STEERING_WHEEL)) else ()
+    if _moves(left, OUTPUTS["speed"]):
+        must = (*must, OUTPUTS["accel_long"])
+    for name in must:
+        if name in left and not _moves(left, name):
+            notes.append(f"{name} is {np.nanmax(left[name]):g} throughout: nothing is read from it")
+            del left[name]
+    return left, notes
+
+
+def _moves(columns: dict[str, FloatArray], name: str) -> bool:
+    """Return True if a column has more than one value."""
+    return name in columns and float(np.nanmax(columns[name]) - np.nanmin(columns[name])) > 0.0
 
 
 def _thinned(table: SignalTable) -> dict[str, FloatArray]:
@@ -139,7 +175,7 @@ def _thinned(table: SignalTable) -> dict[str, FloatArray]:
 
 
 def _has(columns: dict[str, FloatArray], name: str) -> bool:
-    return name in columns and int(np.isfinite(columns[name]).sum()) >= 10
+    return name in columns and int(np.isfinite(columns[name]).sum()) >= LEAST_VALUES
 
 
 def _forces_given(columns: dict[str, FloatArray]) -> list[str]:
@@ -193,6 +229,9 @@ def _check_steering(
     if not _has(columns, OUTPUTS["yaw_rate"]):
         return
     yaw = filled(time, columns[OUTPUTS["yaw_rate"]])
+    turned = float(np.ptp(np.cumsum((yaw - float(np.median(yaw)))[1:] * np.diff(time))))
+    if not np.ptp(steer) > 0.0 and turned > MOST_STRAIGHT_RAD:
+        raise InputError(table.file, f"the car turns by {turned:.1f} rad while the steering stands still", 1)
     bend = speed * (steer - float(np.median(steer))) / car.wheelbase_m
     yaw = yaw - float(np.median(yaw))
     size = float(np.sqrt(np.sum(bend**2) * np.sum(yaw**2)))
