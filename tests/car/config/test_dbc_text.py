@@ -84,6 +84,10 @@ def test_the_same_as_cantools_where_cantools_reads_it() -> None:
         ("BO_ 403439865 LONG: 8 X", "taken as one of 29 bits"),
         ("BO_ 4294967295 LONG: 8 X", "more than 29 bits"),
         ('VAL_ 176 NOT_THERE 0 "off" ;', "a signal that is not there"),
+        (f"BO_ {'9' * 5000} LONG: 8 X", "message left out: invalid syntax"),
+        (f"BO_ 177 LONG: {'9' * 5000} X", "message left out: invalid syntax"),
+        (f' SG_ B m{"9" * 5000} : 8|8@1+ (1,0) [0|0] "" X', "invalid syntax"),
+        (f' SG_ B : {"9" * 5000}|8@1+ (1,0) [0|0] "" X', "invalid syntax"),
     ],
 )
 def test_what_is_wrong_is_noted_and_the_rest_is_used(tmp_path: Path, line: str, note: str) -> None:
@@ -98,6 +102,35 @@ def test_what_is_wrong_is_noted_and_the_rest_is_used(tmp_path: Path, line: str, 
     assert {"WHEELS", "NEXT"} <= {message.name for message in database.messages}
 
 
+def multiplexed() -> str:
+    """Multiplexers in a tree of four storeys, in a chain, and with many values for each of many signals."""
+    sg = ' SG_ S{} {} : {}|8@1+ (1,0) [0|0] "" X\n'
+    tree = "BO_ 177 TREE: 64 C\n" + "".join(sg.format(k, "m0M" if k else "M", 8 * k) for k in range(4))
+    tree += "".join(f"SG_MUL_VAL_ 177 S{k} S{k - 1} 0-255;\n" for k in range(1, 4))
+    chain = "BO_ 178 CHAIN: 64 C\n" + sg.format(0, "M", 0)
+    chain += "".join(sg.format(k, "m0M", k % 60) for k in range(1, 2_000))
+    chain += "".join(f"SG_MUL_VAL_ 178 S{k} S{k - 1} 0-0;\n" for k in range(1, 2_000))
+    many = 'BO_ 179 MANY: 64 C\n SG_ S0 M : 0|16@1+ (1,0) [0|0] "" X\n'
+    many += "".join(sg.format(k, "m0", 32) for k in range(1, 2_000))
+    many += "".join(f"SG_MUL_VAL_ 179 S{k} S0 0-4000;\n" for k in range(1, 2_000))
+    return tree + chain + many
+
+
+def repetitions() -> list[str]:
+    """Statements that end in a megabyte of the same."""
+    digits, blanks = "1" * 900_000, " " * 900_000
+    return [
+        *(f" SG_ B : 0|8@1+ ({digits}", f" SG_ B : 0|8@1+ (1,{digits}", f" SG_ B m{digits}", f"BO_ {digits}"),
+        *(
+            f" SG_ B{blanks}x",
+            f"VAL_ 176 A {digits}",
+            f"VAL_ 176 A 1{blanks}",
+            f"SG_MUL_VAL_ 176 A A {digits}",
+        ),
+        *(f'BA_ "GenMsgCycleTime" BO_ {digits}', f"SIG_VALTYPE_ {digits}", 'VAL_ 176 A 1 "' + "\\" * 900_001),
+    ]
+
+
 HOSTILE = {
     "multiplexer": WHEELS
     + 'BO_ 177 M: 8 C\n SG_ S M : 0|32@1+ (1,0) [0|0] "" X\n SG_ A m0 : 32|8@1+ (1,0) [0|0] "" X\n'
@@ -105,6 +138,8 @@ HOSTILE = {
     "length": WHEELS + 'BO_ 178 L: 8 C\n SG_ A : 0|4000000000@1+ (1,0) [0|0] "" X\n',
     "comment": WHEELS + 'CM_ BO_ 176 "' + "x" * 60_000_000 + '";\n',
     "lines": WHEELS + 'CM_ BO_ 176 "' + ("x" * 60 + "\n") * 1_000_000 + '";\n',
+    "layouts": WHEELS + multiplexed(),
+    "repetitions": WHEELS + "\n".join(repetitions()),
     "messages": WHEELS + "".join(f"BO_ {1000 + i} N{i}: 8 CAR\n" for i in range(100_000)),
 }
 
@@ -131,6 +166,32 @@ def test_hostile_files_stay_within_bounds(tmp_path: Path, kind: str) -> None:
         check=True,
     )
     assert int(done.stdout) < 300
+
+
+def test_multiplexers_below_one_another_are_read_up_to_the_bound() -> None:
+    """A chain is read down to the sixteenth signal; of a tree with 256 values each the root is left."""
+    reader = DbcReader()
+    reader.read(line.encode() for line in (WHEELS + multiplexed()).splitlines())
+    _, tree, chain, many = reader.messages()
+    assert [["S0"], ["S0"]] == [[signal.name for signal in message.signals] for message in (tree, many)]
+    assert [f"S{k}" for k in range(17)] == sorted((s.name for s in chain.signals), key=lambda n: int(n[1:]))
+    notes = " ".join(note.what for note in reader.notes)
+    assert "TREE: multiplexed signals left out: too many layouts" in notes
+    assert "S17 left out: more than 16 multiplexers in a chain" in notes
+
+
+def test_no_name_steers_a_terminal(tmp_path: Path) -> None:
+    """Control characters and turned writing in names, units and notes become a sign that is neither."""
+    file, steers = tmp_path / "bus.dbc", "\x1b\x07\u202e\x9b"
+    text = WHEELS.replace(" A ", f" A{steers} ").replace('""', f'"{steers}"')
+    file.write_text(f"{text} SG_ X{steers} : 0|0@1+ (1,0) [0|1]\n")
+    database = load_dbc(file)
+    assert isinstance(database, NotedDatabase)
+    (signal,) = database.messages[0].signals
+    (note,) = database.notes
+    mark = "\N{REPLACEMENT CHARACTER}"
+    assert (f"A{4 * mark}", 4 * mark) == (signal.name, signal.unit)
+    assert f"signal WHEELS.X{4 * mark} left out: 0 bits at 0" == note.what
 
 
 @given(st.integers(0, len(GOOD_DBC)), st.integers(0, 40), st.text(alphabet='0189 -"(|@,:ax;M.\n', max_size=8))

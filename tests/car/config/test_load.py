@@ -245,6 +245,10 @@ def test_one_mistake_is_one_line(make: Make, old: str, new: str, starts: str, te
         ("[status]\nsocket = '/" + "s" * 107 + "'",
          "[status] socket: too long for a socket, found 108 bytes; allowed: at most 107 bytes"),
         ('[state]\nfile = "a\\u0000b"', None),
+        ('[state]\nfile = "/srv/\\u001b[2J.json"',
+         '[state] file: it holds control characters, found "/srv/\\u001b[2J.json"; '
+         "allowed: a path in quotes, or '' for none"),
+        ('[status]\nsocket = "/srv/\\u202Egol.json"', None),
         ('[state]\ninterval_s = "60"',
          '[state] interval_s: not a number, found "60"; allowed: 1 to 86400 s; '
          "did you mean 60 without quotes?"),
@@ -257,6 +261,23 @@ def test_mistakes_in_own_tables(make: Make, extra: str, text: str | None) -> Non
     assert len((GOOD_TOML + extra).splitlines()) == problem.line
     if text is not None:
         assert f"{path}:{problem.line}: {text}" == problem.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[vehicle]", '[vehicle]\nname = "a\\nb"'),
+        ('channel = "can0"', 'channel = "can0\\u001b[2J"'),
+        ("WHEELS.CNT_FL", "WHEELS.CNT\\u009B_FL"),
+        ('device = "/dev/ttyACM0"', 'device = "/dev/tty\\u001b[2J"'),
+        ('device = "/dev/ttyACM0"', 'source = "serial:/dev/tty\\u001b[2J"'),
+    ],
+)
+def test_no_text_steers_a_terminal(make: Make, old: str, new: str) -> None:
+    """A name or a path with a control character is a problem, which shows it as TOML writes it."""
+    assert GOOD_TOML.count(old) == 1
+    problem = problems_of(make(text=GOOD_TOML.replace(old, new)))[0]
+    assert problem.text.isprintable() and "\\" in problem.text
 
 
 @pytest.mark.parametrize("table", ["can", "buses", "can.output"])

@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from cantools.database.can import Message, Signal
 from cantools.database.conversion import BaseConversion
 
+from tpmsd.car.config.problems import STEERS
+
 MAX_MESSAGES = 20_000
 """Whole cars have some 2,000."""
 MAX_SIGNALS = 50_000
@@ -27,24 +29,32 @@ MAX_FRAME_BYTES = 64
 """The longest CAN FD frame."""
 MAX_BRANCHES = 4096
 """Multiplexer values of one signal."""
+MAX_DEPTH = 16
+"""Multiplexers of which each selects the next; cars have two or three."""
+MAX_CODECS = 100_000
+"""Entries of the layouts of all messages, which have one for each multiplexer value: some 1 kB each. The
+largest file of opendbc has 1,087."""
 _STANDARD_IDS = 0x7FF
 _EXTENDED_FLAG = 1 << 31
 _NO_MESSAGE = 0xC0000000
 """Identifier under which editors keep signals that belong to no message."""
 
-_MESSAGE = re.compile(r"BO_\s+(\d+)\s+([^\s:]+)\s*:\s*(\d+)\s*(\S*)")
-_NUMBER = r"[-+]?(?:\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?)"
+# Repetitions are possessive and integers bounded: no line takes time with the square of its length.
+_INT = r"\d{1,20}+(?!\d)"
+_MESSAGE = re.compile(rf"BO_\s++({_INT})\s++([^\s:]++)\s*+:\s*+({_INT})\s*+(\S*+)")
+_NUMBER = r"[-+]?(?:\d++\.?\d*+(?:[eE][-+]?\d++)?|\.\d++(?:[eE][-+]?\d++)?)"
 _SIGNAL = re.compile(
-    r"SG_\s+([^\s:]+)(?:\s+(M|m\d+M?))?\s*:\s*(\d+)\s*\|\s*(\d+)\s*@\s*([01])\s*([+-])\s*"
-    rf"\(\s*({_NUMBER})\s*,\s*({_NUMBER})\s*\)\s*(?:\[\s*({_NUMBER})\s*\|\s*({_NUMBER})\s*\])?\s*"
-    r'(?:"((?:[^"\\]|\\.)*)")?'
+    rf"SG_\s++([^\s:]++)(?:\s++(M|m{_INT}M?))?+\s*+:\s*+({_INT})\s*+\|\s*+({_INT})\s*+@\s*+([01])\s*+([+-])\s*+"
+    rf"\(\s*+({_NUMBER})\s*+,\s*+({_NUMBER})\s*+\)\s*+"
+    rf"(?:\[\s*+({_NUMBER})\s*+\|\s*+({_NUMBER})\s*+\])?\s*+"
+    r'(?:"((?:[^"\\]|\\.)*+)")?'
 )
-_CHOICES = re.compile(r"VAL_\s+(\d+)\s+(\S+)\s+(.*)")
-_CHOICE = re.compile(r'(-?\d+)\s+"((?:[^"\\]|\\.)*)"')
-_PERIOD = re.compile(r'BA_\s+"GenMsgCycleTime"\s+BO_\s+(\d+)\s+(\d+)')
-_FLOAT = re.compile(r"SIG_VALTYPE_\s+(\d+)\s+(\S+)\s*:?\s*([012])")
-_NESTED = re.compile(r"SG_MUL_VAL_\s+(\d+)\s+(\S+)\s+(\S+)\s+([^;]*)")
-_RANGE = re.compile(r"(\d+)\s*-\s*(\d+)")
+_CHOICES = re.compile(rf"VAL_\s++({_INT})\s++(\S++)\s++(.*+)")
+_CHOICE = re.compile(rf'(?<!\d)(-?{_INT})\s++"((?:[^"\\]|\\.)*+)"')
+_PERIOD = re.compile(rf'BA_\s++"GenMsgCycleTime"\s++BO_\s++({_INT})\s++({_INT})')
+_FLOAT = re.compile(rf"SIG_VALTYPE_\s++({_INT})\s++([^\s:]++)\s*+:?\s*+([012])")
+_NESTED = re.compile(rf"SG_MUL_VAL_\s++({_INT})\s++(\S++)\s++(\S++)\s++([^;]*+)")
+_RANGE = re.compile(rf"(?<!\d)({_INT})\s*+-\s*+({_INT})")
 _KEYWORDS = re.compile(
     r"(?:VERSION|NS_|BS_|BU_|BO_|SG_|CM_|BA_DEF_DEF_|BA_DEF_|BA_|VAL_|VAL_TABLE_|SIG_VALTYPE_|SG_MUL_VAL_|EV_|"
     r"BO_TX_BU_|SIG_GROUP_|ENVVAR_DATA_|SGTYPE_|SIGTYPE_VALTYPE_|BA_REL_|BA_DEF_REL_|BA_DEF_DEF_REL_|"
@@ -95,6 +105,10 @@ class TooLargeError(Exception):
     """More messages or signals than any car has."""
 
 
+_Branches = tuple[str | None, list[int] | None, str]
+"""The multiplexer above a signal, the numbers that select it, and what is wrong with them."""
+
+
 class DbcReader:
     """Takes a DBC line by line."""
 
@@ -107,7 +121,7 @@ class DbcReader:
         self._messages: list[_DbcMessage] = []
         self._by_id: dict[int, _DbcMessage] = {}
         self._open: _DbcMessage | None = None
-        self._signals = 0
+        self._signals = self._values = self._codecs = 0
         self._in_text = False
 
     def read(self, lines: Iterable[bytes]) -> None:
@@ -217,10 +231,24 @@ class DbcReader:
         """Return the messages that were read, as cantools has them."""
         return [self._made(message) for message in self._messages]
 
+    def _selected(self, message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
+        found = _branches(message, signal, root)
+        self._values += len(found[1] or ())
+        return found if self._values <= MAX_CODECS else (None, None, "too many multiplexer values")
+
     def _made(self, message: _DbcMessage) -> Message:
         signals = []
-        for signal in message.signals.values():
-            parent, branches, problem = self._branches(message, signal)
+        root = next((signal.name for signal in message.signals.values() if signal.mux == "M"), None)
+        found = {name: self._selected(message, signal, root) for name, signal in message.signals.items()}
+        codecs = _codecs(message, found)
+        if self._codecs + codecs > MAX_CODECS:
+            what = f"message {message.name}: multiplexed signals left out: too many layouts"
+            self._note(message.line, what)
+            found = {name: entry for name, entry in found.items() if entry[1] is None}
+        else:
+            self._codecs += codecs
+        for name, (parent, branches, problem) in found.items():
+            signal = message.signals[name]
             if problem:
                 self._note(signal.line, f"signal {message.name}.{signal.name} left out: {problem}")
                 continue
@@ -241,39 +269,65 @@ class DbcReader:
             strict=False,
         )
 
-    def _branches(self, message: _DbcMessage, signal: _Signal) -> tuple[str | None, list[int] | None, str]:
-        """Return the multiplexer above a signal, the numbers that select it, and what is wrong with them."""
-        if signal.mux is None or not signal.mux.startswith("m"):
-            return None, None, ""
-        parent = signal.parent or next(
-            (other.name for other in message.signals.values() if other.mux == "M"), None
-        )
-        if parent not in message.signals or not _reaches_root(message, signal.name, parent):
-            return None, None, "its multiplexer is not there"
-        if signal.ranges is None:
-            return parent, [int(signal.mux[1:].rstrip("M")) & ((1 << 63) - 1)], ""
-        most = (1 << message.signals[parent].length) - 1
-        branches: set[int] = set()
-        for low, high in signal.ranges:
-            high = min(high, most)
-            if high - low + len(branches) >= MAX_BRANCHES:
-                return None, None, f"more than {MAX_BRANCHES} multiplexer values"
-            branches.update(range(low, high + 1))
-        return parent, sorted(branches), "" if branches else "no multiplexer value"
+
+def _branches(message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
+    if signal.mux is None or not signal.mux.startswith("m"):
+        return None, None, ""
+    parent = signal.parent or root
+    if parent not in message.signals or (problem := _missing_root(message, signal.name, parent, root)):
+        return None, None, problem if parent in message.signals else "its multiplexer is not there"
+    if signal.ranges is None:
+        return parent, [int(signal.mux[1:].rstrip("M")) & ((1 << 63) - 1)], ""
+    most = (1 << message.signals[parent].length) - 1
+    branches: set[int] = set()
+    for low, high in signal.ranges:
+        high = min(high, most)
+        if high - low + len(branches) >= MAX_BRANCHES:
+            return None, None, f"more than {MAX_BRANCHES} multiplexer values"
+        branches.update(range(low, high + 1))
+    return parent, sorted(branches), "" if branches else "no multiplexer value"
 
 
-def _reaches_root(message: _DbcMessage, name: str, parent: str) -> bool:
+def _missing_root(message: _DbcMessage, name: str, parent: str, root: str | None) -> str:
+    """Return why the multiplexers above a signal do not lead to one that always holds; empty if they do."""
     seen = {name}
     at: str | None = parent
     while at is not None:
         if at in seen or at not in message.signals:
-            return False
+            return "its multiplexer is not there"
+        if len(seen) > MAX_DEPTH:
+            return f"more than {MAX_DEPTH} multiplexers in a chain"
         seen.add(at)
         signal = message.signals[at]
         if signal.mux is None or not signal.mux.startswith("m"):
-            return True
-        at = signal.parent or next((s.name for s in message.signals.values() if s.mux == "M"), None)
-    return False
+            return ""
+        at = signal.parent or root
+    return "its multiplexer is not there"
+
+
+def _codecs(message: _DbcMessage, found: dict[str, _Branches]) -> int:
+    """Return how many entries cantools' layouts of a message have at most.
+
+    cantools makes a layout for each value of a multiplexer, and in it one for each value of each multiplexer
+    below: entries multiply with the depth.
+    """
+    below: dict[str, list[tuple[str, list[int]]]] = {}
+    for name, (parent, ids, problem) in found.items():
+        if parent is not None and ids is not None and not problem:
+            below.setdefault(parent, []).append((name, ids))
+    entries: dict[str, int] = {}
+
+    def of(name: str) -> int:
+        if not (message.signals[name].mux or "").endswith("M"):
+            return 0
+        if name not in entries:
+            children, choices = below.get(name, []), message.signals[name].choices or {}
+            values = set().union(choices, *(ids for _, ids in children))
+            passed = len(values) * (1 + len(children)) + sum(len(ids) for _, ids in children)
+            entries[name] = passed + sum(len(ids) * of(child) for child, ids in children)
+        return entries[name]
+
+    return sum(of(name) for name, (parent, _, problem) in found.items() if parent is None and not problem)
 
 
 def _cantools_signal(signal: _Signal, parent: str | None, branches: list[int] | None) -> Signal:
@@ -311,7 +365,9 @@ def _ends(raw: bytes) -> bool:
 
 
 def _decoded(raw: bytes) -> str:
+    """Return a line's text, with U+FFFD for what would steer a terminal."""
     try:
-        return raw.decode("utf-8")
+        text = raw.decode("utf-8")
     except UnicodeDecodeError:
-        return raw.decode("cp1252", errors="replace")
+        text = raw.decode("cp1252", errors="replace")
+    return STEERS.sub("\N{REPLACEMENT CHARACTER}", text.rstrip().replace("\t", " "))

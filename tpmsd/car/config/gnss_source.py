@@ -10,7 +10,7 @@ import re
 from dataclasses import dataclass
 
 from tpmsd.car.config.model import GnssConfig
-from tpmsd.car.config.problems import BadValueError, show
+from tpmsd.car.config.problems import STEERS, BadValueError, show
 
 ALLOWED = "serial:PATH | gpsd://HOST:PORT | tcp://HOST:PORT | udp://HOST:PORT | can"
 GPSD_PORT = 2947
@@ -93,6 +93,8 @@ class SourceRule:
         """Return the source without blanks around it."""
         if not isinstance(value, str):
             raise BadValueError("not a text", show(value), ALLOWED)
+        if STEERS.search(value.strip()):
+            raise BadValueError("it holds control characters", show(value), ALLOWED)
         parse_source(value)
         return value.strip()
 
@@ -104,7 +106,7 @@ class DeviceRule:
     def read(self, value: object) -> str:
         """Return the path without blanks around it."""
         allowed = "a serial line such as /dev/ttyACM0"
-        if not isinstance(value, str) or not value.strip() or "\0" in value:
+        if not isinstance(value, str) or not value.strip() or STEERS.search(value):
             raise BadValueError("not a serial line", show(value), allowed)
         if "://" in value:
             parse_source(value)

@@ -96,6 +96,10 @@ class BadValueError(Exception):
         return Problem(str(file), line, key, self.what, self.found, self.allowed, self.suggestion)
 
 
+STEERS = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Control characters, line ends, turned writing: in a name they would steer a terminal."""
+
+
 def one_line(text: str) -> str:
     """Return `text` without anything that a terminal would take for a new line or a control character."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)

@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
-from tpmsd.car.config.problems import BadValueError, show
+from tpmsd.car.config.problems import STEERS, BadValueError, show
 from tpmsd.car.config.suggest import nearest
 
 # Values that are right in another unit: what they must be multiplied by, and the confusion's name.
@@ -254,6 +254,8 @@ def _text(value: object, allowed: str) -> str:
         raise BadValueError("not a text", show(value), allowed)
     if not value.strip():
         raise BadValueError("empty", show(value), allowed)
+    if STEERS.search(value):
+        raise BadValueError("it holds control characters", show(value), allowed)
     return value
 
 
