@@ -5,6 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import subprocess
+import sys
 import threading
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -87,6 +89,18 @@ def test_without_memory_for_a_thread_the_state_is_saved_all_the_same(
     assert {"n": 1} == saved(config)
 
 
+def test_a_disk_that_hangs_for_ever_keeps_no_process_from_its_end(tmp_path: Path) -> None:
+    """The interpreter does not wait for a write that never comes back."""
+    program = (
+        "import sys, threading\n"
+        "from pathlib import Path\n"
+        "from tpmsd.onboard.daemon.state_writer import StateWriter\n"
+        "StateWriter(lambda file, content: threading.Event().wait()).begin(Path(sys.argv[1]), b'')\n"
+    )
+    command = [sys.executable, "-c", program, str(tmp_path / "state.json")]
+    assert 0 == subprocess.run(command, timeout=20.0).returncode
+
+
 def test_whatever_a_write_raises_is_a_failure(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A write that ends in an exception of any type is said, is not taken for saved, and is tried again."""
     config, _ = car(tmp_path)
@@ -118,6 +132,28 @@ def test_the_state_is_saved_at_its_interval(tmp_path: Path) -> None:
     assert [None, {"learned": 60}, {"learned": 120}, {"learned": 180}] == [
         value for k, value in enumerate(seen) if k == 0 or value != seen[k - 1]
     ]
+
+
+def test_a_state_that_cannot_be_set_aside_says_why(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A folder stands under the name: the reason of the system, without its number and without paths."""
+    config, database = car(tmp_path)
+    assert config.state.file is not None
+    StateKeeper(config, LOG).save(0.0, {"format": "nonsense"})
+    (tmp_path / "state.json.other" / "full").mkdir(parents=True)
+    StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
+    (said,) = caplog.messages
+    assert said.endswith("; could not be set aside (Is a directory), learning anew")
+
+
+@pytest.mark.parametrize("start_s", [0.5, 60.0, 1e6])
+def test_the_first_moment_saves_nothing_whatever_the_clock_shows(start_s: float, tmp_path: Path) -> None:
+    """Monotonic time counts from the machine's start: the interval begins with the first service."""
+    state, config = keeper(tmp_path)
+    state.service(start_s, lambda: {"n": 0})
+    state.service(start_s + 59.0, lambda: {"n": 1})
+    assert saved(config) is None
+    state.service(start_s + 60.0, lambda: {"n": 2})
+    assert {"n": 2} == saved(config)
 
 
 def test_an_alarm_is_saved_at_once_but_not_each_of_many(tmp_path: Path) -> None:

@@ -445,6 +445,23 @@ def test_the_file_is_plain_json_with_its_version(tmp_path: Path) -> None:
     }
 
 
+def test_the_order_of_keys_says_nothing(tmp_path: Path) -> None:
+    """Equal payloads make equal files, and a JSON tool that sorts or turns the keys does no damage."""
+    path = tmp_path / "state.json"
+    turned = dict(reversed(list(OLD.items())))
+    assert encode_state(path, OLD) == encode_state(path, turned)
+    record = json.loads(encode_state(path, OLD))
+    path.write_text(json.dumps(dict(reversed(list(record.items()))) | {"payload": turned}))
+    assert (OLD, []) == load(path)
+
+
+def test_folders_that_are_missing_are_made(tmp_path: Path) -> None:
+    """The state's folder may lie in one that is missing, too."""
+    path = tmp_path / "var" / "lib" / "state.json"
+    save_state(path, OLD)
+    assert (OLD, []) == load(path)
+
+
 @pytest.mark.parametrize(("more", "fits"), [(0, True), (1, False)])
 def test_a_state_may_have_a_megabyte_and_no_byte_more(more: int, fits: bool, tmp_path: Path) -> None:
     """The same bound holds for what is written and for what is read."""
