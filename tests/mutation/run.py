@@ -148,9 +148,11 @@ def fails(
 
     With `recorded`, lines of these modules are kept in that file.
     """
+    priority = _autogroup()
     child = os.fork()
     if child == 0:
         os.setsid()
+        _autogroup(priority)
         signal.alarm(int(limit_s) + 1)
         os.chdir(TREE)
         os.environ["PYTHONPATH"] = str(TREE)
@@ -180,6 +182,20 @@ def fails(
     if os.WIFEXITED(status) and os.WEXITSTATUS(status) in (4, 5) and not unread:
         raise SystemExit(f"no tests ran: {tests}; see {TREE / 'build.log'}")
     return status != 0
+
+
+def _autogroup(nice: str | None = None) -> str | None:
+    """Return the priority of this session among others, and set it to `nice`; None where Linux has none.
+
+    A new session begins with the usual one: its tests would take the processor from whoever works beside.
+    """
+    file = Path("/proc/self/autogroup")
+    try:
+        if nice is not None:
+            file.write_text(nice, "ascii")
+        return file.read_text("ascii").split()[-1]
+    except OSError:
+        return None
 
 
 def killed(module: str, text: str, tests: Sequence[str], left_out: str, limit_s: float) -> bool:
