@@ -179,6 +179,50 @@ def test_a_new_segment_keeps_the_speed_of_before_for_80_ms(readings: int) -> Non
     assert_alike(tracker, taken, times, values, 0.01)
 
 
+def test_a_wheel_that_creeps_is_regular() -> None:
+    """At 0.8 m/s a count lasts for 50 ms, in which a wheel that brakes may have stopped: no value is old."""
+    tracker, times, values = turning(100, 0.8)
+    changed = [k for k in range(1, 100) if values[k] != values[k - 1]]
+    begin, end = changed[0] + 1, changed[-1] + 1
+    for time_s, value in zip(times[:begin], values[:begin], strict=True):
+        tracker.update(time_s, value, 0.01, [])
+    times, values = times[begin:end], values[begin:end]
+    taken = ahead(tracker, times, values)
+
+    assert len(values) == taken.regular > 80
+    assert_alike(tracker, taken, times, values, 0.01)
+
+
+def test_bounds_are_narrow_again_soon_after_a_gap() -> None:
+    """After a gap of a second 25 bits too many are possible in 100 ms; a few readings later they are not."""
+    period_s, gap_s = 0.1, 1.0
+    times = np.append(period_s * np.arange(40), 3.9 + gap_s + period_s * np.arange(12))
+    raw = np.floor(times * 5.0 / (2 * np.pi * 0.316) * 48).astype(np.int64)
+    raw[-3] += 25
+    tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
+    for at in range(41):
+        tracker.update(float(times[at]), int(raw[at]), period_s, [])
+    later, values = times[41:].tolist(), raw[41:].tolist()
+    taken = tracker.regular_readings(np.array(later), np.array(values), np.full(len(later), period_s))
+
+    assert 8 == taken.regular
+    assert_alike(tracker, taken, later, values, period_s)
+
+
+def test_a_gap_over_which_the_counter_may_roll_over_is_not_regular() -> None:
+    """A counter of six bits at 6.2 m/s: 45 bits in 300 ms may be 109 as well."""
+    times = np.append(0.02 * np.arange(KNOWN + 5), 0.02 * (KNOWN + 4) + 0.3)
+    raw = np.floor(times * 6.2 / (2 * np.pi * 0.316) * 48).astype(np.int64) % 64
+    tracker = WheelCounter(0, 64, 1.0, 48.0, 0.316, FaultLog())
+    for at in range(KNOWN):
+        tracker.update(float(times[at]), int(raw[at]), 0.02, [])
+    later, values = times[KNOWN:].tolist(), raw[KNOWN:].tolist()
+    taken = tracker.regular_readings(np.array(later), np.array(values), np.full(len(later), 0.02))
+
+    assert 5 == taken.regular
+    assert_alike(tracker, taken, later, values, 0.02)
+
+
 def test_nothing_is_regular_while_no_speed_is_known() -> None:
     """Behind the first reading of all the bounds are those of a wheel of which nothing is known."""
     tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
 from tpmsd.onboard.sources.can.faults import FaultLog
-from tpmsd.onboard.sources.events import Event, RotationSample
+from tpmsd.onboard.sources.events import Event, RotationSample, SourceFault
 from tpmsd.onboard.sources.wheel_counter import WheelCounter
 
 PERIOD_S = 0.01
@@ -224,6 +224,22 @@ def test_an_odd_value_within_reach_is_taken_back() -> None:
     assert {"rl.jump": 1} == dict(wheel.faults.counts)
 
 
+def test_an_odd_value_is_reported_at_its_own_stamp() -> None:
+    """The fault lies where the value came that nothing before or after it bears out."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    wheel.feed(1.01, total + 20000)
+    wheel.feed(1.02, total + 10)
+
+    faults = [event for event in wheel.out if isinstance(event, SourceFault)]
+    assert [(1.01, "jump", 2)] == [(fault.time_s, fault.kind, fault.wheel) for fault in faults]
+
+
+def test_a_counter_of_which_nothing_came_is_not_stuck() -> None:
+    """A wheel without a message must not keep the others' readings from being taken at once."""
+    assert not Wheel().counter.stuck
+
+
 def test_a_new_level_is_a_new_segment() -> None:
     """Where the readings go on from the odd value, it was a jump of the counter."""
     wheel = Wheel()
@@ -275,8 +291,8 @@ def test_sparse_odd_readings_are_not_believed() -> None:
 
 
 def test_odd_readings_whose_stamps_go_back_are_not_believed() -> None:
-    """Values that rise evenly are those of a wheel in the order of time alone."""
-    for stamps_s, segment in (((1.03, 1.04), 1), ((1.04, 1.03), 0)):
+    """Values that rise evenly are those of a wheel in the order of time alone, and no two of them at once."""
+    for stamps_s, segment in (((1.03, 1.04), 1), ((1.04, 1.03), 0), ((1.03, 1.03), 0)):
         wheel = Wheel()
         wheel.drive(0.0, 1.0, 0.0)
         for step, time_s in enumerate((1.01, 1.02, *stamps_s, 1.05, 1.06, 1.07), 1):
