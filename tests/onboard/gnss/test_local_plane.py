@@ -127,7 +127,7 @@ def test_a_pass_road(grade: float):
 def test_height_noise_moves_nothing():
     """Standing still, a height that jumps by tens of metres moves the position by less than 0.1 mm."""
     plane = LocalPlane()
-    plane.to_plane(48.0, 11.0, 500.0)
+    plane.to_plane(48.0, 11.0, 0.0)
     rng = np.random.default_rng(1)
     n = 500
     places = plane.to_plane_array(np.full(n, 48.01), np.full(n, 11.01), 500.0 + rng.normal(0, 20, n))
@@ -156,7 +156,7 @@ def test_no_seam_where_the_plane_rolls_on():
 def test_first_fix_is_the_origin():
     """The first fix is 0/0, and east and north there are the axes."""
     plane = LocalPlane()
-    assert (0.0, 0.0) == plane.to_plane(48.0, 11.0, 500.0)
+    assert (0.0, 0.0) == plane.to_plane(48.0, 11.0, 0.0)
     assert pytest.approx(math.pi / 2) == plane.heading_from_course(0.0)
     assert pytest.approx(0.0) == plane.heading_from_course(math.pi / 2)
     assert pytest.approx(math.pi) == plane.heading_from_course(1.5 * math.pi)
@@ -179,7 +179,7 @@ def test_nothing_known():
 def test_a_wrong_fix_leaves_no_trace(away: tuple[float, float]):
     """One fix far away, be it the other side of the earth, is far in the plane; the next is home again."""
     plane = LocalPlane()
-    plane.to_plane(48.0, 11.0, 500.0)
+    plane.to_plane(48.0, 11.0, 0.0)
     home = plane.to_plane(48.001, 11.001, 500.0)
     assert math.hypot(*plane.to_plane(*away, 500.0)) > 3000.0
     assert math.isfinite(plane.heading_from_course(1.0))
@@ -214,3 +214,13 @@ def test_axes_are_carried_by_the_rotation_that_takes_one_vertical_to_the_other(d
     for vector, carried in ((up, to), (axis, axis), (side, tilted)):
         found = _carry(tuple(vector.tolist()), tuple(up.tolist()), tuple(to.tolist()))
         assert np.allclose(carried, found, atol=1e-12)
+
+
+@pytest.mark.parametrize(("distance_m", "anchors"), [(1999.5, 1), (2000.5, 2)])
+def test_the_plane_rolls_on_two_kilometres_from_where_it_touches(distance_m: float, anchors: int) -> None:
+    """The scale error across the line to the anchor is (d / R)^2 / 6: 1.6e-8 at the bound of 2 km."""
+    plane = LocalPlane()
+    plane.to_plane(48.0, 11.0, 0.0)
+    latitude, longitude, _ = vincenty_direct(math.radians(48.0), math.radians(11.0), 0.7, distance_m)
+    plane.to_plane(math.degrees(latitude), math.degrees(longitude), 0.0)
+    assert anchors == plane.anchors

@@ -8,13 +8,13 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.onboard.timeline.events import START_S, rotations
+from tests.onboard.timeline.events import QUANTUM, START_S, rotations
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.sources.ahead.decoded_block import Angles, DecodedBlock, Frames, Values
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
-from tpmsd.onboard.timeline.tick_plan import planned
+from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, planned
 from tpmsd.onboard.timeline.timeline import Timeline
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=100)
@@ -134,7 +134,8 @@ def test_readings_of_one_stamp_are_not_taken_ahead() -> None:
 
 
 def test_a_wheel_that_falls_silent_is_not_planned() -> None:
-    """A wheel of which the track has readings and the block has none ends all planning."""
+    """A wheel of which the track has readings and the block has none ends all planning; one of which nothing
+    ever came ends none."""
     times_s = np.arange(12) * 0.1
     track = RotationTrack()
     track.extend(run(times_s, times_s, 0))
@@ -142,6 +143,38 @@ def test_a_wheel_that_falls_silent_is_not_planned() -> None:
     decoded = DecodedBlock(0, 12, (Frames(np.arange(12), times_s),), wheels, (), lambda: None)
     tracks = [track, *(RotationTrack() for _ in range(3))]
     assert planned(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None
+    tracks[0] = RotationTrack()
+    assert planned(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is not None
+
+
+class Planner:
+    """Answers as a plan does, and keeps whether it had each tick that was asked for."""
+
+    def __init__(self, plan: TickPlan) -> None:
+        self.plan = plan
+        self.found: list[bool] = []
+
+    def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
+        tick = self.plan.tick(index, end_s, 6)
+        self.found.append(tick is not None)
+        return tick
+
+
+def test_a_plan_covers_the_ticks_up_to_its_last_frame() -> None:
+    """Each tick that ends before the last frame of the block is planned, and none behind it."""
+    timeline, made = Timeline(10.0), []
+    for event in rotations(20.0, 2.0, 0.01):
+        made += timeline.add(event)
+    times_s: FloatArray = START_S + np.array([2.05, 2.15, 2.25, 2.35, 2.45, 2.573])
+    wheels = tuple(Angles(0, 20.0 * (times_s - START_S), wheel, 0, QUANTUM) for wheel in range(4))
+    plan = timeline.plan(DecodedBlock(0, 6, (Frames(np.arange(6), times_s),), wheels, (), lambda: None))
+    assert plan is not None
+    planner = Planner(plan)
+    timeline.plan_with(planner)
+    timeline.advance(START_S + 4.0)
+    count = math.floor((times_s[-1] - made[-1].time_s) / 0.1)
+    assert [True] * count == planner.found[:count] and not any(planner.found[count:])
+    assert len(planner.found) > count > 4
 
 
 def test_a_block_without_a_wheel_is_no_plan() -> None:

@@ -17,6 +17,11 @@ from tpmsd.onboard.timeline.timeline import HOLDBACK_S, Timeline
 QUIET = settings(derandomize=True, deadline=None, max_examples=40)
 
 
+def test_nothing_is_counted_before_anything_came() -> None:
+    """Each count of a new timeline is 0."""
+    assert {0} == set(Timeline(10.0).counts.values())
+
+
 def same(a: list[Tick], b: list[Tick]) -> bool:
     """Whether two lists of ticks are the same, NaN equal to NaN."""
     return repr(a) == repr(b)
