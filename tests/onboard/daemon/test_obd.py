@@ -153,14 +153,15 @@ def test_the_minute_ends_with_its_last_instant(later_s: float, asked: int) -> No
     assert asked == len(asker.frames(later_s, False))
 
 
-def test_a_car_whose_wheels_are_frozen_is_asked_on() -> None:
+@pytest.mark.parametrize("kmh", [1, 50, 255])
+def test_a_car_whose_wheels_are_frozen_is_asked_on(kmh: int) -> None:
     """An answer above zero is motion too, so that wheels that stand do not end the asking."""
     asker, asked = ObdAsker(ObdConfig(speed=True)), 0
     for second in range(600):
         asker.heard(0x0B0, False, bytes(8), float(second))
         if asker.frames(float(second), False):
             asked += 1
-            asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, 50]), float(second))
+            asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, kmh]), float(second))
     assert 597 == asked
 
 

@@ -14,8 +14,9 @@ import pytest
 from tests.onboard.daemon.fakes import FakeBus
 from tests.onboard.daemon.test_links import link_of
 from tpmsd.interfaces.cli.main import main
-from tpmsd.onboard.daemon.drive_recording import DriveRecording
+from tpmsd.onboard.daemon.drive_recording import SYNC_S, DriveRecording, RecordingProgress
 from tpmsd.onboard.daemon.recorder import Appender
+from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import read_can_log
 from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
 
@@ -110,3 +111,28 @@ def test_a_recording_ends_at_its_limit_and_says_which(tmp_path: Path) -> None:
     seen = made.run(lambda: False, lambda seen: None, 30.0)
 
     assert "2 MB are full (--max-mb)" == seen.why
+
+
+class SteadyBus(FakeBus):
+    """Thirty frames in each round."""
+
+    def read(self, limit: int = 1000) -> list[CanFrame]:
+        return 30 * [CanFrame(1000.0, "can0", 0xB0, False, False, False, False, b"\0")]
+
+
+def test_a_power_cut_costs_seconds_and_the_rate_is_that_of_the_last_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In rounds of a second: every `SYNC_S` and at the end both files go to the disk, not more often."""
+    clock, synced, seen = count(0.0, 1.0), list[str](), list[tuple[int, float]]()
+    monkeypatch.setattr("tpmsd.onboard.daemon.drive_recording.WAIT_S", 0.0)
+    monkeypatch.setattr(Appender, "sync", lambda _: synced.append("file"))
+    link = link_of(SteadyBus())
+    made = DriveRecording(tmp_path / "d", link, None, lambda: 1000.0, lambda: next(clock), 1 << 30)
+
+    def report(progress: RecordingProgress) -> None:
+        seen.append((len(synced), progress.frames_per_s))
+
+    made.run(lambda: False, report, 23.0)
+    assert [(2 * int(second // SYNC_S), 30.0) for second in range(1, 23)] == seen
+    assert 2 * int(23.0 // SYNC_S) + 2 == len(synced)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import logging
 import os
 import resource
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ from tests.onboard.daemon.fakes import car, wheels_frame
 from tpmsd.car.config.load import load_config
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.onboard.daemon.config_toml import config_toml
+from tpmsd.onboard.daemon.journal import JournalFormatter
 from tpmsd.onboard.daemon.recorder import Appender, DriveRecorder, candump_line
 from tpmsd.onboard.sources.can.candump_line import parse_candump_line
 from tpmsd.onboard.sources.can.frame import CanFrame
@@ -170,3 +172,13 @@ def test_a_write_that_breaks_off_within_a_line_leaves_the_lines_before(
         file.flush()
     assert b"first line\n" == (tmp_path / "log").read_bytes()
     file.close()
+
+
+def test_the_priorities_of_the_journal_are_those_of_syslog() -> None:
+    """RFC 5424: critical 2, error 3, warning 4, informational 6, debug 7; a level between has that below."""
+    levels = (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG, 35)
+    lines = [
+        JournalFormatter("%(message)s").format(logging.LogRecord("tpmsd", level, "", 0, "a\nb", (), None))
+        for level in levels
+    ]
+    assert [f"<{number}>a b" for number in (2, 3, 4, 6, 7, 4)] == lines
