@@ -157,6 +157,15 @@ def test_misses_stand_on_the_page_beside_hits() -> None:
     assert "1 of 2 concealed effects that their drives can tell are named first, 1 of 3 in all" in text
     assert "1 drive with a wrong name" in text and "y&lt;z" in text
     assert all(f"{row.drive}: {row.verdict}" in text for row in rows) and "SEED=5" in text
+    assert 'data-head="verdict"' in text, "on a phone each cell has the head of its column"
+
+
+def test_a_finding_that_nobody_concealed_is_explained() -> None:
+    """A drawn receiver's lag is on the page as what the drive holds besides, and text has the page's sign."""
+    row = Row("a", "nothing", hit=True, inherent="velocity_lag lag_s 0.09", value="lag_s 0.09 +- 0.01")
+    text = page([row], 1)
+    assert "<dt>held besides, not concealed</dt><dd>velocity_lag lag_s 0.09</dd>" in text
+    assert "0.09 ± 0.01" in text and "+-" not in text
 
 
 def test_verdict_and_picture_stand_before_the_table() -> None:

@@ -18,14 +18,19 @@ STYLE = """
 :root{color-scheme:light dark}
 body{font:16px/1.5 system-ui,sans-serif;max-width:70em;margin:auto;padding:1em}
 h1{font-size:1.5em;line-height:1.25}
-figure{margin:1em 0}figure img{max-width:100%;background:#fff}
+figure{margin:1em 0}figure img{max-width:100%;background:#fff}.picture{overflow-x:auto}
 .table{overflow-x:auto}table{border-collapse:collapse;width:100%}
 th,td{text-align:left;vertical-align:top;padding:.3em .6em;border-bottom:1px solid #8886}
 article{border-left:.4em solid #888;padding:.2em 1em;margin:1em 0}
 .hit{border-color:#2a8f5c}.wrong{border-color:#c33}td.hit{color:#2a8f5c}td.wrong{color:#c33}
 dl{display:grid;grid-template-columns:minmax(7em,max-content) 1fr;gap:.1em 1em}
 dt{opacity:.7}dd{margin:0;overflow-wrap:anywhere}h2{font-size:1.1em;margin:.3em 0}
-@media(max-width:30em){dl{grid-template-columns:1fr}}
+@media(max-width:34em){
+dl{grid-template-columns:1fr}dt{margin-top:.4em}.picture img{max-width:none;width:44em}
+table,tbody,tr,td{display:block}tr:first-child{display:none}tr{border-bottom:1px solid #888;padding:.4em 0}
+td{display:grid;grid-template-columns:7em 1fr;padding:.1em 0;border:0;overflow-wrap:anywhere}
+td::before{content:attr(data-head);opacity:.7}td:empty{display:none}
+}
 """
 
 
@@ -71,9 +76,10 @@ def _best(rows: Sequence[Row]) -> str:
         return ""
     row = hits[0]
     data = base64.b64encode(row.picture.encode("utf-8")).decode("ascii")
-    said = escape(row.said.replace("+-", "±"))
+    said = _text(row.said)
     return (
-        f'<figure><img src="data:image/svg+xml;base64,{data}" alt="residual before and after">'
+        '<figure><div class="picture">'
+        f'<img src="data:image/svg+xml;base64,{data}" alt="residual before and after"></div>'
         f"<figcaption>The diagnosis: “{said}” Concealed was {escape(row.concealed)}:"
         f" {escape(row.truth)}.</figcaption></figure>"
     )
@@ -82,13 +88,21 @@ def _best(rows: Sequence[Row]) -> str:
 def _table(rows: Sequence[Row]) -> str:
     heads = ("drive", "concealed", "truth", "named", "value, 95 %", "verdict")
     body = "".join(
-        f'<tr><td><a href="#drive-{number}">{number}. {escape(row.drive)}</a></td>'
-        + "".join(f"<td>{escape(each)}</td>" for each in (row.concealed, row.truth, row.named, row.value))
-        + f'<td class="{_kind(row)}">{escape(row.verdict)}</td></tr>'
+        f'<tr><td data-head="drive"><a href="#drive-{number}">{number}. {escape(row.drive)}</a></td>'
+        + "".join(
+            f'<td data-head="{name}">{_text(each)}</td>'
+            for name, each in zip(heads[1:5], (row.concealed, row.truth, row.named, row.value), strict=True)
+        )
+        + f'<td class="{_kind(row)}" data-head="verdict">{escape(row.verdict)}</td></tr>'
         for number, row in enumerate(rows, 1)
     )
     head = "".join(f"<th>{one}</th>" for one in heads)
     return f'<div class="table"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def _text(words: str) -> str:
+    """Return words as HTML, with the sign of a page for plus or minus."""
+    return escape(words.replace("+-", "±"))
 
 
 def _kind(row: Row) -> str:
@@ -103,6 +117,7 @@ def _article(number: int, row: Row) -> str:
     for title, text in (
         ("concealed", row.concealed),
         ("truth", row.truth),
+        ("held besides, not concealed", row.inherent),
         ("the oracle", row.oracle),
         ("the diagnosis", row.said),
         ("named", row.named),
@@ -113,5 +128,5 @@ def _article(number: int, row: Row) -> str:
         ("SHA-256 of the sealed truth", row.sha256),
     ):
         if text:
-            lines.append(f"<dt>{escape(title)}</dt><dd>{escape(text)}</dd>")
+            lines.append(f"<dt>{escape(title)}</dt><dd>{_text(text)}</dd>")
     return "".join(lines) + "</dl></article>"

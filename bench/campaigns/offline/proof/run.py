@@ -59,6 +59,8 @@ class Row:
     drive: str
     concealed: str
     truth: str = ""
+    inherent: str = ""
+    """What the drive's world holds besides, with its size: a true finding that is not asked for."""
     located: str = ""
     named: str = ""
     value: str = ""
@@ -178,6 +180,9 @@ def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str,
     wanted = [each for each in truth.effects if not each.inherent]
     row = Row(case.world, ", ".join(each.effect for each in wanted) or "nothing", sha256=sha256)
     row.truth = listed({name: value for each in wanted for name, value in each.parameters.items()})
+    row.inherent = "; ".join(
+        f"{each.effect} {listed(each.parameters)}" for each in truth.effects if each.inherent
+    )
     row.tellable, row.oracle = can_tell(wanted), bounds(wanted)
     if answer.error or answer.document.get("reason"):
         row.named = answer.error or str(answer.document["reason"])
@@ -317,6 +322,7 @@ def printed(rows: Sequence[Row]) -> str:
         lines.append(f"\n{number}. {row.drive}: {row.concealed} -> {row.verdict}")
         for title, text in (
             ("truth", row.truth),
+            ("held besides", row.inherent),
             ("oracle", row.oracle),
             ("named", row.named),
             ("located", row.located),
