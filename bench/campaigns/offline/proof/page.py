@@ -18,7 +18,8 @@ STYLE = """
 :root{color-scheme:light dark}
 body{font:16px/1.5 system-ui,sans-serif;max-width:70em;margin:auto;padding:1em}
 h1{font-size:1.5em;line-height:1.25}
-figure{margin:1em 0}figure img{max-width:100%;background:#fff}.picture{overflow-x:auto}
+figure{margin:1em 0}figure img{max-width:100%;background:#fff}
+.picture{overflow-x:auto}code{overflow-wrap:anywhere}
 .table{overflow-x:auto}table{border-collapse:collapse;width:100%}
 th,td{text-align:left;vertical-align:top;padding:.3em .6em;border-bottom:1px solid #8886}
 article{border-left:.4em solid #888;padding:.2em 1em;margin:1em 0}

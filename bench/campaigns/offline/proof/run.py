@@ -141,7 +141,7 @@ def numbers(findings: Sequence[dict[str, Any]]) -> str:
         for name, each in finding["parameters"].items():
             value, std = each["value"], each["std"]
             if isinstance(value, float) and std is not None:
-                parts.append(f"{name} {value:.4g} +- {1.96 * std:.1g}")
+                parts.append(f"{name} {value:.4g} +- {float(f'{1.96 * std:.1g}'):g}")
             else:
                 parts.append(f"{name} {value}")
     return ", ".join(parts)
@@ -175,14 +175,17 @@ def listed(parameters: Mapping[str, Any]) -> str:
     )
 
 
+def held_besides(truth: Truth) -> str:
+    """Names and values of what the drive's world holds without having been asked to."""
+    return "; ".join(f"{each.effect} {listed(each.parameters)}" for each in truth.effects if each.inherent)
+
+
 def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str, Said], sha256: str) -> Row:
     """Return the row of a drive whose truth was opened."""
     wanted = [each for each in truth.effects if not each.inherent]
     row = Row(case.world, ", ".join(each.effect for each in wanted) or "nothing", sha256=sha256)
     row.truth = listed({name: value for each in wanted for name, value in each.parameters.items()})
-    row.inherent = "; ".join(
-        f"{each.effect} {listed(each.parameters)}" for each in truth.effects if each.inherent
-    )
+    row.inherent = held_besides(truth)
     row.tellable, row.oracle = can_tell(wanted), bounds(wanted)
     if answer.error or answer.document.get("reason"):
         row.named = answer.error or str(answer.document["reason"])
