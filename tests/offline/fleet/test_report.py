@@ -103,7 +103,7 @@ def test_attention_is_what_stands(tables: dict[str, list[Row]]) -> None:
 
 def test_a_malfunction_has_its_reason_and_the_advice_for_it(tables: dict[str, list[Row]]) -> None:
     """An encoder that loses counts is named as that, and the ring is to be checked, not the receiver."""
-    reason = "the encoder of wheel rl loses counts: 0.20 % of them"
+    reason = "the encoder of wheel rl loses 0.20 % of its counts"
     alarm = {"kind": "malfunction", "reason": reason, "state": "raised"}
     tables["alarms"] = [row("alarms", key="k0", car="van & co", time=1.7e9, wheel="rl", **alarm)]
     (one,) = [one for one in report_document(tables)["attention"] if one["car"] == "van & co"]
@@ -149,6 +149,23 @@ def test_models_have_their_findings(tables: dict[str, list[Row]]) -> None:
     assert "gnss_latency latency_s: +0.1 +- 0.004 s (p 1e-09)" in report_text(report_document(tables))
 
 
+def test_reasons_are_words_and_drives_of_one_instant_do_not_mix(tables: dict[str, list[Row]]) -> None:
+    """A kind is said without underscores; an alarm cleared on one drive stands on another at one instant."""
+    for one in tables["drives"]:
+        one["start"] = 1.7e9
+    alarm = {"kind": "radius_deviation", "wheel": "rl", "reason": "", "car": "van & co"}
+    tables["alarms"] = [
+        row("alarms", key="k0", time=1.7e9 + 1.0, state="raised", **alarm),
+        row("alarms", key="k0", time=1.7e9 + 9.0, state="cleared", **alarm),
+        row("alarms", key="k1", time=1.7e9 + 5.0, state="raised", **alarm),
+    ]
+    differs = dict(tables["findings"][0]) | {"kind": "effect", "effect": "gnss_latency"}
+    tables["findings"] = [differs | {"parameter": "latency_s", "unit": "s"}]
+    whys = [one["why"] for one in report_document(tables)["attention"]]
+    assert "radius deviation rear left" in whys
+    assert "unlike its model: GNSS latency latency by -0.05 +- 0.01 s" in whys
+
+
 def test_the_page_is_whole_by_itself(tables: dict[str, list[Row]]) -> None:
     """It loads nothing, its links lead to places in it, names are escaped, each car has its plot."""
     page = Page(report_page(report_document(tables), tables))
@@ -176,6 +193,7 @@ def test_drives_of_one_instant_stand_side_by_side(
     page = report_page(report_document(tables), tables)
     assert title in page
     assert ("some overlap in time" in page) == (apart_s == 0.0)
+    assert [apart_s == 0.0] == [one["counts"] for one in Page(page).data], "marks at whole numbers"
 
 
 def test_a_large_fleet_has_few_pictures(

@@ -60,7 +60,7 @@ def test_each_finding_has_its_residual_before_and_after_under_its_name_and_value
 
     *traces, gains = figure.axes
     assert 4 == len(traces)
-    assert "effect_0: coefficient = 2e-06 +- 1e-07 s2/m" == traces[0].get_title()
+    assert "effect_0: coefficient = 2e-06 ± 1e-07 s2/m" == traces[0].get_title()
     assert traces[1].get_title().endswith("(suspicion)")
     for axes in traces:
         before, after = (line.get_ydata() for line in axes.get_lines())

@@ -235,11 +235,17 @@ def _report(args: argparse.Namespace) -> int:
     _say_damaged(store)
     document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:
-        print(report_text(document))
+        outputs.say(report_text(document))
     pages = write_drive_pages(args.html, tables) if args.drive_pages else {}
     outputs.write(
         {"--html": lambda: report_page(document, tables, pages), "--json": lambda: json_text(document)}
     )
+    if args.html is not None:
+        beside = f" and {counted(len(pages), 'page')} of drives" if pages else ""
+        print(
+            f"tpmsd: wrote {args.html}{beside}; open it with a browser: {args.html.resolve().as_uri()}",
+            file=sys.stderr,
+        )
     return 0
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from tpmsd.foundation.plain import with_unit
 from tpmsd.offline.fleet.settings import SETTINGS
+from tpmsd.offline.report.wording import parameter_name, plain_name
 
 Row = dict[str, Any]
 Tables = dict[str, list[Row]]
@@ -32,11 +33,10 @@ _WHAT_TO_DO = {
     "set_aside": "look at the recording: working on it took the worker down",
 }
 
+_CHECK_RING = "check this wheel's encoder ring and sensor: dirt, rust, a missing tooth, too wide a gap"
 _ADVICE = (
-    (
-        "loses counts",
-        "check this wheel's encoder ring and sensor: dirt, rust, a missing tooth, too wide a gap",
-    ),
+    ("loses counts", _CHECK_RING),
+    ("of its counts", _CHECK_RING),
     ("no usable signal", "look at this wheel's sensor and at its signal on the bus"),
     ("another node", "find out which control unit or tool sends the wheels' frames"),
     ("contradicts the configuration", "hold the configuration against the drive: tpmsd check --drive"),
@@ -84,14 +84,15 @@ def report_document(tables: Tables) -> dict[str, Any]:
 
 
 def _alarms(tables: Tables) -> list[Row]:
-    """Alarms that stand at the end of a car's last drive that had any, each since it was raised first."""
-    starts = {row["key"]: row["start"] or 0.0 for row in tables["drives"]}
+    """Return the alarms that stand at the end of the last drive with any, each since it was first raised."""
+    order_of = {row["key"]: (row["start"] or 0.0, row["path"]) for row in tables["drives"]}
     standing: dict[tuple[str, str, str], Row] = {}
-    last: dict[str, tuple[float, str]] = {}
-    for row in tables["drives"]:
-        if row["status"] == "done":
-            last[row["car"]] = max(last.get(row["car"], (0.0, "")), (starts[row["key"]], row["key"]))
-    for alarm in sorted(tables["alarms"], key=lambda row: (starts.get(row["key"], 0.0), row["time"] or 0.0)):
+
+    def order(row: Row) -> tuple[Any, ...]:
+        """Drives one after the other, also those that begin at one instant."""
+        return (*order_of.get(row["key"], (0.0, "")), row["time"] or 0.0)
+
+    for alarm in sorted(tables["alarms"], key=order):
         subject = (alarm["car"], alarm["kind"], alarm["wheel"] or "")
         if alarm["state"] == "raised":
             standing.setdefault(subject, alarm)
@@ -101,7 +102,7 @@ def _alarms(tables: Tables) -> list[Row]:
     for (car, kind, wheel), alarm in standing.items():
         urgency = {"deflation": URGENT, "malfunction": LOOK}.get(kind, SOON)
         where = _WHEELS.get(wheel, "")
-        why, reason = f"{kind} {where}".strip(), alarm.get("reason") or ""
+        why, reason = f"{kind.replace('_', ' ')} {where}".strip(), alarm.get("reason") or ""
         why += f": {reason}" if reason and kind == "malfunction" else ""
         one = _attention(car, urgency, why, alarm["time"], kind, alarm["key"], wheel)
         if kind == "malfunction":
@@ -126,7 +127,8 @@ def _joint(findings: Iterable[Row]) -> list[Row]:
         elif row["kind"] == "wear":
             why, kind = f"wear: {size} of radius", "wear"
         else:
-            why, kind = f"unlike its model: {row['effect']} {row['parameter']} by {size}", "differs"
+            of = _WHEELS.get(row["parameter"]) or parameter_name(row["parameter"])
+            why, kind = f"unlike its model: {plain_name(row['effect'])} {of} by {size}", "differs"
         urgency = {"loss": URGENT, "slow_leak": SOON}.get(kind, LOOK)
         found.append(_attention(row["car"], urgency, why, row.get("since"), kind, None, row["parameter"]))
     return found

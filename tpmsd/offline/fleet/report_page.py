@@ -147,11 +147,12 @@ def _cars(
         cars[row["car"]].append(row)
     pictured = set(list(dict.fromkeys([*first, *sorted(cars)]))[: SETTINGS.most_pictures])
     each = max(1, SETTINGS.most_drives // max(len(cars), 1))
-    heads = ("drive", "start (UTC)", "km", "status", *(f"{wheel} (mm)" for wheel in WHEELS), "alarms")
     for car, drives in sorted(cars.items()):
-        drives.sort(key=lambda row: (row["start"] or 0.0, row["key"]))
+        drives.sort(key=lambda row: (row["start"] or 0.0, row["path"]))
         shown = drives[-each:]
         dated = [row for row in shown if utc(row["start"]) is not None]
+        read = [one for one in WHEELS if any(one in wheels[row["key"]] for row in shown)]
+        heads = ("drive", "start (UTC)", "km", "status", *(f"{wheel} (mm)" for wheel in read), "alarms")
         chart = _chart(dated, [wheels[row["key"]] for row in dated])
         anchor = _anchor(car)
         yield CarView(
@@ -162,7 +163,7 @@ def _cars(
             Table(
                 heads,
                 tuple(
-                    _drive(row, wheels[row["key"]], alarms[row["key"]], pages.get(row["key"], ""))
+                    _drive(row, read, wheels[row["key"]], alarms[row["key"]], pages.get(row["key"], ""))
                     for row in shown
                 ),
             ),
@@ -170,7 +171,10 @@ def _cars(
         )
 
 
-def _drive(row: Row, wheels: Mapping[str, Row], alarms: Sequence[Row], page: str) -> tuple[Cell, ...]:
+def _drive(
+    row: Row, read: Sequence[str], wheels: Mapping[str, Row], alarms: Sequence[Row], page: str
+) -> tuple[Cell, ...]:
+    """Return a drive's row; `read` are the wheels that have a column, those of any drive of its car."""
     named = "\n".join(
         " ".join(filter(None, (plain_name(one["kind"]), one["wheel"], one["state"]))) for one in alarms
     )
@@ -179,7 +183,7 @@ def _drive(row: Row, wheels: Mapping[str, Row], alarms: Sequence[Row], page: str
         Cell(utc(row["start"]) or "", row["start"], style="when"),
         _number((row["distance_m"] or 0.0) / 1e3),
         Cell(row["status"] + (f": {row['reason']}" if row["reason"] else "")),
-        *(_radius(wheels.get(wheel)) for wheel in WHEELS),
+        *(_radius(wheels.get(wheel)) for wheel in read),
         Cell(named),
     )
 
@@ -226,6 +230,7 @@ def _chart(dated: Sequence[Row], drives: Sequence[Mapping[str, Row]]) -> Chart |
         np.arange(1.0, len(dated) + 1.0) if overlap else starts_s,
         curves,
         date=not overlap,
+        counts=overlap,
     )
 
 

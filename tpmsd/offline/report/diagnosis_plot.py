@@ -82,7 +82,9 @@ def _draw_trace(axes: Axes, finding: Finding, trace: Trace) -> None:
 
 def title_of(finding: Finding) -> str:
     """Name and values in a line; of a suspicion also that it is one."""
-    values = ", ".join(f"{name} = {quantity_text(one)}" for name, one in finding.parameters.items())
+    values = ", ".join(f"{name} = {quantity_text(one)}" for name, one in finding.parameters.items()).replace(
+        "+-", "±"
+    )
     text = f"{finding.effect}: {values}" if values else finding.effect
     if finding.status != FINDING:
         text += " (suspicion)"

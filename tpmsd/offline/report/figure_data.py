@@ -48,6 +48,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
         "group": chart.group,
         "time": chart.time,
         "date": chart.date,
+        "counts": chart.counts,
         "xLabel": chart.x_label,
         "yLabel": chart.y_label,
         "yRange": [low, high],

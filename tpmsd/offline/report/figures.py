@@ -80,6 +80,8 @@ class Chart:
     """True if x is seconds since the start of a drive."""
     date: bool = False
     """True if x is a host time, shown as a date (UTC)."""
+    counts: bool = False
+    """True if x counts things: marks stand at whole numbers."""
 
     def legend_spans(self) -> tuple[tuple[str, str], ...]:
         """(style, meaning) of shaded spans and of the band of noise."""

@@ -23,7 +23,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
 from tpmsd.foundation.palette import STYLES, line_style
 from tpmsd.foundation.wheels import FloatArray
@@ -130,13 +130,15 @@ def _chart(chart: Chart) -> Canvas:
 
 
 def _time_axis(axes: Axes, chart: Chart) -> None:
-    """Marks at whole seconds of a drive or whole days, where x is one of these."""
+    """Marks at whole seconds of a drive, whole days or whole numbers, where x is one of these."""
     known = chart.x[np.isfinite(chart.x)]
     if chart.time and len(known):
         span_s = max(float(known[-1]), 1.0)
         axes.set_xlim(0.0, span_s)
         axes.xaxis.set_major_locator(MultipleLocator(time_step(span_s, 7)))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: drive_time(value)))
+    if chart.counts:
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=10, integer=True))
     if chart.date and len(known):
         first, last = float(np.min(known)), float(np.max(known))
         if last - first < DAY_S:  # drives of one day: an empty span has no marks
@@ -151,8 +153,8 @@ def utc_day(time_s: float) -> str:
 
 
 def _days_step(span_s: float) -> int:
-    """Whole days between the marks of an axis of dates, at most seven of them."""
-    return next((step for step in _DAY_STEPS if span_s <= 7 * step * DAY_S), _DAY_STEPS[-1])
+    """Return the whole days between the marks of an axis of dates, which has five steps at most."""
+    return next((step for step in _DAY_STEPS if span_s <= 5 * step * DAY_S), _DAY_STEPS[-1])
 
 
 def _level_name(axes: Axes, at: float, name: str, style: str) -> None:

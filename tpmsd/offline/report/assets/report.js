@@ -124,7 +124,7 @@
     const [series, columns, bands] = seriesOf(data);
     const axis = (label, extra) => ({ label, labelSize: 22, stroke: () => css("text"), grid: { stroke: () => css("line"), width: 0.5 }, ticks: { stroke: () => css("line"), width: 0.5 }, ...extra });
     const seconds = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200];
-    const across = data.time ? { values: (_, values) => values.map(clock), incrs: seconds, space: 62 } : data.date ? { values: (_, values) => values.map(dateOf), space: 84 } : {};
+    const across = data.time ? { values: (_, values) => values.map(clock), incrs: seconds, space: 62 } : data.date ? { values: (_, values) => values.map(dateOf), space: 84 } : data.counts ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 10000] } : {};
     const labels = data.moments.length ? 0.14 * (data.yRange[1] - data.yRange[0]) : 0;
     const plot = new uPlot({
       width: Math.max(box.clientWidth, 200), height: 260, series, bands,
