@@ -234,6 +234,32 @@ def test_a_relaxed_slip_angle_follows_with_its_length() -> None:
     assert found[0] == pytest.approx(force / 1480.0 - 22.0 * 0.15)
 
 
+@pytest.mark.parametrize("kind", list(BASELINES))
+def test_a_length_is_looked_for_with_the_lag_that_it_has_along_a_drive(kind: str) -> None:
+    """Beside a recorded path the relaxed angles are those that the states would have, at walking pace too."""
+    model = BASELINES[kind](CAR)
+    time_s = np.arange(0.0, 20.0, 0.02)
+    speed = np.linspace(3.0, 25.0, len(time_s))
+    u = make_inputs(time_s, 0.05 * np.sin(2.0 * time_s), speed)
+    path = np.stack([0.1 * np.sin(2.0 * time_s - 0.3), 0.2 * np.sin(2.0 * time_s - 0.1)], axis=1)
+    effect = make_dynamics_effect("tyre_relaxation", length_m=0.8)
+    angle = model.frame(path, u, ()).angle
+    ends = angle if len(angle) == 2 else 0.5 * (angle[[0, 2]] + angle[[1, 3]])
+    relaxed = [ends[:, 0]]
+    for k in range(len(time_s) - 1):
+        rate = (ends[:, k + 1] - ends[:, k]) / 0.02
+        lag = ends[:, k] - relaxed[-1]
+        for _ in range(40):
+            lag = lag + 0.0005 * (rate - speed[k + 1] / 0.8 * lag)
+        relaxed.append(ends[:, k + 1] - lag)
+    whole = np.concatenate([path, np.array(relaxed)], axis=1)
+    with_states = model.frame(whole, u, (effect,)).angle
+    seen = model.frame(path, u, (effect,), ("v", "r")).angle
+
+    assert seen == pytest.approx(with_states, abs=0.01 * float(np.max(np.abs(angle))))
+    assert float(np.max(np.abs(angle - seen))) > 0.2 * float(np.max(np.abs(angle)))
+
+
 def test_a_rolling_body_settles_at_the_lateral_acceleration() -> None:
     """In a steady bend q = a_y and nothing else has changed; its natural frequency is the parameter's."""
     model = SingleTrack(CAR)

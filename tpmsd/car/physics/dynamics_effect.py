@@ -93,6 +93,11 @@ class DynamicsEffect:
         return True
 
     @classmethod
+    def near_neutral(cls, nonlinear: bool) -> bool:
+        """Return True if an effect with a grid is looked for about its neutral values too."""
+        return False
+
+    @classmethod
     def applies(cls, nonlinear: bool, forces: bool) -> bool:
         """Return True if the effect can act on a baseline with these tyres and inputs."""
         return forces or not cls.needs_forces

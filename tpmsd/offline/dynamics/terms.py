@@ -186,7 +186,7 @@ def candidates(baseline: Baseline, channels: Sequence[str], taken: Theta = ()) -
         if not cls.applies(baseline.nonlinear, baseline.forces):
             continue
         neutral = cls.neutral_values(baseline.car, baseline.nonlinear)
-        if not cls.grid or (name == "tyre_saturation" and baseline.nonlinear):
+        if not cls.grid or cls.near_neutral(baseline.nonlinear):
             term = term_of(_at_neutral(cls, neutral), baseline)
             if term.free_in(channels):
                 out.append(term.only(term.free_in(channels)))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lapack
 
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Frame, Real
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter, Prior
 from tpmsd.foundation.wheels import FloatArray
@@ -34,6 +35,7 @@ class TyreRelaxation(DynamicsEffect):
     states = ("relaxed_front", "relaxed_rear")
     positive = True
     twins = ("steering_delay", "gyro_delay", "yaw_inertia_error")
+    grid = ({"length_m": 0.3}, {"length_m": 0.8})
     parameters = (
         Parameter(
             "length_m",
@@ -54,6 +56,11 @@ class TyreRelaxation(DynamicsEffect):
             return  # a probe: the difference from no length
         DynamicsEffect.__post_init__(self)
 
+    @classmethod
+    def near_neutral(cls, nonlinear: bool) -> bool:
+        """Return True: short lengths are delays, long ones at low speed are not."""
+        return True
+
     def fastest_rate_per_s(self, speed_mps: float) -> float:
         """Return u / length."""
         return speed_mps / max(float(np.max(self.length_m)), LEAST_M)
@@ -61,7 +68,8 @@ class TyreRelaxation(DynamicsEffect):
     def adapt_angles(self, frame: Frame) -> None:
         """Replace each axle's mean slip angle by the relaxed one.
 
-        Without its states (a probe of first order) the lag is length / u times the angle's rate.
+        Without its states the lag is that along a recording; about no length it is length / u times the
+        angle's rate.
         """
         axle = _axle_angles(frame)
         if "relaxed_front" in frame.extra:
@@ -70,8 +78,26 @@ class TyreRelaxation(DynamicsEffect):
             frame.rates["relaxed_rear"] = frame.u / self.length_m * (axle[1] - relaxed[1])
             lag = axle - relaxed
         else:
-            lag = self.length_m / frame.u * _angle_rates(frame, axle)
+            lag = _lag(frame, axle, self.length_m)
         frame.angle = frame.angle - (lag if frame.axles else lag[[0, 0, 1, 1]])
+
+
+def _lag(frame: Frame, axle: FloatArray, length_m: Real) -> FloatArray:
+    """Return by how much the axles' angles are ahead of the relaxed ones, (2, ...).
+
+    Along a recording the angles are linear between rows: lag' = rate of the angle - u / length * lag.
+    """
+    time_s, delay_s = frame.inputs.time_s, np.asarray(length_m / frame.u)
+    recorded = np.ndim(time_s) == 1 and axle.shape[1:] == time_s.shape == delay_s.shape
+    if not recorded or np.max(length_m) < 2.0 * LEAST_M:
+        return np.asarray(delay_s * _angle_rates(frame, axle))
+    step_s = np.diff(time_s)
+    kept = np.exp(-step_s / delay_s[1:])
+    gained = delay_s[1:] * (1.0 - kept) * np.diff(axle) / step_s
+    band = np.ones((2, len(time_s)))
+    band[1, :-1], band[1, -1] = -kept, 0.0
+    out, _ = lapack.dtbtrs(band, np.pad(gained, ((0, 0), (1, 0))).T, uplo="L")
+    return np.ascontiguousarray(out.T)
 
 
 def _axle_angles(frame: Frame) -> FloatArray:

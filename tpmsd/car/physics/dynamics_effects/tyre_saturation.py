@@ -60,6 +60,11 @@ class TyreSaturation(DynamicsEffect):
     shape: float = 0.0
 
     @classmethod
+    def near_neutral(cls, nonlinear: bool) -> bool:
+        """Return True where the baseline's tyres have a limit."""
+        return nonlinear
+
+    @classmethod
     def neutral_values(cls, car: DynamicCar, nonlinear: bool) -> dict[str, float]:
         """Return the configured friction."""
         return {"friction": car.friction, "shape": 0.0}
