@@ -116,6 +116,7 @@ def test_people_read_what_was_concealed_beside_what_was_found(
     assert 0 == main(["unseal", str(tmp_path / "out"), "--with", str(file)])
 
     lines = capsys.readouterr().out.splitlines()[1:]
+    assert lines.pop().endswith("diagnose it untouched, and give that report with --untouched")
     assert [
         "  gnss_latency: named, place 1, confidence 1",
         "      latency_s = 0.15, found 0.2 +- 0.01: outside of the 95 % interval",

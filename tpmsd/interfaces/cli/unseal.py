@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
         "seed": truth.get("seed"),
         **score(truth, report, untouched),
     }
-    outputs.say(unsealed_summary(document))
+    outputs.say(unsealed_summary(document, untouched is not None))
     origin = provenance(SCHEMA, [path, args.report], None)
     outputs.write({"--json": lambda: json_text({**origin, **document})})
     return 0

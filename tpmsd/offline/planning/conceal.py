@@ -20,6 +20,7 @@ import numpy as np
 from tpmsd.car.physics.catalogue import EFFECTS, FAULT, Probe, make_effect, probes
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
 from tpmsd.car.physics.reading_change import by_slopes
+from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.assessment.identifiability import Telling, tellings, usual_size
@@ -138,8 +139,8 @@ def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect
             if len(drawn) == count:
                 return tuple(drawn)
     raise ConfigError(
-        f"{showing.name}: shows {len(drawn)} effects of plausible sizes side by side, {count} are wanted"
-        " (tpmsd effects --drive says which)"
+        f"{showing.name}: shows {counted(len(drawn), 'effect')} of a plausible size side by side,"
+        f" {count} are wanted (tpmsd effects --drive says which)"
     )
 
 

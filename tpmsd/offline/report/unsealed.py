@@ -176,8 +176,11 @@ def _other(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
     }
 
 
-def unsealed_summary(document: Mapping[str, Any]) -> str:
-    """Return the score in lines for people."""
+def unsealed_summary(document: Mapping[str, Any], untouched_known: bool = True) -> str:
+    """Return the score in lines for people.
+
+    Without the report of the untouched recording a last line says how what it holds is told apart.
+    """
     lines = [f"sealed truth {document['sha256']}"]
     for one in document["concealed"]:
         lines.append(f"  {one['effect']}: " + (_named(one) if one["named"] else "missed"))
@@ -191,6 +194,11 @@ def unsealed_summary(document: Mapping[str, Any]) -> str:
         f" {document['wrong']} wrong above {CONFIDENT:g};"
         f" {document['values_within']} of {document['values']} values in their 95 % interval"
     )
+    if document["others"] and not untouched_known:
+        lines.append(
+            "A recording may hold effects of its own: diagnose it untouched,"
+            " and give that report with --untouched"
+        )
     return "\n".join(lines)
 
 
