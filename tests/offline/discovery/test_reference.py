@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tpmsd.offline.discovery.other_roles import smooth
 from tpmsd.offline.discovery.reference import cell_means
 
 
@@ -17,3 +18,14 @@ def test_means_over_cells_of_a_slow_receiver_are_not_shifted(phase_s: float) -> 
     means = cell_means(time_s, 3.0 + 2.0 * time_s, edges)
 
     assert means == pytest.approx(3.0 + 2.0 * 0.5 * (edges[1:] + edges[:-1]), abs=1e-9)
+
+
+@pytest.mark.parametrize("count", range(8))
+@pytest.mark.parametrize("cells", [1, 3, 4, 5])
+def test_a_running_mean_has_as_many_values_as_there_are_cells(count: int, cells: int) -> None:
+    """Also of a receiver that was heard for no cell at all, or for fewer than the mean is taken over."""
+    value = np.arange(1.0, count + 1.0)
+    around = [range(k - cells // 2, k - cells // 2 + cells) for k in range(count)]
+    expected = [sum(value[j] for j in there if 0 <= j < count) / cells for there in around]
+
+    assert smooth(value, cells) == pytest.approx(expected, abs=1e-12)

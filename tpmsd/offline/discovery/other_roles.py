@@ -31,9 +31,11 @@ _LEAST_R = {
 
 
 def smooth(value: FloatArray, cells: int = SETTINGS.smooth_cells) -> FloatArray:
-    """Return the running mean; NaN where a cell is unknown."""
-    kernel = np.ones(cells) / cells
-    return np.asarray(np.convolve(value, kernel, mode="same"))
+    """Return the running mean (n,) of n values, zeros beyond their ends; NaN where a cell is unknown."""
+    if not len(value):
+        return value
+    first = (cells - 1) // 2
+    return np.asarray(np.convolve(value, np.ones(cells) / cells)[first : first + len(value)])
 
 
 def physical(one: Series) -> FloatArray:
