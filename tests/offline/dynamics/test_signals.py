@@ -297,3 +297,36 @@ def test_an_infinite_value_is_refused_with_its_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is infinite") as error:
         read_signals(where)
     assert error.value.line == 8
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_a_reading_that_no_instrument_gives_is_refused(kind: str, tmp_path: Path) -> None:
+    """1e300 is no reading: its square would be infinite, and what follows without a meaning."""
+    columns = {"time_s": np.arange(5.0), "yaw_rate_radps": np.array([0.0, 0.1, 1e300, 0.1, 0.0])}
+    file = tmp_path / f"signals.{kind}"
+    frame = pytest.importorskip("pandas").DataFrame(columns)
+    frame.to_csv(file, index=False) if kind == "csv" else frame.to_parquet(file)
+    with pytest.raises(InputError, match="yaw_rate_radps is beyond 1e\\+12"):
+        read_signals(file)
+
+
+def test_columns_that_are_not_known_steer_no_terminal(tmp_path: Path) -> None:
+    """Their names are told with escapes."""
+    file = tmp_path / "signals.csv"
+    file.write_text("time_s,yaw_rate_radps,evil\x1b[2J\n0,0,0\n1,0,0\n")
+    assert ("evil\\x1b[2J",) == read_signals(file).unknown
+
+
+def test_signals_that_determine_no_path_are_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where the matrix of a path cannot be solved the recording is named, with exit code 3."""
+
+    def fail(*_: object) -> None:
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr("tpmsd.offline.dynamics.diagnose.diagnose_dynamics", fail)
+    where = folder(tmp_path, duration_s=20.0)
+    assert 3 == main(["diagnose", str(where), "--baseline", "single-track"])
+    line = f"tpmsd: {where}: no path of a car is determined by its signals (not positive definite)"
+    assert [line] == capsys.readouterr().err.splitlines()

@@ -149,3 +149,17 @@ def test_status_says_what_is_damaged(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (1, 1) == tuple(json.loads(said.out)[name] for name in ("done", "missing"))
     (line,) = said.err.splitlines()
     assert line.endswith(f"{KEYS[0]}.json: damaged: reason: no text")
+
+
+@pytest.mark.parametrize("asked", ["status", "report"])
+def test_no_name_in_a_store_steers_a_terminal(
+    asked: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Folders and reasons with control characters are shown with escapes, on one line each."""
+    store = Store.create(tmp_path / "store")
+    store.add(DriveEntry(KEYS[0], "/d\x1b[2J\x07", "van\x9b", "vans"))
+    store.write_result(KEYS[0], {**RESULT, "status": "failed", "reason": "bad \x1b]0;title\x07"})
+    assert 0 == main(["fleet", asked, str(store.path)])
+    said = capsys.readouterr()
+    assert "/d\\x1b[2J\\x07" in said.out
+    assert [] == [line for line in (said.out + said.err).splitlines() if not line.isprintable()]

@@ -100,6 +100,12 @@ STEERS = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]
 """Control characters, line ends, turned writing: in a name they would steer a terminal."""
 
 
+def escaped_lines(text: str) -> str:
+    """Return the lines of `text` with escapes in place of what would steer a terminal."""
+    escaped = (STEERS.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
+    return "\n".join(escaped)
+
+
 def one_line(text: str) -> str:
     """Return `text` without anything that a terminal would take for a new line or a control character."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)

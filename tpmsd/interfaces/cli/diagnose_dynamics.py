@@ -50,9 +50,12 @@ def run_dynamics(args: argparse.Namespace) -> int:
         drive = _against(args.simulation, baseline, drive, folder)
     replicates = Replicates(args.certify or 0, np.random.default_rng(CERTIFY_SEED))
     with Progress(1.0, "diagnose") as progress:
-        diagnosis = diagnose_dynamics(
-            baseline, drive, given, progress.update, replicates, args.propose is not None
-        )
+        try:
+            diagnosis = diagnose_dynamics(
+                baseline, drive, given, progress.update, replicates, args.propose is not None
+            )
+        except np.linalg.LinAlgError as error:
+            raise InputError(folder, f"no path of a car is determined by its signals ({error})") from None
     known = diagnosis.verdict != INSUFFICIENT
     model_file = str(args.model_out) if known and args.model_out is not None else None
     keys = tuple(drive.key if bound_to_time(effect) else "" for effect in diagnosis.effects)

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmsd.car.config.problems import escaped_lines
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.interfaces.cli.fleet_pages import write_drive_pages
@@ -144,7 +145,7 @@ def _add(args: argparse.Namespace) -> int:
         except InputError as error:
             unusable.append(str(error))
     for line in unusable:
-        print(f"tpmsd: {line}", file=sys.stderr)
+        print(escaped_lines(f"tpmsd: {line}"), file=sys.stderr)
     document = {
         **_head("tpmsd.fleet.add/1", args.store),
         "added": added,
@@ -199,7 +200,7 @@ def _run(args: argparse.Namespace) -> int:
     if not outputs.fill_stdout:
         outcomes = ", ".join(f"{count} {name}" for name, count in sorted(tally.outcomes.items()))
         print(f"{tally.done} drives worked on in {tally.elapsed_s:.0f} s{': ' if outcomes else ''}{outcomes}")
-        print(_summary(document))
+        print(escaped_lines(_summary(document)))
     outputs.write({"--json": lambda: json_text(document)})
     return 0
 
@@ -213,7 +214,7 @@ def _status(args: argparse.Namespace) -> int:
     document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(store)}
     _say_damaged(store)
     if not outputs.fill_stdout:
-        print(_summary(document))
+        print(escaped_lines(_summary(document)))
     outputs.write({"--json": lambda: json_text(document)})
     return 0
 
@@ -235,7 +236,7 @@ def _report(args: argparse.Namespace) -> int:
     _say_damaged(store)
     document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:
-        outputs.say(report_text(document))
+        outputs.say(escaped_lines(report_text(document)))
     pages = write_drive_pages(args.html, tables) if args.drive_pages else {}
     outputs.write(
         {"--html": lambda: report_page(document, tables, pages), "--json": lambda: json_text(document)}
@@ -274,7 +275,7 @@ def _say_damaged(store: Store) -> None:
     """Print a line for each file that was left out, of twenty at most."""
     lines = [line for file, line in sorted(store.damaged.items()) if file.exists()]
     for line in lines[:20]:
-        print(f"tpmsd: {line}", file=sys.stderr)
+        print(escaped_lines(f"tpmsd: {line}"), file=sys.stderr)
     if len(lines) > 20:
         print(f"tpmsd: and {len(lines) - 20} more damaged files", file=sys.stderr)
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tpmsd.car.config.problems import escaped_lines
 from tpmsd.foundation.errors import TpmsdError
 
 
@@ -27,7 +28,7 @@ def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, A
         try:
             page = replay(paths[key], table=True).to_html()
         except TpmsdError as error:
-            print(f"tpmsd: {paths[key]}: no page of this drive: {error}", file=sys.stderr)
+            print(escaped_lines(f"tpmsd: {paths[key]}: no page of this drive: {error}"), file=sys.stderr)
             continue
         folder.mkdir(exist_ok=True)
         (folder / f"{key}.html").write_text(page, encoding="utf-8")

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tpmsd.car.config.problems import escaped_lines
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.signals.columns import TIME, is_known
@@ -24,6 +25,8 @@ from tpmsd.offline.tables.native import NativeTable
 FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
 """Names in a drive folder, in the order in which they are looked for."""
 LARGEST_BYTES = 2_000_000_000
+LARGEST_VALUE = 1e12
+"""Times since any epoch and Pascals lie below; squares of readings stay finite."""
 _EMPTY = {"", "nan", "NaN", "NA", "null"}
 
 
@@ -59,7 +62,7 @@ def read_signals(path: Path) -> SignalTable:
         raise InputError(file, f"no column {TIME}", 1)
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(file, f"column {twice} stands twice", 1)
+        raise InputError(file, escaped_lines(f"column {twice} stands twice"), 1)
     table = dict(zip(names, values.T, strict=True))
     _check_rises(file, table)
     return _ordered(file, table)
@@ -96,7 +99,7 @@ def _ordered(file: Path, table: dict[str, FloatArray]) -> SignalTable:
     if good.sum() < 2:
         raise InputError(file, "fewer than two rows with a time")
     order = np.flatnonzero(good)[np.argsort(time[good], kind="stable")]
-    unknown = tuple(name for name in table if not is_known(name))
+    unknown = tuple(escaped_lines(name) for name in table if not is_known(name))
     kept = {name: values[order] for name, values in table.items() if is_known(name)}
     first = np.concatenate([[True], np.diff(kept[TIME]) > 1e-9])
     if not first.all():
@@ -133,9 +136,11 @@ def _text(file: Path) -> tuple[list[str], FloatArray]:
     names = [name.strip().strip('"') for name in head.rstrip("\r").split(",")]
     quick = _quick(body, len(names))
     values = quick if quick is not None else _careful(file, text, len(names))
-    rows, columns = np.nonzero(np.isinf(values))
+    rows, columns = np.nonzero(np.abs(values) > LARGEST_VALUE)
     if len(rows):
-        raise InputError(file, f"{names[columns[0]]} is infinite", _line_of(text, int(rows[0])))
+        name, value = names[columns[0]], values[rows[0], columns[0]]
+        reason = f"is beyond {LARGEST_VALUE:g}" if np.isfinite(value) else "is infinite"
+        raise InputError(file, escaped_lines(f"{name} {reason}"), _line_of(text, int(rows[0])))
     return names, values
 
 
@@ -187,4 +192,7 @@ def _parquet(file: Path) -> tuple[list[str], FloatArray]:
     if not rows:
         raise InputError(file, f"no rows, or no column {TIME}")
     nothing = np.full(rows, np.nan)
+    for name, values in known.items():
+        if len(beyond := np.flatnonzero(np.abs(values) > LARGEST_VALUE)):
+            raise InputError(file, escaped_lines(f"row {beyond[0] + 1}: {name} is beyond {LARGEST_VALUE:g}"))
     return names, np.stack([known.get(name, nothing) for name in names], axis=1)
