@@ -6,23 +6,49 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
-from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets, with_sizes
-from tpmsd.onboard.monitor.settings import JUDGE
+from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 RADIUS_M, THRESHOLD, LIMIT = 0.31, 0.0025, 0.008
 REAR, ALL = (2, 3), (0, 1, 2, 3)
 
 
-def verdict(wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
+def verdict(
+    wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray, sizes: Sizes | None = None
+) -> Verdict:
     """Of one account of the change, beside every size."""
-    radius, sizes = np.full(len(wheels), RADIUS_M), sizes_of(wheels)
+    radius, sizes = np.full(len(wheels), RADIUS_M), sizes or sizes_of(wheels)
     against = Comparison(radius, THRESHOLD, sizes=sizes, limit=LIMIT)
     return against.of_accounts(with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes))
+
+
+def since(
+    wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray, lost: float = 0.0
+) -> Sizes:
+    """Sizes of a window before which this change was seen."""
+    sizes, radius = sizes_of(wheels), np.full(len(wheels), RADIUS_M)
+    seen = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes, every=True)
+    return sizes.since(seen, lost)
+
+
+def test_a_window_knows_no_sizes_after_a_loss() -> None:
+    """Before the window rr was 6 mm larger than the others. Where nothing was lost, rr has that size; as far
+    as the others had lost air, the window has the sizes of the prior."""
+    spread, sizes = np.full((4, 4), 1e-3**2) + np.eye(4) * 2e-4**2, sizes_of(ALL)
+    change = np.array([0.0, 0.0, 0.0, 6e-3])
+    sound, lost = since(ALL, change, spread), since(ALL, change, spread, 1.0)
+    assert sound.log_prior[4] > -1e-3
+    assert lost.log_prior[: lost.came + 1] == pytest.approx(sizes.log_prior, abs=1e-9)
+    assert lost.mean[: lost.came + 1] == pytest.approx(sizes.mean, abs=1e-12)
+    assert lost.variance[: lost.came + 1] == pytest.approx(sizes.variance, abs=1e-15)
+    judged = verdict(ALL, np.array([0.0, 0.0, -6e-3, 0.0]), spread)
+    assert judged.table.lost_share == pytest.approx(1.0 - judged.none, abs=1e-2)
 
 
 def members(d: int) -> FloatArray:
@@ -31,60 +57,63 @@ def members(d: int) -> FloatArray:
 
 
 def enumerated(
-    wheels: tuple[int, ...], windows: list[tuple[FloatArray, FloatArray]], shares: tuple[float, float]
+    seen: tuple[FloatArray, FloatArray], spread: tuple[FloatArray, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Probability of a deflation of each of two wheels, and of each row of sizes, from densities alone: the
-    last window knows the sizes as far as its `shares` lie before a window, each window the losses that began
-    in it."""
-    sizes, d = sizes_of(wheels), len(wheels)
-
-    def density(window: int, row: int, lost: FloatArray) -> float:
-        change, covariance = windows[window]
-        pattern = sizes.pattern[row] * RADIUS_M
-        spread = covariance + sizes.variance[row] * np.outer(pattern, pattern)
-        return float(multivariate_normal.pdf(change, sizes.mean[row] * pattern - lost * RADIUS_M, spread))
-
+    """Probability of a deflation of each rear wheel, and of each row of sizes, by the joint density of what
+    was seen before a window and in it: a loss began before both or with the window, and so did a size."""
+    sizes, d = sizes_of(REAR), 2
     intact = 1.0 - sum(JUDGE.prior_by_size[len(one) - 1] for one in subsets(d))
-    every = [
-        np.array([intact * np.exp(sizes.log_prior[r]) * density(w, r, np.zeros(d)) for r in range(2)])
-        for w in range(len(windows))
-    ]
-    quiet = every[-1]
-    before = [(quiet / one) ** share for one, share in zip(every, shares, strict=True)]
-    before = [one * quiet.sum() / (one * here).sum() for one, here in zip(before, every, strict=True)]
-    deflated, rows, total = np.zeros(d), quiet.copy(), quiet.sum()
-    for window, row, (k, one), loss in itertools.product(
-        range(len(windows)), range(2), enumerate(members(d)), LOSS_GRID
-    ):
-        prior = JUDGE.prior_by_size[len(subsets(d)[k]) - 1] / LOSS_GRID.size / len(windows)
-        ratio = density(window, row, loss * one) / density(window, row, np.zeros(d))
-        mass = before[window][row] * every[window][row] * prior / intact * ratio
-        deflated += mass * min(loss / THRESHOLD, 1.0) * one
-        rows[row] += mass
-        total += mass
-    return deflated / total, rows / total
+    noise = block_diag(*spread)
+    every = np.concatenate(seen)
+
+    def density(row: int, came: bool, lost: FloatArray, now: bool) -> float:
+        pattern = np.concatenate([sizes.pattern[row] * (not came), sizes.pattern[row]]) * RADIUS_M
+        mean = sizes.mean[row] * pattern - np.concatenate([lost * (not now), lost]) * RADIUS_M
+        own = noise + sizes.variance[row] * np.outer(pattern, pattern)
+        return float(multivariate_normal.pdf(every, mean, own))
+
+    deflated, rows, total = np.zeros(d), np.zeros(2), 0.0
+    for row, came in ((0, False), (1, False), (1, True)):
+        prior = np.exp(sizes.log_prior[row])
+        if came:
+            prior *= np.exp(sizes.log_prior[0]) * DRIVE_EVIDENCE.resized_while_driving
+        nothing = intact * prior * density(row, came, np.zeros(d), False)
+        rows[row] += nothing * (not came)
+        total += nothing / (1.0 + came)
+        for (k, one), loss, now in itertools.product(enumerate(members(d)), LOSS_GRID, (True, False)):
+            if came and not now:
+                continue
+            of_loss = JUDGE.prior_by_size[len(subsets(d)[k]) - 1] / LOSS_GRID.size / 2
+            mass = of_loss * prior * density(row, came, loss * one, now)
+            deflated += mass * min(loss / THRESHOLD, 1.0) * one
+            rows[row] += mass
+            total += mass
+    return deflated / total, rows / rows.sum()
 
 
 @pytest.mark.parametrize("now_mm", [(-0.9, 0.1), (-0.2, 0.0), (4.0, 5.6), (-0.8, -0.9)])
 @pytest.mark.parametrize("before_mm", [(0.1, -0.1), (5.0, 5.2), (-1.2, 0.0)])
-@pytest.mark.parametrize("share", [1.0, 0.6, 0.0])
+@pytest.mark.parametrize("least_mm", [0.2, 0.6])
 def test_the_bank_is_the_enumeration_of_its_rows(
-    now_mm: tuple[float, float], before_mm: tuple[float, float], share: float
+    now_mm: tuple[float, float], before_mm: tuple[float, float], least_mm: float
 ) -> None:
-    """Of two wheels, with a size of both and two windows, every row by its normal density."""
+    """Of two wheels, with a size of both and two windows, every row by the joint normal density of all that
+    was seen: nothing is counted twice."""
     now, before = 1e-3 * np.array(now_mm), 1e-3 * np.array(before_mm)
     now_m2 = np.full((2, 2), 6e-4**2) + np.eye(2) * 3e-4**2
-    before_m2 = np.full((2, 2), 5e-4**2) + np.eye(2) * 2e-4**2
-    every = members(2)
+    before_m2 = np.full((2, 2), 5e-4**2) + np.eye(2) * (1e-3 * least_mm) ** 2
+    both_m2 = np.linalg.inv(np.linalg.inv(now_m2) + np.linalg.inv(before_m2))
+    both = both_m2 @ (np.linalg.solve(now_m2, now) + np.linalg.solve(before_m2, before))
+    every, sizes = members(2), since(REAR, before, before_m2)
     found = posterior(
         [
-            Window("now", verdict(REAR, now, now_m2), every, every, share),
-            Window("minutes", verdict(REAR, before, before_m2), every, every),
+            Window("now", verdict(REAR, now, now_m2, sizes), every, every, sizes.came),
+            Window("minutes", verdict(REAR, both, both_m2), every, every),
         ]
     )
-    deflated, rows = enumerated(REAR, [(now, now_m2), (before, before_m2)], (share, 1.0))
-    assert found.deflated == pytest.approx(deflated, abs=1e-6)
-    assert found.sizes == pytest.approx(rows, abs=1e-6)
+    deflated, rows = enumerated((before, now), (before_m2, now_m2))
+    assert found.deflated == pytest.approx(deflated, abs=2e-5)
+    assert found.sizes == pytest.approx(rows, abs=2e-5)
 
 
 @pytest.mark.parametrize("change_mm", [(-0.8, -0.9, 2.6, 0.3), (0.0, -1.9, 1.2, 0.0), (0.1, 0.0, -0.1, 0.0)])
@@ -135,9 +164,10 @@ def test_a_loss_that_began_now_is_seen_beside_a_size_from_before(larger_mm: floa
     spread = np.full((4, 4), 3e-4**2) + np.eye(4) * 1.5e-4**2
     before = np.full(4, 1e-3 * larger_mm)
     now = before - np.array([1.8e-3, 0.0, 0.0, 0.0])
+    sizes = since(ALL, before, spread / 3.0)
     found = posterior(
         [
-            Window("now", verdict(ALL, now, spread), every, every),
+            Window("now", verdict(ALL, now, spread, sizes), every, every, sizes.came),
             Window("minutes", verdict(ALL, before, spread / 3.0), every, every),
         ]
     )

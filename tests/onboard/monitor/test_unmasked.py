@@ -183,6 +183,15 @@ def test_a_loss_beside_a_new_tyre_is_named(seed: int) -> None:
     assert ["rr"] == list(raised(events, AlarmKind.DEFLATION))
 
 
+@pytest.mark.parametrize("larger_m", [3e-3, 4e-3])
+def test_a_larger_wheel_delays_no_loss_of_another(larger_m: float) -> None:
+    """rl is 3 to 4 mm larger, and after five minutes rr loses 20 %: it is named within a minute, for the size
+    of rl is known from what the drive has shown before."""
+    lost = (0.0, 0.0, 0.0, FIFTH_M)
+    events = learned(32).drive(360.0, (0.0, 0.0, larger_m, 0.0), lost, 300.0)
+    assert ["rr"] == list(raised(events, AlarmKind.DEFLATION))
+
+
 @pytest.mark.parametrize("seed", [15])
 def test_a_sound_car_names_nothing(seed: int) -> None:
     """Another drive in order raises no alarm."""

@@ -188,12 +188,14 @@ class Monitor:
                 return []
             judging.observe(estimate, self._judge.nuisance_m2)
             drive = judging.change_hypotheses(alarm_stands=bool(self._standing))
-            self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, drive)
+            before = judging.before(changes[0]), judging.before(changes[1])
+            others = self._sets.other_tyres
+            self._judged = self._judge.judge(*changes, self._resonance, others, drive, before)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
             trusted = self._judged.trusted(judging.settled) and not self._standing
-            before, least_hold_s = self._first.standing, self._judged.least_hold_s
+            soft_before, least_hold_s = self._first.standing, self._judged.least_hold_s
             for (kind, wheel), alarm in self._alarms.items():
-                if wheel in before:
+                if wheel in soft_before:
                     alarm.held_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)

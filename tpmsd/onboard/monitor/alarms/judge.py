@@ -7,7 +7,8 @@ probable a deflation and a deviation are, how much radius and how much pressure 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections import deque
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -20,10 +21,17 @@ from tpmsd.onboard.monitor.baseline.baseline import Change
 from tpmsd.onboard.monitor.evidence.detectable import Alike, DetectableLoss, detectable
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
-from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, mean_share
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
-from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
-from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses
+from tpmsd.onboard.monitor.evidence.sizes import (
+    Sized,
+    Sizes,
+    no_sizes,
+    sizes_of,
+    subsets,
+    with_sizes,
+)
+from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 
@@ -41,6 +49,8 @@ class Finding:
     """(d, d) with what is nuisance."""
     change_index: int | None = None
     """Index of the change among those of the drive; None for another comparison."""
+    came: int = 0
+    """Number of the last rows of sizes, which came in that time."""
     usual: float = 1.0
     """Probability that the drive is as learned, no tyre has lost air and none is of another size."""
 
@@ -85,8 +95,8 @@ class Judgement:
 
     @property
     def all_alike(self) -> bool:
-        """True if the most probable loss is one of all wheels, which only the receiver tells from none."""
-        return self.finding is not None and bool(self.finding.verdict.best_loss_m.min() > 0.0)
+        """True if all wheels have probably lost air, which only the receiver tells from none."""
+        return self.posterior is not None and float(self.posterior.subsets[-1]) > JUDGE.undecided
 
     @property
     def least_hold_s(self) -> float:
@@ -152,6 +162,11 @@ class Judge:
         self._grip = Grip(vehicle, wheels, self._radius)
         self._limit = settings.deviation_percent / 100.0
         self._sizes = sizes_of(tuple(wheels))
+        lasting = nuisance.averaged(DRIVE_EVIDENCE.lasting_share)
+        self._lasting_m2 = lasting.covariance(wheels, self._radius)
+        """(d, d) nuisance that lasts all drive long."""
+        self._of_beginning: deque[tuple[Beginning, Sizes]] = deque(maxlen=2)
+        """Rows of sizes by what was before each of two windows."""
         self._apart = _apart(wheels)
         members = [
             [float(index in subset) for index in range(len(wheels))] for subset in subsets(len(wheels))
@@ -175,9 +190,11 @@ class Judge:
         resonance: ResonanceEvidence | None = None,
         other_tyres: bool = False,
         change_hypotheses: ChangeHypotheses | None = None,
+        before: tuple[Beginning | None, Beginning | None] = (None, None),
     ) -> Judgement:
         """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them.
-        `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough.
+        `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough;
+        `before`: what it said before each change.
 
         `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
         then no loss, but one wheel that stands out is.
@@ -185,15 +202,15 @@ class Judge:
         nuisance_m2 = self.nuisance_m2 + self._tolerance_m2(other_tyres)
         ratios = self._ratios(resonance)
         averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_of_mean_m2(mean.samples)
-        against = self._against(ratios, other_tyres)
+        against = [self._against(ratios, other_tyres, one) for one in before]
         of_drive: Finding | None = None
         models: dict[str, float] = {}
         alike: tuple[Alike, ...] = ()
         if change_hypotheses is not None:
             of_drive, models, alike = self._of_drive(change_hypotheses, ratios, other_tyres)
         now_m2, mean_m2 = now.covariance_m2 + nuisance_m2, mean.covariance_m2 + averaged_m2
-        at_once = self._look("now", now, now_m2, against, models)
-        lately = self._look("minutes", mean, mean_m2, against, models)
+        at_once = self._look("now", now, now_m2, against[0], models)
+        lately = self._look("minutes", mean, mean_m2, against[1], models)
         # What shows in a mean alone is slow; what shows now alone is fast.
         findings = [at_once, lately] if of_drive is None else [at_once, lately, of_drive]
         finding = max(findings, key=lambda one: float(one.verdict.deflated.max()))
@@ -206,13 +223,12 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        samples = mean.samples if change_hypotheses is None else max(change_hypotheses.samples, mean.samples)
-        spans = now.samples, mean.samples, samples
-        bank = posterior(self._windows(at_once, lately, of_drive, models, spans))
+        whole = of_drive is None and mean.samples >= JUDGE.full_samples
+        bank = posterior(self._windows(at_once, lately, of_drive, models, whole=whole))
         change_index = None
         if of_drive is not None and bank.deflated.max() > JUDGE.undecided:
-            spans = now.samples, mean.samples, mean.samples
-            without = posterior(self._windows(at_once, lately, None, models, spans))
+            whole = mean.samples >= JUDGE.full_samples
+            without = posterior(self._windows(at_once, lately, None, models, whole=whole))
             change_index = of_drive.change_index if without.deflated.max() <= JUDGE.undecided else None
         return Judgement(
             change_m=self._on_all(now.change_m),
@@ -260,17 +276,37 @@ class Judge:
         change_hypotheses = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
         verdict = against.of_accounts(change_hypotheses)
         best = int(verdict.change_hypotheses.argmax())
-        return Finding(over, verdict, change_hypotheses.change_m[best], change_hypotheses.covariance_m2[best])
+        change_m, best_m2 = change_hypotheses.change_m[best], change_hypotheses.covariance_m2[best]
+        return Finding(over, verdict, change_m, best_m2, came=sizes.came)
 
     def _all_larger(self, sizes: FloatArray) -> float:
         """Probability that all wheels are larger; 0 where no sizes were compared."""
         of_all = self._sizes.of_all
         return float(sizes @ of_all) if sizes.size == of_all.size else 0.0
 
-    def _against(self, ratios: FloatArray | None, other_tyres: bool) -> Comparison:
+    def _against(
+        self, ratios: FloatArray | None, other_tyres: bool, before: Beginning | None = None
+    ) -> Comparison:
         # Of other tyres the covariance holds what they may be larger already.
-        sizes = None if other_tyres else self._sizes
+        sizes = None if other_tyres else self._known_sizes(before)
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
+
+    def _known_sizes(self, before: Beginning | None) -> Sizes:
+        """Return the rows of sizes of a window, by what the drive said before it."""
+        if before is None:
+            return self._sizes
+        for beginning, known in self._of_beginning:
+            if beginning is before:
+                return known
+        change_m, m2 = before.change_m, before.covariance_m2
+        total_m2 = m2 + self._lasting_m2
+        log_weight = before.log_weight + log_normal(change_m, total_m2) - log_normal(change_m, m2)
+        found = with_sizes(change_m, total_m2, log_weight, self._radius, self._sizes, every=True)
+        as_learned = np.tile(before.resized, len(self._sizes.mean)) & (found.row == 0)
+        found = replace(found, log_weight=np.where(as_learned, -np.inf, found.log_weight))
+        lost = self._against(None, other_tyres=False).of_accounts(found).table.lost_share
+        self._of_beginning.append((before, self._sizes.since(found, lost)))
+        return self._of_beginning[-1][1]
 
     def _windows(
         self,
@@ -278,10 +314,11 @@ class Judge:
         mean: Finding,
         drive: Finding | None,
         models: dict[str, float],
-        spans: tuple[int, int, int],
+        *,
+        whole: bool,
     ) -> list[Window]:
-        """Return each window of onsets with its weight; `drive`: the drive as a whole; `spans`: samples of
-        both, and of the longest window.
+        """Return each window of onsets with its weight; `drive`: the drive as a whole; `whole`: the mean is
+        believed of several tyres as well.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
@@ -289,12 +326,11 @@ class Judge:
         car is not known yet. Of an axle and of all a deviation is not asked of minutes beside the drive.
         """
         every = self._apart + self._together
-        whole = drive is None and spans[1] >= JUDGE.full_samples
         lately = every if whole else self._apart
         off_lately = every if whole else np.zeros_like(self._apart)
         windows = [
-            Window("now", now.verdict, self._apart, self._apart, 1.0 - spans[0] / spans[2]),
-            Window("minutes", mean.verdict, lately, off_lately, 1.0 - spans[1] / spans[2]),
+            Window("now", now.verdict, self._apart, self._apart, now.came),
+            Window("minutes", mean.verdict, lately, off_lately, mean.came),
         ]
         if drive is not None:
             by_drive = self._believed_of_drive(models)
@@ -345,8 +381,7 @@ class Judge:
             and log_ratios is None
         ):
             return cached[2:]
-        lasting = self._nuisance.averaged(DRIVE_EVIDENCE.lasting_share)
-        nuisance_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
+        nuisance_m2 = self._lasting_m2 + self._tolerance_m2(other_tyres)
         covariance_m2, log_weight = change_hypotheses.allowing(nuisance_m2)
         against = self._against(log_ratios, other_tyres)
         kept = change_hypotheses.likely(log_weight)
@@ -368,7 +403,7 @@ class Judge:
         as_learned = (change_hypotheses.model[kept] == 0) & (change_hypotheses.row[kept] == 0)
         usual = float(verdict.intact[as_learned].sum())
         finding = Finding(
-            "drive", verdict, change_hypotheses.change_m[best], covariance_m2[best], best, usual
+            "drive", verdict, change_hypotheses.change_m[best], covariance_m2[best], best, usual=usual
         )
         models = change_hypotheses.model_probabilities(chances)
         # Of each model a change before the drive, with no wheel of another size.

@@ -30,7 +30,7 @@ from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.baseline.reference import Reference, speed_range
 from tpmsd.onboard.monitor.evidence.probability import chi_square_quantile
 from tpmsd.onboard.monitor.sampling.conditions import Conditions, ConditionTracker
-from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, DriveEvidence
+from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses, DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
 from tpmsd.onboard.monitor.sampling.slip_sums import SlopeSums
 from tpmsd.onboard.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
@@ -258,6 +258,10 @@ class Baseline:
         """
         asked = self.settled or self._by_drive or not alarm_stands
         return self._evidence.change_hypotheses if asked and self._evidence is not None else None
+
+    def before(self, change: Change) -> Beginning | None:
+        """Return what the drive said before the samples of a change; None where nothing is known of it."""
+        return None if self._evidence is None else self._evidence.before(change.samples)
 
     def _jumped(self, now: _Sample, nuisance_m2: FloatArray) -> bool:
         """Return whether the radii differ from those of the last minutes, so that a mean would mix two

@@ -166,6 +166,11 @@ class ChangeBank:
             rest.variance,
         )
 
+    def since_first(self) -> tuple[FloatArray, FloatArray]:
+        """Return the change since the first sample (d,) and its covariance (d, d), by all samples so far."""
+        covariance = _inverse(self._information[:1])[0]
+        return covariance @ self._vector[0], covariance
+
     def _beside(self, sizes: Sizes, chosen: NDArray[np.bool_]) -> _Beside:
         """Moments of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
         with np.errstate(divide="ignore"):

@@ -67,11 +67,19 @@ class Table:
         np.maximum.at(top, row, shift)
         plain = np.add.reduce(scaled, axis=2)
         large = scaled[:, :s] @ severity(threshold)
-        parts = np.concatenate([np.exp(none - shift)[:, None], plain, large], axis=1)
+        parts = np.concatenate([plain, large], axis=1)
         of_row = (row == np.arange(r)[:, None]) * np.exp(shift - top[row])
         with np.errstate(divide="ignore"):
             found = np.log(of_row @ parts) + top[:, None]
-        return cls(found[:, 0], np.max(found[:, 1 + s : -s], axis=0), found[:, 1 : 1 + s], found[:, -s:])
+        intact = np.full(r, -np.inf)
+        np.logaddexp.at(intact, row, none)
+        return cls(intact, np.max(found[:, s:-s], axis=0), found[:, :s], found[:, -s:])
+
+    @property
+    def lost_share(self) -> float:
+        """Probability that something was lost."""
+        lost = np.logaddexp.reduce(self.lost, axis=None)
+        return float(np.exp(lost - np.logaddexp.reduce([lost, *self.none, *self.larger])))
 
 
 @dataclass(frozen=True, slots=True)

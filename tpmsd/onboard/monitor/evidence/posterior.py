@@ -5,17 +5,17 @@ of wheels does is believed in it. Out: `Posterior`: every probability that the m
 of one bank. Nothing here changes anything.
 
 A row of the bank is a size r since before the drive, a loss S, and the window w in which it began: just now,
-in the last minutes, or on the drive or before it. A loss that began in w leaves what was seen before w as it
-is, so its likelihood ratio to no loss is that of w's own data. With R for the longest window, which knows the
-sizes best, and e for its share of the prior (the windows that have a row for S share it evenly):
+in the last minutes, or on the drive or before it. The rows of a window's table begin with what the samples
+before it say of each size (`Judge`), so a loss that began in w leaves what was seen before w as it is, and
+its odds against no loss are those of w's table. With R for the longest window and e for a window's share of
+the prior (the windows that have a row for S share it evenly):
 
-    P(r, nothing) ~ P_R(r, nothing),      P(r, S, w) ~ c (P_R(r, nothing) / P_w(r, nothing))^f e P_w(r, S)
+    P(r, nothing) ~ P_R(r, nothing),      P(r, S, w) ~ (sum P_R(., nothing) / sum P_w(., nothing)) e P_w(r, S)
 
-so a size hides no loss, and minutes that say which of two tyres has changed are not overruled by the present.
-f is the share of the longest window that lies before w: windows of the same samples have other models of
-their noise, and what one of them knows better was not seen before it. c is 1 for f = 1, and else lets nothing
-lost have the probability that R gives it.
-A wheel may also have become larger in a young window, a rival of losses of the other wheel of its axle.
+so a size hides no loss, nothing is counted twice, and minutes that say which of two tyres has changed are not
+overruled by the present.
+A size may also have come in a young window: a row of its own there, and a rival of losses of the other wheel
+of its axle.
 
 What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
 have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An alarm that stands is not
@@ -53,8 +53,8 @@ class Window:
     """(s, d) share of what each of `subsets` does that is a loss of the wheel; the rest passes."""
     believed_off: FloatArray
     """(s, d) the same of a change of either sign."""
-    before: float = 1.0
-    """Share of the longest window that lies before this one."""
+    came: int = 0
+    """Number of the table's last rows, of sizes that came in this window and were not there before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +93,12 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     of_sizes = [_nothing(window) for window in windows]
     at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
     shares = _shares([_any(window.believed) for window in windows])
-    known = _known_before(windows, of_sizes, at_rest)
-    rows = [_losses(*one) for one in zip(windows, known, shares, strict=True)]
-    young = [
-        _resized(window, float(before[0]), len(windows))
-        for window, before in zip(windows[:-1], known[:-1], strict=True)
-    ]
-    terms = [at_rest, rest, *[lost.ravel() for lost, _ in rows], *young]
+    usual = np.logaddexp.reduce(at_rest)
+    odds = [usual - np.logaddexp.reduce(of_size) for of_size in of_sizes[:-1]]
+    rows = [_losses(*one) for one in zip(windows, [*odds, 0.0], shares, strict=True)]
+    young = [_resized(*one) - np.log(len(windows)) for one in zip(windows, odds, strict=False)]
+    came = longest.verdict.table.none[at_rest.size :]
+    terms = [at_rest, rest, came, *[lost.ravel() for lost, _ in rows], *young]
     top = max(float(np.max(term, initial=-np.inf)) for term in terms)
     total = sum(float(np.exp(term - top).sum()) for term in terms)
     scale = top + np.log(total)
@@ -111,7 +110,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     for one, window in zip(large, windows, strict=True):
         deflated += np.add.reduce(one) @ _of_wheels(window.believed)
     passing = quiet @ _passing(windows[0], of_sizes[0])
-    by_row = quiet + sum((one.sum(axis=1) for one in lost), np.zeros(quiet.size))
+    by_row = quiet + sum((_by_size(one.sum(axis=1), quiet.size) for one in lost), np.zeros(quiet.size))
     return Posterior(
         deflated=np.minimum(deflated, 1.0),
         possible=np.minimum(deflated + passing, 1.0),
@@ -142,10 +141,22 @@ def _shares(believed: list[FloatArray]) -> list[FloatArray]:
 
 
 def _nothing(window: Window) -> FloatArray:
-    """(r,) log of nothing lost, or of what passes."""
+    """(r,) log of nothing lost, or of what passes, beside each size that was there before."""
     table = window.verdict.table
     passing = _log(1.0 - _any(window.believed)) + table.lost
-    return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1)))
+    return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1))[: _before(window)])
+
+
+def _before(window: Window) -> int:
+    """Number of the rows of sizes that were there before the window."""
+    return window.verdict.table.none.size - window.came
+
+
+def _by_size(of_row: FloatArray, sizes: int) -> FloatArray:
+    """(r,) of the rows of a window; what came in it is added to the row of the same wheels."""
+    out = of_row[:sizes].copy()
+    out[1 : 1 + of_row.size - sizes] += of_row[sizes:]
+    return out
 
 
 def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -161,37 +172,17 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
     return out, np.empty(0)
 
 
-def _known_before(
-    windows: Sequence[Window], of_sizes: Sequence[FloatArray], at_rest: FloatArray
-) -> list[FloatArray]:
-    """(r,) of each window, log of what is known of each size from before it: c (P_R / P_w)^f; `of_sizes` (r,)
-    as of `_nothing`."""
-    out = []
-    for window, of_size in zip(windows[:-1], of_sizes[:-1], strict=True):
-        nothing = _at_rest(window.verdict.table, of_size)[0]
-        known = np.isfinite(nothing) & np.isfinite(at_rest)
-        here, whole = np.where(known, nothing, 0.0), np.where(known, at_rest, 0.0)
-        before = np.where(known, window.before * (whole - here), -np.inf)
-        out.append(before + np.logaddexp.reduce(at_rest) - np.logaddexp.reduce(before + here))
-    return [*out, np.zeros(at_rest.size)]
-
-
-def _losses(window: Window, known: FloatArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _losses(window: Window, known: float, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`."""
     table = window.verdict.table
-    odds = known[:, None] + _log(share * _any(window.believed))
+    odds = known + _log(share * _any(window.believed))
     return odds + table.lost, odds + table.large
 
 
-def _resized(window: Window, known: float, windows: int) -> FloatArray:
-    """(k,) logs of one wheel that became larger in this window, and of the others nothing."""
+def _resized(window: Window, known: float) -> FloatArray:
+    """(k,) logs of wheels that became larger in this window, and nothing lost."""
     table = window.verdict.table
-    if not np.isfinite(known):
-        return np.empty(0)
-    d = table.larger.size
-    alone = table.none[1 : d + 1] if d > 2 else np.empty(0)
-    young = np.concatenate([table.larger, alone])
-    return np.asarray(young + (known - np.log(windows)))
+    return np.concatenate([table.larger, table.none[_before(window) :]]) + known
 
 
 def _passing(window: Window, of_size: FloatArray) -> FloatArray:
@@ -199,7 +190,7 @@ def _passing(window: Window, of_size: FloatArray) -> FloatArray:
     `_nothing`."""
     nothing = _at_rest(window.verdict.table, of_size)[0]
     known = np.isfinite(nothing)
-    passing = window.verdict.table.large + _log(1.0 - _any(window.believed))
+    passing = window.verdict.table.large[: of_size.size] + _log(1.0 - _any(window.believed))
     share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
     return np.asarray(share @ _members(window.believed.shape[1]))
 

@@ -36,11 +36,41 @@ class Sizes:
     """(r,)"""
     subset: list[int]
     """(r) which of `subsets` the wheels of each row are; 0 for none of them."""
+    came: int = 0
+    """Number of the last rows, of sizes that came in the window in question: their wheels are those of the
+    rows from the second on."""
 
     @property
     def of_all(self) -> FloatArray:
         """(r,) 1 for the row of all wheels."""
         return np.array([float(row.min() > 0.0) for row in self.pattern])
+
+    def since(self, before: Sized, lost: float) -> Sizes:
+        """Return the rows of a window by what was seen before it, hypotheses under every row; behind them
+        rows of sizes that came in it, where all was as learned before.
+
+        `lost`: probability that a tyre had lost air before: then nothing is known of the sizes. That one
+        wheel seems larger all at once also comes from signals: it is as probable as a new tyre. An axle or
+        all of them hardly ever change on the way."""
+        share, mean, variance = before.by_row(len(self.mean))
+        with np.errstate(divide="ignore"):
+            weights = np.stack([np.log1p(-lost) + share, np.log(lost) + self.log_prior])
+        known = np.logaddexp.reduce(weights)
+        first, second = np.exp(weights - known)
+        middle = first * mean + second * self.mean
+        spread = first * (variance + (mean - middle) ** 2) + second * (
+            self.variance + (self.mean - middle) ** 2
+        )
+        several = np.abs(self.pattern).sum(axis=1) > 1.0
+        way = np.log(np.where(several, DRIVE_EVIDENCE.resized_while_driving, 1.0))
+        return Sizes(
+            np.concatenate([self.pattern, self.pattern[1:]]),
+            np.concatenate([middle, self.mean[1:]]),
+            np.concatenate([spread, self.variance[1:]]),
+            np.concatenate([known, known[0] + (self.log_prior + way)[1:]]),
+            [*self.subset, *self.subset[1:]],
+            came=len(self.mean) - 1,
+        )
 
     @classmethod
     def of(
@@ -106,6 +136,16 @@ class Sized:
     size_std: FloatArray
     """(n,)"""
 
+    def by_row(self, rows: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log of the share of each row, mean and variance of its size, (r,) each, of hypotheses under every
+        row, row by row."""
+        logs, size, std = (one.reshape(rows, -1) for one in (self.log_weight, self.size, self.size_std))
+        total = np.logaddexp.reduce(logs, axis=1)
+        weight = np.exp(logs - total[:, None])
+        mean = np.add.reduce(weight * size, axis=1)
+        variance = np.add.reduce(weight * (std**2 + (size - mean[:, None]) ** 2), axis=1)
+        return total - np.logaddexp.reduce(total), mean, variance
+
     @classmethod
     def plain(cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> Sized:
         """Return the sizes where all wheels are as learned."""
@@ -119,8 +159,11 @@ def with_sizes(
     log_weight: FloatArray,
     radius_m: FloatArray,
     sizes: Sizes,
+    *,
+    every: bool = False,
 ) -> Sized:
-    """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under each row that counts.
+    """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under each row that counts and the first;
+    under `every` one, row by row.
 
     radius_m: (d,)"""
     pattern = sizes.pattern * radius_m
@@ -134,7 +177,9 @@ def with_sizes(
     _, volumes = np.linalg.slogdet(total)
     gain = 0.5 * (np.einsum("md,md->m", change_m, own) + volume - squares - volumes)
     logs = sizes.log_prior[:, None] + log_weight + gain
-    row, index = np.nonzero(logs + 0.5 * squares > logs.max() - DRIVE_EVIDENCE.negligible_nats)
+    counts = every | (logs + 0.5 * squares > logs.max() - DRIVE_EVIDENCE.negligible_nats)
+    counts[0] = True
+    row, index = np.nonzero(counts)
     left, patterns, variance = solved[row, index], pattern[row], sizes.variance[row]
     weighed = np.linalg.solve(total[row, index], patterns[..., None])[..., 0]
     known = variance - variance**2 * np.einsum("nd,nd->n", patterns, weighed)

@@ -13,6 +13,7 @@ receiver that scales, chains without a stop) is a row of the same posterior, and
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -97,6 +98,29 @@ class ChangeHypotheses:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class Beginning:
+    """Change of the radii since a drive began by a part of its samples, m times: under each drive model, and
+    again since a jump."""
+
+    change_m: FloatArray
+    """(m, d)"""
+    covariance_m2: FloatArray
+    """(m, d, d) without what is nuisance."""
+    log_weight: FloatArray
+    """(m,) log of prior probability times likelihood, had no tyre changed."""
+    resized: NDArray[np.bool_]
+    """(m,) true for those since a jump, of which wheels of another size count alone."""
+
+    def beside(self, other: Beginning) -> Beginning:
+        """Return these and, behind them, the others."""
+        values: dict[str, Any] = {
+            part.name: np.concatenate([getattr(self, part.name), getattr(other, part.name)])
+            for part in fields(Beginning)
+        }
+        return Beginning(**values)
+
+
 _OF_EACH = [part.name for part in fields(ChangeHypotheses) if part.name != "samples"]
 """Names of the fields that have a row for each hypothesis."""
 
@@ -113,6 +137,13 @@ class DriveEvidence:
         """Log-likelihood of what was before the jump, and log prior of a size that comes on the way."""
         self.change_hypotheses: ChangeHypotheses | None = None
         """Changes by the samples so far; None as long as they are too few."""
+        self._history: deque[Beginning] = deque(maxlen=BASELINE.recent_samples + 2)
+        """After each of the last samples."""
+
+    def before(self, samples: int) -> Beginning | None:
+        """Return what all but the last so many samples say; None where they are all, or too many to be kept
+        apart."""
+        return self._history[-1 - samples] if samples < len(self._history) else None
 
     def jumped(self) -> None:
         """Note that the radii have jumped: wheels may be of another size since now. A jump of which enough
@@ -136,9 +167,12 @@ class DriveEvidence:
         the slip slope since then."""
         sample = deviation_m, estimate_m2, unsettled_m2, features, elapsed_s, slip
         found = self.change_hypotheses = self._whole.take(*sample)
+        beginning = self._whole.since_first()
         if self._since_jump is None:
+            self._history.append(beginning)
             return
         young = self._since_jump.take(*sample)
+        self._history.append(beginning.beside(self._since_jump.since_first(self._log_before)))
         if found is None or young is None or not np.any(young.row > 0):
             return
         young = young.resized(self._log_before)
@@ -229,14 +263,26 @@ class _Banks:
             samples=self.samples,
         )
 
+    def since_first(self, log_before: float | None = None) -> Beginning:
+        """Return the change since the first sample; `log_before`: log-likelihood of what was before a jump,
+        None where these banks began with the drive."""
+        found = [bank.since_first() for bank in self._banks]
+        return Beginning(
+            np.stack([change for change, _ in found]) * self._radius,
+            np.stack([covariance for _, covariance in found]) * np.outer(self._radius, self._radius),
+            self._log_weights() + (log_before or 0.0),
+            np.full(len(found), log_before is not None),
+        )
+
     @property
     def log_likelihood(self) -> float:
         """Log-likelihood of the samples over all drive models if no tyre has changed."""
-        logs = [
-            self._log_prior(model) + bank.log_likelihood
-            for model, bank in zip(DRIVE_EVIDENCE.models, self._banks, strict=True)
-        ]
-        return float(np.logaddexp.reduce(logs))
+        return float(np.logaddexp.reduce(self._log_weights()))
+
+    def _log_weights(self) -> FloatArray:
+        """(m,) log of the prior of each drive model times the likelihood if no tyre has changed."""
+        banks = zip(DRIVE_EVIDENCE.models, self._banks, strict=True)
+        return np.array([self._log_prior(model) + bank.log_likelihood for model, bank in banks])
 
     def _log_prior(self, model: DriveModel) -> float:
         known = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
