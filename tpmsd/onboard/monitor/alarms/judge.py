@@ -412,11 +412,6 @@ class Judge:
         self._cached = (change_hypotheses, other_tyres, finding, models, alike)
         return finding, models, alike
 
-    @property
-    def threshold_m(self) -> float:
-        """Loss of radius from which a tyre counts as deflated, mean of the wheels."""
-        return self._threshold * float(self._radius.mean())
-
     def pressure_loss(self, wheel: int, change_m: float, std_m: float) -> tuple[float, float]:
         """Share of the pressure that a change of radius stands for, and its standard deviation."""
         return self._tyres[self._wheels.index(wheel)].pressure_loss(change_m, std_m)

@@ -76,10 +76,14 @@ class Table:
         return cls(intact, np.max(found[:, s:-s], axis=0), found[:, :s], found[:, -s:])
 
     @property
+    def log_total(self) -> float:
+        """Log of the sum of all: the constant."""
+        return float(np.logaddexp.reduce([*self.none, *self.larger, *self.lost.ravel()]))
+
+    @property
     def lost_share(self) -> float:
         """Probability that something was lost."""
-        lost = np.logaddexp.reduce(self.lost, axis=None)
-        return float(np.exp(lost - np.logaddexp.reduce([lost, *self.none, *self.larger])))
+        return float(np.exp(np.logaddexp.reduce(self.lost, axis=None) - self.log_total))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,21 +97,11 @@ class Verdict:
     """Probability that no wheel has lost anything."""
     loss_m: FloatArray
     """(d,) expected loss of each wheel, m."""
-    beyond: FloatArray
-    """(s,) the same that the wheels of each of `subsets`, and no other, are."""
     off: FloatArray
     """(s,) probability that these wheels are larger or smaller by more than the limit."""
-    sizes: FloatArray
-    """(r,) posterior probability of each row of sizes."""
-    larger: FloatArray
-    """(d,) probability that the wheel, and no other, is larger than was learned."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest change hypothesis."""
-    chances: FloatArray
-    """(h,) posterior probability of a loss of each of `subsets`, then of each single wheel that is larger."""
-    gains: FloatArray
-    """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest change hypothesis."""
     best_loss_m: FloatArray
     """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest change
     hypothesis.
@@ -190,14 +184,11 @@ class Comparison:
         d = self.radius_m.size
         lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
         change_hypotheses = none + np.add.reduce(posterior, axis=(1, 2))
-        best = int(change_hypotheses.argmax())
-        likeliest = fit[best]
         # Whether anything is lost is asked of tyres of the size that was learned.
         usual = fit[int(np.where(given.row == 0, change_hypotheses, -1.0).argmax())]
         found = np.add.reduce(posterior)
         of_losses = found[lost]
         beyond = int(LOSS_GRID.searchsorted(self.threshold))
-        chances = np.add.reduce(found, axis=1)
         large = of_losses @ severity(self.threshold)
         of_best, size = divmod(int(of_losses.argmax()), LOSS_GRID.size)
         # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
@@ -205,24 +196,13 @@ class Comparison:
             deflated=np.minimum(large @ members, 1.0),
             none=float(np.add.reduce(none[given.row == 0]) + found[lost.stop :].sum()),
             loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
-            beyond=large,
             off=self._off(given, parabola, posterior, change_hypotheses),
-            sizes=self._of_rows(given, change_hypotheses),
-            larger=chances[lost.stop :] if d > 2 else np.zeros(d),
             suspicion=float(np.maximum.reduce(usual[lost, beyond:], axis=None)),
-            chances=chances,
-            gains=np.maximum.reduce(likeliest, axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             change_hypotheses=change_hypotheses,
             intact=none,
             table=table,
         )
-
-    def _of_rows(self, given: Sized, change_hypotheses: FloatArray) -> FloatArray:
-        """(r,) probability of each row of sizes by that of each change hypothesis (n,)."""
-        out = np.zeros(self._rows)
-        np.add.at(out, given.row, change_hypotheses)
-        return out
 
     def _off(
         self,
