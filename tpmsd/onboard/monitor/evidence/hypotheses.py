@@ -102,6 +102,9 @@ class Verdict:
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest change hypothesis."""
+    gains: FloatArray
+    """(h,) log-likelihood of a loss of each of `subsets`, then of each single wheel that is larger, at its
+    best size, less that of none, by the likeliest change hypothesis."""
     best_loss_m: FloatArray
     """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest change
     hypothesis.
@@ -198,6 +201,7 @@ class Comparison:
             loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
             off=self._off(given, parabola, posterior, change_hypotheses),
             suspicion=float(np.maximum.reduce(usual[lost, beyond:], axis=None)),
+            gains=np.maximum.reduce(fit[int(change_hypotheses.argmax())], axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             change_hypotheses=change_hypotheses,
             intact=none,
