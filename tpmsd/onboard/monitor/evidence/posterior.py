@@ -93,8 +93,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     of_sizes = [_nothing(window) for window in windows]
     at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
     shares = _shares([_any(window.believed) for window in windows])
-    usual = np.logaddexp.reduce(at_rest)
-    odds = [usual - np.logaddexp.reduce(of_size) for of_size in of_sizes[:-1]]
+    odds = _odds(at_rest, of_sizes[:-1])
     rows = [_losses(*one) for one in zip(windows, [*odds, 0.0], shares, strict=True)]
     young = [_resized(*one) - np.log(len(windows)) for one in zip(windows, odds, strict=False)]
     came = longest.verdict.table.none[at_rest.size :]
@@ -145,6 +144,12 @@ def _nothing(window: Window) -> FloatArray:
     table = window.verdict.table
     passing = _log(1.0 - _any(window.believed)) + table.lost
     return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1))[: _before(window)])
+
+
+def _odds(at_rest: FloatArray, of_sizes: Sequence[FloatArray]) -> list[float]:
+    """Log of what the longest window knows of nothing lost over what each young one does, beside any size."""
+    usual = np.logaddexp.reduce(at_rest)
+    return [float(usual - np.logaddexp.reduce(of_size)) for of_size in of_sizes]
 
 
 def _before(window: Window) -> int:
