@@ -62,12 +62,12 @@ class Sizes:
             self.variance + (self.mean - middle) ** 2
         )
         several = np.abs(self.pattern).sum(axis=1) > 1.0
-        way = np.log(np.where(several, DRIVE_EVIDENCE.resized_while_driving, 1.0))
+        on_drive = np.log(np.where(several, DRIVE_EVIDENCE.resized_while_driving, 1.0))
         return Sizes(
             np.concatenate([self.pattern, self.pattern[1:]]),
             np.concatenate([middle, self.mean[1:]]),
             np.concatenate([spread, self.variance[1:]]),
-            np.concatenate([known, known[0] + (self.log_prior + way)[1:]]),
+            np.concatenate([known, known[0] + (self.log_prior + on_drive)[1:]]),
             [*self.subset, *self.subset[1:]],
             came=len(self.mean) - 1,
         )
