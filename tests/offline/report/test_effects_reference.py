@@ -11,7 +11,7 @@ import pytest
 from tpmsd.car.physics.catalogue import EFFECTS, parse_effect
 from tpmsd.car.physics.effect import Kind, Parameter
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.report.effects_reference import ready_command
+from tpmsd.offline.report.effects_reference import dynamics_document, ready_command
 
 WORLDLY = [name for name, effect in EFFECTS.items() if effect.kind is not Kind.NUISANCE]
 
@@ -57,3 +57,12 @@ def test_the_command_that_is_printed_runs(
     assert line.startswith("  to try it: tpmsd simulate drives/try")
     assert 0 == main([*shlex.split(line)[4:], "--duration", "20"])
     assert f"  {name}" in capsys.readouterr().out
+
+
+def test_an_effect_of_vehicle_dynamics_is_described_too(capsys: pytest.CaptureFixture[str]) -> None:
+    """Drag is no effect of the rolling model: its text says with which baseline it is looked for."""
+    assert 0 == main(["effects", "aero_drag"])
+    said = capsys.readouterr().out
+    assert "aero_drag (" in said and "drag_area_m2 (m2)" in said
+    assert "to look for it: tpmsd diagnose DRIVE --baseline three-dof" in said
+    assert {"name", "formula", "parameters", "try"} <= set(dynamics_document("aero_drag")["effects"][0])

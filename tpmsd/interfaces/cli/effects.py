@@ -26,6 +26,7 @@ _EPILOG = """\
 examples:
   tpmsd effects
   tpmsd effects longitudinal_slip
+  tpmsd effects aero_drag                   of vehicle dynamics: tpmsd diagnose --baseline
   tpmsd effects --drive drives/monday --json -
 """
 
@@ -53,8 +54,21 @@ def run(args: argparse.Namespace) -> int:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from tpmsd.car.physics.catalogue import EFFECTS, parameters_of
-    from tpmsd.offline.report.effects_reference import effects_document, effects_page, effects_summary
+    from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
+    from tpmsd.offline.report.effects_reference import (
+        dynamics_document,
+        dynamics_summary,
+        effects_document,
+        effects_page,
+        effects_summary,
+    )
 
+    if args.name in DYNAMICS_EFFECTS and args.name not in EFFECTS:
+        if args.json is not None:
+            write_json(dynamics_document(args.name), args.json)
+        if args.json != "-":
+            print(fitted_to(sys.stdout, dynamics_summary(args.name)))
+        return 0
     if args.name is not None:
         parameters_of(args.name)  # says what is wrong with the name
     names = list(EFFECTS) if args.name is None else [args.name]

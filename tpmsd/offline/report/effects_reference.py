@@ -8,11 +8,13 @@ from __future__ import annotations
 import inspect
 import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, fields
 from typing import Any
 
 from tpmsd.car.physics.catalogue import EFFECTS, probes, sentence_of
+from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.effect import AnyParameter, Effect, Kind, Parameter, VectorParameter, WheelParameter
 from tpmsd.offline.diagnosis.assessment.identifiability import Telling
 
@@ -38,23 +40,27 @@ def _entry(name: str, effect: type[Effect]) -> dict[str, Any]:
         "what": sentence_of(name),
         "formula": effect.formula,
         "source": source_of(effect),
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "meaning": p.description,
-                "typical": p.typical if isinstance(p, Parameter) else None,
-                "range": [p.lower, p.upper] if isinstance(p, Parameter) else None,
-                "prior": _prior(p),
-            }
-            for p in effect.parameters
-        ],
+        "parameters": _parameters(effect.parameters),
         "shows_in": {"channel": effect.shows_in[0], "covariate": effect.shows_in[1]},
         "needs": list(effect.needs),
         "distinguished_by": effect.distinguished_by,
         "telling_drive": effect.distinguished_by,  # name of the key before
         "try": ready_command(effect),
     }
+
+
+def _parameters(parameters: Sequence[AnyParameter]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": p.name,
+            "unit": p.unit,
+            "meaning": p.description,
+            "typical": p.typical if isinstance(p, Parameter) else None,
+            "range": [p.lower, p.upper] if isinstance(p, Parameter) else None,
+            "prior": _prior(p),
+        }
+        for p in parameters
+    ]
 
 
 def _prior(parameter: object) -> dict[str, Any] | None:
@@ -71,7 +77,30 @@ def _identifiability(one: Telling) -> dict[str, Any]:
     }
 
 
-def source_of(effect: type[Effect]) -> str:
+def dynamics_document(name: str) -> dict[str, Any]:
+    """Return an effect of the baselines of vehicle dynamics, with the keys of `effects_document`."""
+    effect = DYNAMICS_EFFECTS[name]
+    entry = {
+        "name": name,
+        "kind": effect.kind,
+        "what": effect.sentence,
+        "formula": effect.formula,
+        "source": source_of(effect),
+        "parameters": _parameters(effect.parameters),
+        "shows_in": {"channel": effect.channel, "covariate": effect.covariate},
+        "distinguished_by": effect.distinguished_by,
+        "try": "tpmsd diagnose DRIVE --baseline " + ("three-dof" if effect.needs_forces else "single-track"),
+    }
+    return {"effects": [entry]}
+
+
+def dynamics_summary(name: str) -> str:
+    """Return an effect of the baselines of vehicle dynamics for the terminal."""
+    (entry,) = dynamics_document(name)["effects"]
+    return "\n".join([*_lines(entry), f"  to look for it: {entry['try']}"])
+
+
+def source_of(effect: type[Effect] | type[DynamicsEffect]) -> str:
     """Return where an effect's formula comes from, of its docstring."""
     text = " ".join(inspect.cleandoc(effect.__doc__ or "").split())
     found = re.search(r"Source: (.*)", text)
@@ -88,18 +117,22 @@ def effects_summary(names: Sequence[str], drive: str = "", identifiable: Sequenc
             f"{name:{width}}  {EFFECTS[name].kind.value:10}  {sentence_of(name)}" for name in names
         )
     entry = _entry(names[0], EFFECTS[names[0]])
+    return "\n".join([*_lines(entry), f"  to try it: {entry['try']}"])
+
+
+def _lines(entry: Mapping[str, Any]) -> list[str]:
+    """Return all of one effect but the command that shows it."""
     lines = [f"{entry['name']} ({entry['kind']}): {entry['what']}.", f"  {entry['formula']}"]
     for p in entry["parameters"]:
         unit = f" ({p['unit']})" if p["unit"] else ""
         lines.append(f"  {p['name']}{unit}: {p['meaning']}")
         if p["prior"]:
             lines.append(f"      {p['prior']['mean']:g} +- {p['prior']['std']:g}: {p['prior']['source']}")
-    lines.append(f"  shows in {entry['shows_in']['channel']} over {entry['shows_in']['covariate']}")
+    lines.append(f"  shows in {entry['shows_in']['channel']} over {entry['shows_in']['covariate'] or 'time'}")
     if entry["distinguished_by"]:
         lines.append(f"  to tell it: {entry['distinguished_by']}")
     lines.append(f"  source: {entry['source']}")
-    lines.append(f"  to try it: {entry['try']}")
-    return "\n".join(lines)
+    return lines
 
 
 def ready_command(effect: type[Effect]) -> str:
