@@ -14,8 +14,7 @@ from tpmsd.onboard.daemon import input_queue
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks import state_file, status_server
 from tpmsd.onboard.sinks.can_frames import CanReporter
-from tpmsd.onboard.sources.can import log_candump as can_log_candump
-from tpmsd.onboard.sources.can import log_lines as can_log_lines
+from tpmsd.onboard.sources.can import log_candump, log_lines
 from tpmsd.onboard.sources.can.decoder import can_filters, load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.gnss import nmea_framer, nmea_log
@@ -155,7 +154,7 @@ def test_the_bounds_are_those_that_are_promised() -> None:
     """SECURITY.md states the bounds that the code has."""
     text = re.sub(r"\s+", " ", (REPO / "SECURITY.md").read_text("utf-8"))
     assert f"{nmea_framer.MAX_LINE_BYTES} bytes of a sentence" in text
-    assert {can_log_candump.MAX_LINE_CHARS, can_log_lines.MAX_LINE_CHARS, nmea_log.MAX_LINE_CHARS} == {4096}
+    assert {log_candump.MAX_LINE_CHARS, log_lines.MAX_LINE_CHARS, nmea_log.MAX_LINE_CHARS} == {4096}
     assert "4096 characters of a line in a log" in text
     assert f"{status_server.MAX_REQUEST_BYTES} bytes of a request" in text
     assert f"{status_server.MAX_CLIENTS} clients" in text

@@ -66,7 +66,12 @@ def process(*arguments: str | Path) -> Iterator[tuple[subprocess.Popen[str], que
     lines: queue.Queue[str] = queue.Queue()
     assert running.stdout is not None
     stream = running.stdout
-    threading.Thread(target=lambda: [lines.put(line) for line in stream], daemon=True).start()
+
+    def forward() -> None:
+        for line in stream:
+            lines.put(line)
+
+    threading.Thread(target=forward, daemon=True).start()
     try:
         yield running, lines
     finally:

@@ -1,4 +1,4 @@
-"""The independent look of `benchmarks` on a drive whose physics is known."""
+"""`bench.campaigns.offline.independent_look` on a drive whose physics is known."""
 
 from __future__ import annotations
 

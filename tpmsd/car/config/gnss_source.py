@@ -1,7 +1,8 @@
 """Source of fixes: `[gnss] source` taken apart.
 
 In: the text of the configuration. Out: `GnssSource`, or `BadValueError` with what is wrong and what is
-allowed. Nothing is looked up: whether a host exists shows when it is opened.
+allowed. Nothing is looked up: whether a host exists shows when it is opened. All other keys of [gnss]
+stand in `schema`, their defaults in `model.GnssConfig`.
 """
 
 from __future__ import annotations

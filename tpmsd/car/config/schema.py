@@ -1,7 +1,8 @@
 """Every table and key that a configuration may have, and the rule of its value.
 
-In: the folder of the configuration, for its relative paths. Out: `{table: {key: rule}}`. Defaults are in
-`tpmsd.car.config.model`; what keys must agree with each other is in `tpmsd.car.config.agree`.
+In: the folder of the configuration, for its relative paths. Out: `{table: {key: rule}}`. A new key is a row
+here and a field with its default in `tpmsd.car.config.model`; what keys must agree with each other is in
+`tpmsd.car.config.agree`.
 """
 
 from __future__ import annotations

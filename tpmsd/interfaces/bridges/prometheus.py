@@ -1,7 +1,7 @@
 """`tpmsd bridge prometheus`: /metrics over HTTP, on the loopback unless configured otherwise.
 
-In: the status socket, asked once per scrape. Out: the metrics of `metrics`. The daemon is asked when
-Prometheus asks, so nothing here can be stale.
+In: the status socket, asked once per scrape. Out: the metrics of `metrics`, which names them. The daemon is
+asked when Prometheus asks, so nothing here can be stale.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The diagnosis in plain sentences.
+"""The terminal text of a diagnosis: a paragraph per finding, what is left and what may have stayed unseen.
 
-In: `Diagnosis`. Out: text for a terminal.
+In: `Diagnosis`. Out: text for a terminal. The short answer in front of it, which text, JSON and page share,
+is that of `diagnosis_sentences`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 In: manoeuvres, or a route file. Out: `ManoeuvrePart`s and the `Motion` of a car that drives them. A step
 holds one curvature and one slope and changes the speed evenly; corners in time are rounded as a driver rounds
-them.
+them. Random roads without chosen manoeuvres are those of `road`.
 """
 
 from __future__ import annotations

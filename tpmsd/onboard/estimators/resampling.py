@@ -1,7 +1,8 @@
 """Resampling of weighted particles, and what it leaves of them.
 
 In: normalised weights and a random generator. Out: indices of the particles to keep. Unbiased: a particle's
-expected number of copies is N times its weight.
+expected number of copies is N times its weight. The marginalized particle filter resamples its Kalman filters
+by these weights and moves the copies apart in `bank.particle_bank`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 In: `Drive`. Out: the `Tick`s that decoder, assembler and timeline make of the folder, but for what numbers
 lose as text. Twice as fast as that way, because whole drives are made at once; for wheels that stand or spin
-alone the decoder's judgement is needed, and the folder must be read (`events.FRAMES_NEEDED`).
+alone the decoder's judgement is needed, and the folder must be read (`surfaces.FRAMES_NEEDED`).
 """
 
 from __future__ import annotations

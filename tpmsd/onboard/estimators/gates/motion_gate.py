@@ -2,7 +2,8 @@
 
 In: one tick's odometry, inertial means and fixes. Out: smoothed speed, acceleration and yaw rate, and a
 verdict. Slip and load transfer grow with force, and at low speed one cog is a large part of a tick, so only
-gentle driving above a minimum speed is informative. Other ticks still move the pose.
+gentle driving above a minimum speed (`min_speed_mps` of `config.model.FilterConfig`) is informative. Other
+ticks still move the pose.
 
 A soft rear tyre looks like a bend to the odometry (6 mm at 20 m/s: 0.27 rad/s), and a gate that trusted the
 wheels would shut just then. So the lateral acceleration is judged by a witness other than the wheels where

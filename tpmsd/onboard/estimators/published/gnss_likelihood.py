@@ -87,7 +87,7 @@ def seen_in_block(
     block: Block, bias_rad2: float, nominal_m: FloatArray, track_m: float
 ) -> Iterator[SeenInBlock]:
     """Doppler way and turn by the gyro of a block of the rear pair at nominal radii, where it has them; the
-    models are those of `measurements.doppler_way` and `gyro_turn`."""
+    models are those of `measurements.doppler_distance` and `gyro_turn`."""
     angle = block.angle_rad[:2]
     if math.isfinite(block.doppler_distance_m):
         variance = (

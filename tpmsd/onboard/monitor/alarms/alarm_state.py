@@ -1,6 +1,7 @@
 """Hysteresis: a probability becomes an alarm, and an alarm ends, only when it lasts.
 
 In: a probability and the driving time it stands for. Out: whether the alarm was just raised or cleared.
+The limits are `raise_probability` and `clear_probability` of `config.model.MonitorConfig`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Gaussian-sum filter of the differences of four tyres over weeks, one Kalman filter per hypothesis.
 
 In: three contrasts per drive (left minus right of each axle, front minus rear), in per cent of pressure, with
-their variances. Out: hypotheses with their probabilities; each holds a Gaussian of what `leak_state` names.
+their variances. Out: hypotheses with their probabilities; each holds a Gaussian of what `state` names.
 
 Contrasts hold neither seasons nor the diffusion of all four, and no error that is common to the wheels. In
 a healthy car they scatter from day to day, drift for some days, and step: air is put in, wheels are changed.

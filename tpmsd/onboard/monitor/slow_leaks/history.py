@@ -1,6 +1,6 @@
 """Readings of one set of tyres: the contrasts of its radii, bounded in number and in age.
 
-In: per drive the contrasts of `leak_state` with their variances. Out: a `Trend`. Each drive is a reading of
+In: per drive the contrasts of `state` with their variances. Out: a `Trend`. Each drive is a reading of
 its own: where estimates scatter with heavy tails, the mean over a day's drives knows less than each of them.
 """
 

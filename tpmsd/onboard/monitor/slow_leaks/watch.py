@@ -3,9 +3,9 @@
 In: ticks with their estimates, which set of tyres is driven, resets. Out: `AlarmEvent`s of the kind
 `slow_leak`. It is a notice: the wheel's state stays as it is.
 
-A drive gives one reading: the mean contrasts of radii (`leak_state`) over minutes 2 to 12 of informative
+A drive gives one reading: the mean contrasts of radii (`state`) over minutes 2 to 12 of informative
 driving, so that tyres are about equally warm in all of them, less what wheels grow or slip more than the
-others with speed. The trend over drives is judged once per drive (`leak_trend`).
+others with speed. The trend over drives is judged once per drive (`trend`).
 """
 
 from __future__ import annotations

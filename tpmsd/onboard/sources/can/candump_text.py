@@ -3,7 +3,7 @@
 In: whole lines of text. Out: a `FrameBlock`, and the lines that are no frames. Pure.
 
 Lines of one length whose '#' stands in one place are read together. The grammar is that of
-`can_log_candump`: the first of them is matched by its expression, which says where stamp, identifier and data
+`log_candump`: the first of them is matched by its expression, which says where stamp, identifier and data
 stand. Lines with digits there, and the same characters everywhere else, would match it in the same way. The
 others are tried with a template of their own, and what is left goes through the line parser one by one. Where
 it was built, compiled code (`_candump.c`) reads the commonest lines beforehand.

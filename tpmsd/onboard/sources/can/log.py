@@ -3,8 +3,8 @@
 In: the path of a log. Out: an iterator of `CanFrame`; what cannot be read goes to a callback with its line
 and skipped. `InputError` only where there is nothing to read at all.
 
-    .log .log.gz           candump -L lines, by our own parser (`can_log_candump`)
-    .asc .blf .trc .mf4    by python-can's readers (`can_log_others`); .mf4 needs the extra `mf4`
+    .log .log.gz           candump -L lines, by our own parser (`log_candump`)
+    .asc .blf .trc .mf4    by python-can's readers (`log_others`); .mf4 needs the extra `mf4`
 
 Times are host times in epoch seconds where the format knows them; ASC has local time (taken in this machine's
 zone), and TRC 1.0 and some ASC files know only seconds since the start.
@@ -31,10 +31,10 @@ FRAMES_PER_BLOCK = 4096
 
 
 def read_by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[CanFrame]:
-    """Read a log with `can_log_others`, which imports python-can."""
-    from tpmsd.onboard.sources.can import log_others as can_log_others
+    """Read a log with `log_others`, which imports python-can."""
+    from tpmsd.onboard.sources.can import log_others
 
-    return can_log_others.read_by_python_can(suffix, path, note)
+    return log_others.read_by_python_can(suffix, path, note)
 
 
 Reader = Callable[[Path, BadLine], Iterator[FrameBlock] | Iterator[CanFrame]]

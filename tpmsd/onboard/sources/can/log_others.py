@@ -2,7 +2,7 @@
 
 In: a path. Out: frames (MF4 is read in a process of its own); what a reader cannot take goes to `note`.
 The text formats are read on after a bad line, which python-can's readers alone would not do; a binary file
-ends where it is damaged.
+ends where it is damaged. A further format is one more row of `log.READERS`.
 """
 
 from __future__ import annotations
