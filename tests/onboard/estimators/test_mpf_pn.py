@@ -73,7 +73,7 @@ def town(time_s: FloatArray) -> FloatArray:
 @pytest.mark.parametrize("seed", [2, 4, 5])
 def test_a_receiver_that_errs_slowly_is_no_change_of_a_radius(seed: int) -> None:
     """After hours of driving, slow errors of 3 m and a step of 8 m: left against right stays within 0.6 mm of
-    the truth (0.33 at most). With the noise frozen, changes of 2.5 to 9 mm were supposed in turn."""
+    the truth (0.33 at most). With the noise frozen, changes of 2.5 to 9 mm were assumed in turn."""
     receiver = Receiver(position_std_m=3.0, white_std_m=0.3, jumps=((100.0, math.inf, 8.0),))
     world = World(180.0, seed=seed, speed_mps=town, yaw_radps=straight, receiver=receiver)
     drive = world.drive()

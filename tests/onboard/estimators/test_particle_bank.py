@@ -13,7 +13,7 @@ from tpmsd.car.config.model import GnssConfig
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, E, N
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
 from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses, moments_of, shrunk
-from tpmsd.onboard.estimators.belief import Moment, Sight
+from tpmsd.onboard.estimators.belief import FixMeasurement, Moment
 from tpmsd.onboard.estimators.build import car_of
 from tpmsd.onboard.estimators.resampling import Lineage
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -60,7 +60,7 @@ def test_noise_parameters_walk_about_their_prior() -> None:
 
 
 def test_changes_are_proposed_often_and_weigh_what_they_should() -> None:
-    """In a share of the places one wheel is supposed to have just changed, as many for each; together
+    """In a share of the places one wheel is assumed to have just changed, as many for each; together
     they weigh the prior probability of a change, each is wider by a change's variance, and their parents come
     by their weights. They take the places that a resampling left free."""
     rng = np.random.default_rng(8)
@@ -148,10 +148,10 @@ def test_a_fifth_of_the_particles_says_the_same() -> None:
     assert np.all(np.abs(few.deviation_m - many.deviation_m) < 0.2 * std)
 
 
-def sight_at(east_m: float, north_m: float) -> Sight:
+def measurement_at(east_m: float, north_m: float) -> FixMeasurement:
     fix = Fix(0.1, 1.0, east_m, north_m, 1.0)
     tick = Tick(1, 0.1, 0.1, np.full(4, 5.0), np.zeros(4), (fix,))
-    return Sight(fix, tick, 0.0, 0.0, 1.0)
+    return FixMeasurement(fix, tick, 0.0, 0.0, 1.0)
 
 
 def test_the_gate_knows_how_far_the_particles_are_apart() -> None:
@@ -161,7 +161,7 @@ def test_the_gate_knows_how_far_the_particles_are_apart() -> None:
     belief.bank.log_weights[:] = 0.0
     belief.bank.spread[[E, N], [E, N]] = 1.0
     belief.bank.state[E, :50] = 30.0
-    residual_m, variance_m2 = belief.distance(sight_at(30.0, 0.0))
+    residual_m, variance_m2 = belief.distance(measurement_at(30.0, 0.0))
     assert residual_m == pytest.approx(15.0, abs=1.0)
     assert variance_m2 == pytest.approx(15.0**2 + 1.0 + 2.0, abs=1.0)
 
@@ -172,7 +172,7 @@ def test_a_lost_pose_reopens_the_radii_and_keeps_what_they_have_in_common() -> N
     belief = belief_of(1000)
     bank = belief.bank
     before_mean, before = bank.mean.copy(), bank.covariance.copy()
-    belief.lose()
+    belief.forget_pose()
     assert np.array_equal(before_mean, bank.mean)
     wider = np.einsum("ijj->ij", bank.covariance - before)
     opened = wider[:, MU:].max(axis=1) > 0.0
@@ -215,6 +215,6 @@ def test_nothing_is_proposed_that_nothing_can_judge() -> None:
     before = np.einsum("ijj->ij", belief.bank.covariance)[:, MU:].max()
     for k in range(1, 200):
         tick = Tick(k, 0.1 * k, 0.1, np.full(4, 6.0), np.full(4, 0.05))
-        belief.settle(Moment(tick, True, 20.0, 0.0, False))
+        belief.finish_tick(Moment(tick, True, 20.0, 0.0, False))
     after = np.einsum("ijj->ij", belief.bank.covariance)[:, MU:].max()
     assert after == pytest.approx(before)

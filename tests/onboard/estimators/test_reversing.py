@@ -63,19 +63,19 @@ def fix(time_s: float, course_rad: float, speed_mps: float = 1.4) -> Fix:
 
 def rest(watch: ReverseWatch) -> None:
     for _ in range(10):
-        watch.rolled(0.0, 0.1)
+        watch.update_speed(0.0, 0.1)
 
 
 def test_from_standstill_to_standstill() -> None:
     """Two courses against the heading say backward, until the car stands again."""
     watch = ReverseWatch()
     rest(watch)
-    watch.rolled(1.4, 0.1)
-    watch.saw(fix(1.0, 3.1), 0.0)
+    watch.update_speed(1.4, 0.1)
+    watch.compare_course(fix(1.0, 3.1), 0.0)
     assert not watch.backward
-    watch.saw(fix(1.5, 3.2), 0.0)
+    watch.compare_course(fix(1.5, 3.2), 0.0)
     assert watch.backward
-    watch.rolled(1.4, 0.1)
+    watch.update_speed(1.4, 0.1)
     assert watch.backward
     rest(watch)
     assert not watch.backward
@@ -84,10 +84,10 @@ def test_from_standstill_to_standstill() -> None:
 def test_a_course_along_the_heading_settles_it() -> None:
     """Once the car was seen to drive forward, no course turns it before it stands again."""
     watch = ReverseWatch()
-    watch.rolled(1.4, 0.1)
-    watch.saw(fix(1.0, 0.4), 0.0)
+    watch.update_speed(1.4, 0.1)
+    watch.compare_course(fix(1.0, 0.4), 0.0)
     for time_s in (1.5, 2.0, 2.5):
-        watch.saw(fix(time_s, math.pi), 0.0)
+        watch.compare_course(fix(time_s, math.pi), 0.0)
     assert not watch.backward
 
 
@@ -95,19 +95,19 @@ def test_a_course_along_the_heading_settles_it() -> None:
 def test_signed_signals_and_fast_cars_are_not_asked(speed_mps: float) -> None:
     """A negative speed shows that the signals bear a sign; cars do not reverse at 9 m/s."""
     watch = ReverseWatch()
-    watch.rolled(speed_mps, 0.1)
+    watch.update_speed(speed_mps, 0.1)
     for time_s in (1.0, 1.5, 2.0):
-        watch.saw(fix(time_s, math.pi), 0.0)
+        watch.compare_course(fix(time_s, math.pi), 0.0)
     assert not watch.backward
 
 
 def test_without_course_or_too_slow_nothing_is_told() -> None:
     """NaN courses and creeping decide neither way."""
     watch = ReverseWatch()
-    watch.rolled(1.0, 0.1)
+    watch.update_speed(1.0, 0.1)
     for time_s in (1.0, 1.5, 2.0):
-        watch.saw(fix(time_s, math.nan), 0.0)
-        watch.saw(fix(time_s, math.pi, 0.3), 0.0)
-        watch.saw(fix(time_s, math.pi, math.nan), 0.0)
+        watch.compare_course(fix(time_s, math.nan), 0.0)
+        watch.compare_course(fix(time_s, math.pi, 0.3), 0.0)
+        watch.compare_course(fix(time_s, math.pi, math.nan), 0.0)
     assert not watch.backward
-    assert watch.asks
+    assert watch.undecided

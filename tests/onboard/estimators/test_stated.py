@@ -1,4 +1,4 @@
-"""What is stated of the radii: without the chance of a change that was just supposed, and without the floors
+"""What is stated of the radii: without the chance of a change that was just assumed, and without the floors
 that keep the bank quick."""
 
 from __future__ import annotations
@@ -106,6 +106,6 @@ def test_a_quiet_drive_is_stated_sharper_and_a_change_is_told(method: str) -> No
 
 
 def test_filters_without_hypotheses_state_none() -> None:
-    """AUG-EKF supposes no changes of single wheels."""
+    """AUG-EKF assumes no changes of single wheels."""
     world = World(duration_s=20.0)
     assert run(estimator("aug-ekf", world, front=False), world.drive().ticks)[-1].stated is None

@@ -58,7 +58,7 @@ class RadiusEstimate(NamedTuple):
     """Standard deviation of the mean radii between the particles, root mean square over the wheels; NaN where
     nothing is drawn."""
     stated: Stated | None = None
-    """Statement after the last block of odometry; None before the first, and of filters that suppose no
+    """Statement after the last block of odometry; None before the first, and of filters that assume no
     changes of single wheels. Judgements take `deviation_m` and `covariance_m2`, which hold both answers.
     """
 

@@ -127,7 +127,7 @@ class Coasting:
 Movement = RolledTick | Standing | Coasting
 
 
-class Sight(NamedTuple):
+class FixMeasurement(NamedTuple):
     """A fix, and the motion in which it came."""
 
     fix: Fix
@@ -144,26 +144,26 @@ class Belief(Protocol):
     """Beliefs differ in representation, models and likelihoods; the verbs are the same."""
 
     takes_blocks: bool
-    """True if `hold` does anything."""
+    """True if `correct_by_block` does anything."""
 
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move by one tick, learning from it if it is informative; expected way (m) and turn (rad)."""
         ...
 
-    def distance(self, sight: Sight) -> tuple[float, float]:
+    def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Return the distance (m) of a fix from where it is expected, and the variance (m2) of that."""
         ...
 
-    def update(self, sight: Sight) -> None:
+    def update(self, measurement: FixMeasurement) -> None:
         """Take a fix that is used as a measurement."""
         ...
 
-    def hold(self, block: Block, bias_rad2: float) -> None:
+    def correct_by_block(self, block: Block, bias_rad2: float) -> None:
         """Take an informative block's Doppler way and turn by the gyro as measurements, where it makes no
         blocks of its own; `bias_rad2`: variance of the turn that the gyro's bias leaves."""
         ...
 
-    def settle(self, moment: Moment) -> None:
+    def finish_tick(self, moment: Moment) -> None:
         """Do what follows the fixes of a tick, used or not: resampling, blocks of odometry."""
         ...
 
@@ -171,11 +171,11 @@ class Belief(Protocol):
         """Posterior of radii and pose."""
         ...
 
-    def set_pose(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Set the pose to what fixes tell; the radii stay."""
         ...
 
-    def lose(self) -> None:
+    def forget_pose(self) -> None:
         """Drop what belongs to a pose that was given up; the radii stay."""
         ...
 

@@ -19,7 +19,7 @@ from tpmsd.onboard.estimators.belief import Belief, FilterCar
 from tpmsd.onboard.estimators.gates.fix_gate import FIX_WEIGHTS
 from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.estimators.gates.slip_gate import make_gate
-from tpmsd.onboard.estimators.published.front_contrast import FrontBeside
+from tpmsd.onboard.estimators.published.front_contrast import FourWheelBelief
 from tpmsd.onboard.estimators.published.gaussian import GaussianBelief, GaussianPieces
 from tpmsd.onboard.estimators.published.samples import SampledBelief
 from tpmsd.onboard.estimators.radius_filter import RadiusFilter
@@ -106,4 +106,4 @@ def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: np.rando
             position_noise=None if noise is None else noise.remembering(settings.window_s),
         )
         rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, rng)
-    return FrontBeside(rear, car, forgetting) if len(car.order) == 4 else rear
+    return FourWheelBelief(rear, car, forgetting) if len(car.order) == 4 else rear

@@ -30,7 +30,7 @@ class PoseFinder:
         self._fixes: deque[Fix] = deque(maxlen=400)
 
     def reset(self) -> None:
-        """Start anew."""
+        """Forget all fixes."""
         self._fixes.clear()
 
     def update(self, fix: Fix, moving: bool) -> PoseStart | None:

@@ -18,10 +18,10 @@ from tpmsd.onboard.estimators.belief import (
     Belief,
     Coasting,
     FilterCar,
+    FixMeasurement,
     Moment,
     Moments,
     RolledTick,
-    Sight,
     Standing,
     numbers,
 )
@@ -109,8 +109,8 @@ class RadiusFilter:
         if self._blocks is not None:
             held = self._blocks.update(moment)
             if held is not None and self._located:
-                self.belief.hold(*held)
-        self.belief.settle(moment)
+                self.belief.correct_by_block(*held)
+        self.belief.finish_tick(moment)
         return self._estimate(moment, self.belief.moments())
 
     # -- motion ---------------------------------------------------------------------------------------------
@@ -124,7 +124,7 @@ class RadiusFilter:
             return self._moment(tick, False)
         self._coasting_s = 0.0
         travel, turn = self._car.virtual_motion(left, right)
-        self._reverse.rolled(travel / tick.dt_s, tick.dt_s)
+        self._reverse.update_speed(travel / tick.dt_s, tick.dt_s)
         if self._reverse.backward:
             angle, travel, turn = -angle, -travel, -turn
         gentle = self._gate.update(tick, travel / tick.dt_s, turn / tick.dt_s)
@@ -182,13 +182,13 @@ class RadiusFilter:
         moving = self._speed > SETTINGS.moving_mps
         interval_s = fix.time_s - self._last_used_s
         by_position = self._heard.position
-        sight = Sight(fix, tick, self._speed, self._yaw_rate, interval_s, by_position)
+        measurement = FixMeasurement(fix, tick, self._speed, self._yaw_rate, interval_s, by_position)
         if not self._located:
             if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again
-                self._try_to_start_pose(sight, self._speed > SETTINGS.start_speed_mps)
+                self._try_to_start_pose(measurement, self._speed > SETTINGS.start_speed_mps)
             return
-        if self._reverse.asks:
-            self._reverse.saw(fix, self.belief.moments().pose.heading_rad)
+        if self._reverse.undecided:
+            self._reverse.compare_course(fix, self.belief.moments().pose.heading_rad)
         if self._gates.fixes:
             if not moving or interval_s < self._gates.fix_interval_s:
                 if not self._fix_gate.rejecting:
@@ -197,24 +197,24 @@ class RadiusFilter:
             self._last_used_s = fix.time_s
             verdict = "use"
             if by_position:
-                verdict = self._fix_gate.judge(*self.belief.distance(sight), fix.time_s)
+                verdict = self._fix_gate.judge(*self.belief.distance(measurement), fix.time_s)
             if verdict != "use":
                 self.counts["rejected_fixes"] += 1
                 if verdict == "lost":
                     self._lose_pose()
-                    self._try_to_start_pose(sight, True)
+                    self._try_to_start_pose(measurement, True)
                 return
         self.counts["fixes"] += 1
         self._last_fix_s = self._last_used_s = fix.time_s
-        self.belief.update(sight)
+        self.belief.update(measurement)
 
-    def _try_to_start_pose(self, sight: Sight, moving: bool) -> None:
-        start = self._finder.update(sight.fix, moving)
+    def _try_to_start_pose(self, measurement: FixMeasurement, moving: bool) -> None:
+        start = self._finder.update(measurement.fix, moving)
         if start is None:
             return
-        self.belief.set_pose(start, sight)
+        self.belief.set_pose(start, measurement)
         self._located = True
-        self._last_fix_s = self._last_used_s = sight.fix.time_s
+        self._last_fix_s = self._last_used_s = measurement.fix.time_s
 
     def _lose_pose(self) -> None:
         """Give the pose up and keep what was learned of the radii."""
@@ -224,7 +224,7 @@ class RadiusFilter:
         self._fix_gate.reset()
         if self._blocks is not None:
             self._blocks.reset()
-        self.belief.lose()
+        self.belief.forget_pose()
         self.counts["lost_pose"] += 1
 
     # -- out, and what survives a restart -------------------------------------------------------------------

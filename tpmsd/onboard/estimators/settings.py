@@ -147,13 +147,13 @@ class EstimatorSettings:
     niw_nu: float = 5.0
     """Prior nu: the least for which the variance of Sigma's mean exists at d = 2."""
     change_rate_per_s: float = 0.003
-    """Rate at which a particle supposes that a radius has just changed (bench: slow puncture)."""
+    """Rate at which a particle assumes that a radius has just changed (bench: slow puncture)."""
     change_std: float = 0.01
     """Size of such a change, relative to the radius: twice a loss of 20 % of the pressure."""
     change_heading_rad: float = 0.03
-    """Heading error that the change has caused before it was supposed."""
+    """Heading error that the change has caused before it was assumed."""
     changes_judged_s: float = 2.0
-    """Changes are supposed while the last fix is no older: later ones would only spread the radii."""
+    """Changes are assumed while the last fix is no older: later ones would only spread the radii."""
     walk_particles_m: float = 0.06e-3
     """Random walk of AUG-PF's radii, m per sqrt(s): particles need a long one to explore (bench: tuning)."""
     walk_gaussian_m: float = 0.02e-3
@@ -186,7 +186,7 @@ class EstimatorSettings:
     jump_std: float = 0.008
     """Size of a jump, relative to the radius: a loss of 20 to 40 % of the pressure."""
     jump_heading_rad: float = 0.05
-    """Heading error that a jump may have caused before it was supposed."""
+    """Heading error that a jump may have caused before it was assumed."""
     drift_levels: tuple[tuple[float, float], ...] = (
         *((1.0, 0.1), (0.15, 0.3), (0.04, 0.3), (0.01, 0.28), (4.0, 0.005)),
     )
@@ -221,7 +221,7 @@ class EstimatorSettings:
     level_step_s: float = 10.0
     """Its steps: small against that, and rare enough to cost nothing."""
     proposed_share: float = 0.04
-    """Share of the particles that suppose a change of a radius, per second and over all wheels: two of each
+    """Share of the particles that assume a change of a radius, per second and over all wheels: two of each
     wheel with 200 particles, ..."""
     reserved_share: float = 0.25
     """... which have places for the children of six seconds, in which a change shows."""

@@ -42,7 +42,7 @@ class Bank:
     kind: NDArray[np.intp]
     """(N,) which of the kinds of hypothesis that is (`JumpHypotheses.kinds`)."""
     since_s: FloatArray = field(init=False)
-    """(N,) informative driving since a hypothesis last supposed a change; infinite: never."""
+    """(N,) informative driving since a hypothesis last assumed a change; infinite: never."""
     raised: FloatArray = field(init=False)
     """(N,) by how much a log-weight is above what prior and evidence give (`JumpHypotheses.keep_levels`)."""
     noise_factor: FloatArray = field(init=False)
@@ -146,7 +146,7 @@ class JumpHypotheses:
         The branches take the places of the least probable hypotheses, with the prior probability of a change
         within `duration_s` as their weight; how much has changed is left to the Kalman filter. A branch
         allows for some heading error too, for a rear wheel that changed has turned the heading before anyone
-        supposed it. The wheels take turns when places are few: the wheel that is next after `next_wheel`.
+        assumed it. The wheels take turns when places are few: the wheel that is next after `next_wheel`.
         """
         order = bank.ascending()
         best = int(order[-1])
@@ -164,7 +164,7 @@ class JumpHypotheses:
 
 
 def stated(bank: Bank) -> Stated:
-    """Return the statement of the radii: moments of the hypotheses that suppose no change within
+    """Return the statement of the radii: moments of the hypotheses that assume no change within
     `recent_change_s`, or of the others where these are more probable, by weights of prior and evidence
     (`Bank.raised`).
     """

@@ -21,7 +21,7 @@ from tpmsd.onboard.estimators.bank.error_state import MU, E, N
 from tpmsd.onboard.estimators.bank.kernel import HALF_KERNEL
 from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.bank.particle_bank import ParticleBank, SampledHypotheses
-from tpmsd.onboard.estimators.belief import FilterCar, Moment, Moments, Sight
+from tpmsd.onboard.estimators.belief import FilterCar, FixMeasurement, Moment, Moments
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.resampling import Lineage, between_std
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -51,7 +51,7 @@ class MarginalBelief(MixtureBelief):
         self._between_m = math.nan
         """Spread between particles of the last informative block; NaN: to be computed."""
 
-    def _suppose(self, block: Block, gyro_trusted: bool) -> None:
+    def _propose_changes(self, block: Block, gyro_trusted: bool) -> None:
         """Let theta walk, and changes be proposed where the block can judge them: others would only spread
         the radii."""
         self._unwalked_s += block.duration_s
@@ -70,16 +70,16 @@ class MarginalBelief(MixtureBelief):
             )
         self._drift = self._process.drift_at(self.bank.level)
 
-    def settle(self, moment: Moment) -> None:
+    def finish_tick(self, moment: Moment) -> None:
         """Resample where the fixes before this tick ask for it; then as the mixture."""
         self._lineage.elapse(moment.tick.dt_s)
         if self._hypotheses.resample(self.bank, self._lineage, self._effective, self._rng):
             self._drift = self._process.drift_at(self.bank.level)
-        super().settle(moment)
+        super().finish_tick(moment)
 
-    def distance(self, sight: Sight) -> tuple[float, float]:
+    def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Return the distance from the particles' mean; the variance has the spread between them."""
-        residual_m, variance_m2 = super().distance(sight)
+        residual_m, variance_m2 = super().distance(measurement)
         weights, position = self.bank.weights(), self.bank.state[[E, N]]
         away = position - (position @ weights)[:, None]
         return residual_m, variance_m2 + float(np.square(away).sum(axis=0) @ weights)
@@ -89,10 +89,10 @@ class MarginalBelief(MixtureBelief):
         self._kernel.complete(self.bank)
         return super().snapshot()
 
-    def lose(self) -> None:
+    def forget_pose(self) -> None:
         """Blocks and grade do not go on; the radii keep their joint evidence, and half of the particles
-        suppose that one of them has changed: the receiver may have left the wheels for that."""
-        super().lose()
+        assume that one of them has changed: the receiver may have left the wheels for that."""
+        super().forget_pose()
         half = np.flatnonzero(self._rng.random(self.bank.log_weights.size) < 0.5)
         self._hypotheses.reopen(self.bank, half, self._car.nominal_m, self._rng)
 

@@ -50,13 +50,13 @@ from tpmsd.onboard.estimators.base import NIGHT_S, Stated
 from tpmsd.onboard.estimators.belief import (
     Coasting,
     FilterCar,
+    FixMeasurement,
     Moment,
     Moments,
     Movement,
     Pose,
     RolledTick,
     Saved,
-    Sight,
     numbers,
     saved_covariance,
     saved_radii,
@@ -161,34 +161,39 @@ class MixtureBelief:
 
     # -- fixes ----------------------------------------------------------------------------------------------
 
-    def _present(self, sight: Sight) -> measurements.Present:
-        return measurements.Present(sight.speed_mps, sight.yaw_rate_radps, *self._car.antenna_m)
+    def _present(self, measurement: FixMeasurement) -> measurements.Present:
+        return measurements.Present(measurement.speed_mps, measurement.yaw_rate_radps, *self._car.antenna_m)
 
-    def distance(self, sight: Sight) -> tuple[float, float]:
+    def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Return the distance from the mixture's mean; the variance is the position's within the hypotheses
         and the fix's.
         """
-        fix, bank = sight.fix, self.bank
-        self._expected = fix, *self._kernel.antenna_position(bank, fix, sight.tick, self._present(sight))
+        fix, bank = measurement.fix, self.bank
+        self._expected = (
+            fix,
+            *self._kernel.antenna_position(bank, fix, measurement.tick, self._present(measurement)),
+        )
         _, east, north, _, _ = self._expected
         weights = bank.weights()
         off = math.hypot(fix.east_m - float(weights @ east), fix.north_m - float(weights @ north))
         own = float(weights @ (bank.covariance[:, E, E] + bank.covariance[:, N, N]))
         return off, own + fix.position_std_m**2
 
-    def update(self, sight: Sight) -> None:
+    def update(self, measurement: FixMeasurement) -> None:
         """Hold the hypotheses against position and course."""
-        fix, tick, now, bank = sight.fix, sight.tick, self._present(sight), self.bank
+        fix, tick, now, bank = measurement.fix, measurement.tick, self._present(measurement), self.bank
         weights = self._pieces.fix_weights
         self._position_std_m = fix.position_std_m
-        if sight.by_position:
-            self._update_position(sight, now, weights)
+        if measurement.by_position:
+            self._update_position(measurement, now, weights)
         if math.isfinite(fix.heading_rad) and now.speed_mps > SETTINGS.course_speed_mps:
-            reading, interval_s = self._reading_heading(tick), min(sight.interval_s, 2.0)
+            reading, interval_s = self._reading_heading(tick), min(measurement.interval_s, 2.0)
             self._update(measurements.course(bank.mean, fix, tick, now, reading, interval_s), weights)
 
-    def _update_position(self, sight: Sight, now: measurements.Present, weights: Weights) -> None:
-        fix, tick, bank = sight.fix, sight.tick, self.bank
+    def _update_position(
+        self, measurement: FixMeasurement, now: measurements.Present, weights: Weights
+    ) -> None:
+        fix, tick, bank = measurement.fix, measurement.tick, self.bank
         variance = measurements.position_variance(fix, now)
         expected, self._expected = self._expected, None
         if expected is None or expected[0] is not fix:
@@ -213,12 +218,12 @@ class MixtureBelief:
         frozen = None if self._informative else SLIP
         self._kernel.update(self.bank, scalar, frozen, weights)
 
-    def hold(self, block: Block, bias_rad2: float) -> None:
-        """Nothing: `settle` makes blocks of all wheels, by the present radii."""
+    def correct_by_block(self, block: Block, bias_rad2: float) -> None:
+        """Do nothing: `finish_tick` makes blocks of all wheels, by the present radii."""
 
     # -- blocks of odometry ---------------------------------------------------------------------------------
 
-    def settle(self, moment: Moment) -> None:
+    def finish_tick(self, moment: Moment) -> None:
         """Add the tick to the block of odometry; learn from the block that it completes."""
         tick = moment.tick
         for fix in tick.fixes:
@@ -229,13 +234,13 @@ class MixtureBelief:
             return
         if block.informative:
             self.bank.since_s += block.duration_s
-            self._suppose(block, moment.gyro_trusted)
+            self._propose_changes(block, moment.gyro_trusted)
             self._learn(block, moment.gyro_trusted)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
         self._stated = stated(self.bank)
 
-    def _suppose(self, block: Block, gyro_trusted: bool) -> None:
+    def _propose_changes(self, block: Block, gyro_trusted: bool) -> None:
         """Branch hypotheses off: what may have changed within the block."""
         changes = self._pieces.changes
         changes.keep_levels(self.bank, block.duration_s)
@@ -263,18 +268,18 @@ class MixtureBelief:
 
     # -- the pose found and lost ----------------------------------------------------------------------------
 
-    def lose(self) -> None:
+    def forget_pose(self) -> None:
         """Blocks and grade do not go on over a gap."""
         self._blocks.reset()
         self._grade.reset()
 
-    def set_pose(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Set every hypothesis' pose to what the fixes tell, uncorrelated with the radii."""
         fix, mean, covariance = start.fix, self.bank.mean, self.bank.covariance
         forward, left = self._car.antenna_m
         weights = self.bank.weights()
-        late_s = (1.0 - fix.fraction) * sight.tick.dt_s + float(weights @ mean[:, LAT])
-        ahead = late_s * sight.speed_mps - forward - float(weights @ mean[:, FWD])
+        late_s = (1.0 - fix.fraction) * measurement.tick.dt_s + float(weights @ mean[:, LAT])
+        ahead = late_s * measurement.speed_mps - forward - float(weights @ mean[:, FWD])
         cos, sin = math.cos(start.heading_rad), math.sin(start.heading_rad)
         east, north = fix.east_m + ahead * cos + left * sin, fix.north_m + ahead * sin - left * cos
         reset = [E, N, PSI, BE, BN]

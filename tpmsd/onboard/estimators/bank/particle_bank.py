@@ -136,14 +136,14 @@ class SampledHypotheses:
     def reopen(
         self, bank: ParticleBank, who: NDArray[np.intp], nominal_m: FloatArray, rng: np.random.Generator
     ) -> None:
-        """Let each of these particles suppose that a wheel, drawn for each, has changed; weights stay."""
+        """Let each of these particles assume that a wheel, drawn for each, has changed; weights stay."""
         self._widen(bank, who, rng.integers(nominal_m.size, size=who.size), nominal_m)
 
     def _widen(
         self, bank: ParticleBank, who: NDArray[np.intp], wheel: NDArray[np.intp], nominal_m: FloatArray
     ) -> None:
         """Widen one wheel's radius in each of these particles by what a change can do, and the heading by
-        what it has done before it was supposed."""
+        what it has done before it was assumed."""
         bank.spread[MU + wheel, MU + wheel, who] += np.square(self.std * nominal_m[wheel])
         bank.spread[PSI, PSI, who] += self.heading_std_rad**2
         bank.since_s[who] = 0.0

@@ -28,11 +28,11 @@ class ReverseWatch:
         self._against_s: float | None = None
 
     @property
-    def asks(self) -> bool:
+    def undecided(self) -> bool:
         """True if a fix would decide anything."""
         return self._open and not self._signed
 
-    def rolled(self, speed_mps: float, dt_s: float) -> None:
+    def update_speed(self, speed_mps: float, dt_s: float) -> None:
         """Take a tick's speed; a negative one shows that the signals bear a sign."""
         if speed_mps == 0.0:
             self._rest_s += dt_s
@@ -44,9 +44,9 @@ class ReverseWatch:
         if speed_mps > SETTINGS.start_speed_mps or self._signed:
             self.backward = self._open = False
 
-    def saw(self, fix: Fix, heading_rad: float) -> None:
+    def compare_course(self, fix: Fix, heading_rad: float) -> None:
         """Hold a fix's course against the heading."""
-        if not self.asks or not fix.speed_mps >= SETTINGS.reverse_course_mps:  # false for NaN
+        if not self.undecided or not fix.speed_mps >= SETTINGS.reverse_course_mps:  # false for NaN
             return
         apart = abs(math.remainder(fix.heading_rad - heading_rad, 2.0 * math.pi))
         if apart < math.pi - SETTINGS.reverse_within_rad:

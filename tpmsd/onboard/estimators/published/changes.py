@@ -19,9 +19,9 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 class ChangeModel(Protocol):
-    """Supposes changes in some particles."""
+    """Assumes changes in some particles."""
 
-    def suppose(
+    def propose_changes(
         self,
         particles: Particles,
         radii: RadiusModel,
@@ -35,13 +35,13 @@ class ChangeModel(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PoissonChanges:
-    """Each particle supposes a change of one rear radius at a constant rate."""
+    """Each particle assumes a change of one rear radius at a constant rate."""
 
     rate_per_s: float = SETTINGS.change_rate_per_s
     std: float = SETTINGS.change_std
     """Relative to the radius."""
 
-    def suppose(
+    def propose_changes(
         self,
         particles: Particles,
         radii: RadiusModel,
@@ -49,7 +49,7 @@ class PoissonChanges:
         car: FilterCar,
         rng: np.random.Generator,
     ) -> None:
-        """Poisson number of particles, wheel and size at random."""
+        """Shift one rear radius in a Poisson number of particles, each drawn with its wheel and size."""
         number = int(rng.poisson(self.rate_per_s * rolling.moment.tick.dt_s * particles.count))
         if number == 0:
             return

@@ -22,12 +22,12 @@ from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
     Belief,
     FilterCar,
+    FixMeasurement,
     Moment,
     Moments,
     Movement,
     RolledTick,
     Saved,
-    Sight,
     saved_radii,
 )
 from tpmsd.onboard.estimators.odometry_block import Block
@@ -91,7 +91,7 @@ class FrontContrast:
         self._stats.gamma = float(np.max(np.diag(own_m2) / noise))
 
 
-class FrontBeside:
+class FourWheelBelief:
     """A `Belief` of four wheels: that of the rear pair, and the front wheels learned beside it."""
 
     def __init__(self, rear: Belief, car: FilterCar, forgetting_factor: float) -> None:
@@ -109,29 +109,29 @@ class FrontBeside:
             self._contrast.learn(movement.angle_rad, self._rear_m, movement.moment.tick.dt_s)
         return moved
 
-    def distance(self, sight: Sight) -> tuple[float, float]:
+    def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Do what the rear belief does."""
-        return self.rear.distance(sight)
+        return self.rear.distance(measurement)
 
-    def update(self, sight: Sight) -> None:
+    def update(self, measurement: FixMeasurement) -> None:
         """Do what the rear belief does."""
-        self.rear.update(sight)
+        self.rear.update(measurement)
 
-    def hold(self, block: Block, bias_rad2: float) -> None:
+    def correct_by_block(self, block: Block, bias_rad2: float) -> None:
         """Do what the rear belief does."""
-        self.rear.hold(block, bias_rad2)
+        self.rear.correct_by_block(block, bias_rad2)
 
-    def settle(self, moment: Moment) -> None:
+    def finish_tick(self, moment: Moment) -> None:
         """Do what the rear belief does."""
-        self.rear.settle(moment)
+        self.rear.finish_tick(moment)
 
-    def set_pose(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Do what the rear belief does."""
-        self.rear.set_pose(start, sight)
+        self.rear.set_pose(start, measurement)
 
-    def lose(self) -> None:
+    def forget_pose(self) -> None:
         """Do what the rear belief does."""
-        self.rear.lose()
+        self.rear.forget_pose()
 
     def moments(self) -> Moments:
         """Return the moments of all four wheels."""

@@ -26,19 +26,23 @@ from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
     Coasting,
     FilterCar,
+    FixMeasurement,
     Moment,
     Moments,
     Movement,
     Pose,
     RolledTick,
     Saved,
-    Sight,
     saved_radii,
     wrapped,
 )
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
-from tpmsd.onboard.estimators.published.gnss_likelihood import position_variance, seen_course, seen_in_block
+from tpmsd.onboard.estimators.published.gnss_likelihood import (
+    block_measurements,
+    course_measurement,
+    position_variance,
+)
 from tpmsd.onboard.estimators.published.samples import saved_noise
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
@@ -209,21 +213,21 @@ class GaussianBelief:
         rows[:, PSI] = [-north, east]
         return self.mean[:2] + np.array([east, north]), rows
 
-    def distance(self, sight: Sight) -> tuple[float, float]:
+    def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Return the distance from the mean; its variance is this filter's and the fix's."""
-        fix = sight.fix
+        fix = measurement.fix
         at, _ = self._antenna_at(fix)
         own = float(self.covariance[E, E] + self.covariance[N, N])
         return math.hypot(fix.east_m - at[0], fix.north_m - at[1]), own + fix.position_std_m**2
 
-    def update(self, sight: Sight) -> None:
-        """East, then north, then the course."""
-        fix = sight.fix
+    def update(self, measurement: FixMeasurement) -> None:
+        """Correct by the fix: by its east, its north and its course, one after the other."""
+        fix = measurement.fix
         for axis, seen_m in enumerate((fix.east_m, fix.north_m)):
-            if sight.by_position:
+            if measurement.by_position:
                 at, rows = self._antenna_at(fix)
                 self._take(seen_m - at[axis], rows[axis], position_variance(fix))
-        if (seen := seen_course(sight, self._car.antenna_m)) is not None:
+        if (seen := course_measurement(measurement, self._car.antenna_m)) is not None:
             row = np.zeros(SIZE)
             row[PSI] = 1.0
             self._take(
@@ -238,26 +242,26 @@ class GaussianBelief:
             weights=self._pieces.weights,
         )
 
-    def hold(self, block: Block, bias_rad2: float) -> None:
-        """Doppler way, then the turn by the gyro."""
+    def correct_by_block(self, block: Block, bias_rad2: float) -> None:
+        """Correct by the Doppler distance of the block, then by the turn of the gyro."""
         track_m = self._car.geometry.track_rear_m
-        for seen in seen_in_block(block, bias_rad2, self._car.nominal_m[:2], track_m):
+        for seen in block_measurements(block, bias_rad2, self._car.nominal_m[:2], track_m):
             row = np.zeros(SIZE)
             row[MU:SIGMA] = seen.by_radius
             self._take(seen.residual - float(row @ self.mean), row, seen.variance)
         symmetrise(self.covariance[None])
 
-    def settle(self, moment: Moment) -> None:
-        """Nothing follows the fixes."""
+    def finish_tick(self, moment: Moment) -> None:
+        """Do nothing: this belief has no work left after the fixes."""
 
-    def lose(self) -> None:
+    def forget_pose(self) -> None:
         """Nothing belongs to the pose but the pose itself."""
 
-    def set_pose(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Set the pose again, uncorrelated with the radii."""
         fix = start.fix
         forward, left = self._car.antenna_m
-        ahead = (1.0 - fix.fraction) * sight.tick.dt_s * sight.speed_mps - forward
+        ahead = (1.0 - fix.fraction) * measurement.tick.dt_s * measurement.speed_mps - forward
         cos, sin = math.cos(start.heading_rad), math.sin(start.heading_rad)
         self.mean[:MU] = [
             fix.east_m + ahead * cos + left * sin,

@@ -18,7 +18,7 @@ import numpy as np
 
 from tpmsd.car.physics.priors import FIX_AGE_S, GYRO_SCALE, SPEED_AGE_S
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.belief import Sight
+from tpmsd.onboard.estimators.belief import FixMeasurement
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
@@ -45,33 +45,35 @@ def position_variance(fix: Fix, floor_m: float = SETTINGS.position_floor_m) -> f
     return max(fix.position_std_m, floor_m) ** 2
 
 
-class SeenCourse(NamedTuple):
+class CourseMeasurement(NamedTuple):
     """A receiver's course as a heading of the car at the end of its tick."""
 
     heading_rad: float
     variance_rad2: float
 
 
-def seen_course(sight: Sight, antenna_m: tuple[float, float]) -> SeenCourse | None:
+def course_measurement(
+    measurement: FixMeasurement, antenna_m: tuple[float, float]
+) -> CourseMeasurement | None:
     """Return the heading that a fix's course tells, by the usual age of positions and speeds; None where it
     has none or the car is slow. The model is that of `measurements.course`, with what is a state there at its
     mean.
     """
-    fix, rate = sight.fix, sight.yaw_rate_radps
-    if not (math.isfinite(fix.heading_rad) and sight.speed_mps > SETTINGS.course_speed_mps):
+    fix, rate = measurement.fix, measurement.yaw_rate_radps
+    if not (math.isfinite(fix.heading_rad) and measurement.speed_mps > SETTINGS.course_speed_mps):
         return None
-    behind_s = (1.0 - fix.fraction) * sight.tick.dt_s + FIX_AGE_S.mean + SPEED_AGE_S.mean
+    behind_s = (1.0 - fix.fraction) * measurement.tick.dt_s + FIX_AGE_S.mean + SPEED_AGE_S.mean
     forward, left = antenna_m
-    swing = math.atan2(rate * forward, max(sight.speed_mps - rate * left, 0.1))
-    doppler = (fix.speed_noise * SETTINGS.doppler_mps / sight.speed_mps) ** 2
-    repeated = max(1.0, 2 * SETTINGS.doppler_tau_s / min(sight.interval_s, 2.0))
+    swing = math.atan2(rate * forward, max(measurement.speed_mps - rate * left, 0.1))
+    doppler = (fix.speed_noise * SETTINGS.doppler_mps / measurement.speed_mps) ** 2
+    repeated = max(1.0, 2 * SETTINGS.doppler_tau_s / min(measurement.interval_s, 2.0))
     age = (SETTINGS.timing_s**2 + FIX_AGE_S.std**2 + SPEED_AGE_S.std**2) * rate**2
-    return SeenCourse(
+    return CourseMeasurement(
         fix.heading_rad + rate * behind_s - swing, doppler * repeated + age + SETTINGS.course_floor_rad**2
     )
 
 
-class SeenInBlock(NamedTuple):
+class BlockMeasurement(NamedTuple):
     """A measurement that is linear in the rear radii."""
 
     residual: float
@@ -83,9 +85,9 @@ class SeenInBlock(NamedTuple):
     """Variance with the floor below which a bootstrap proposal would starve."""
 
 
-def seen_in_block(
+def block_measurements(
     block: Block, bias_rad2: float, nominal_m: FloatArray, track_m: float
-) -> Iterator[SeenInBlock]:
+) -> Iterator[BlockMeasurement]:
     """Doppler way and turn by the gyro of a block of the rear pair at nominal radii, where it has them; the
     models are those of `measurements.doppler_distance` and `gyro_turn`."""
     angle = block.angle_rad[:2]
@@ -97,11 +99,11 @@ def seen_in_block(
         variance += age_s2 * block.speed_swing_mps**2 + block.reading_distance_m**2
         late_m = (FIX_AGE_S.mean + SPEED_AGE_S.mean) * block.speed_change_mps
         residual = block.doppler_distance_m + late_m - float(angle @ nominal_m) / 2
-        yield SeenInBlock(residual, angle / 2, variance, max(variance, SETTINGS.distance_floor_m**2))
+        yield BlockMeasurement(residual, angle / 2, variance, max(variance, SETTINGS.distance_floor_m**2))
     if math.isfinite(block.gyro_turn_rad):
         variance = SETTINGS.gyro_noise_radps**2 * block.duration_s + block.reading_turn_rad**2 + bias_rad2
         variance += ((SETTINGS.gyro_relative + GYRO_SCALE.std) * block.gyro_turn_rad) ** 2
         turn = float(angle[1] * nominal_m[1] - angle[0] * nominal_m[0]) / track_m
         by_radius = np.array([-angle[0], angle[1]]) / track_m
         residual = block.gyro_turn_rad - turn
-        yield SeenInBlock(residual, by_radius, variance, max(variance, SETTINGS.turn_floor_rad**2))
+        yield BlockMeasurement(residual, by_radius, variance, max(variance, SETTINGS.turn_floor_rad**2))

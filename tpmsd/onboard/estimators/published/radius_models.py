@@ -85,7 +85,7 @@ class Floors:
     The floor of the variances alone does not hold it. A receiver's slow errors along the way are learned as
     an error that both wheels share, 10 mm and more, and under it that of the difference falls to 0.2 mm in
     two hours. The headings are then too stiff to follow the receiver's slow errors sideways, and the few
-    particles that suppose a change of radius, whose paths bend, win by default.
+    particles that assume a change of radius, whose paths bend, win by default.
     """
 
 
@@ -104,7 +104,7 @@ class NiwRadii:
     """Statistics before the first tick; None: a wide prior."""
 
     def remembering(self, forgetting: float) -> NiwRadii:
-        """With this lambda."""
+        """Return the model with this forgetting factor, lambda."""
         return replace(self, forgetting=forgetting)
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> NormalInverseWishart:
@@ -255,11 +255,11 @@ class WalkingRadii:
         return noise
 
     def learn(self, state: Walkers, noise_m: FloatArray) -> Walkers:
-        """Nothing: the weights alone change."""
+        """Do nothing: the weights alone change."""
         return state
 
     def shift(self, state: Walkers, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray) -> None:
-        """Treat mu."""
+        """Add the change to mu."""
         state.mu[wheel, who] += by_m
 
     def select(self, state: Walkers, index: NDArray[np.intp]) -> Walkers:
@@ -267,7 +267,7 @@ class WalkingRadii:
         return Walkers(state.mu[:, index], state.sigma[:, index])
 
     def moments(self, state: Walkers, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Treat mu."""
+        """Return mean (2,) and covariance (2, 2) of mu."""
         mean = state.mu @ weights
         away = state.mu - mean[:, None]
         return mean, (away * weights) @ away.T

@@ -23,13 +23,13 @@ from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
     Coasting,
     FilterCar,
+    FixMeasurement,
     Moment,
     Moments,
     Movement,
     Pose,
     RolledTick,
     Saved,
-    Sight,
     numbers,
     saved_radii,
     wrapped,
@@ -39,9 +39,9 @@ from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.published.changes import ChangeModel
 from tpmsd.onboard.estimators.published.gnss_likelihood import (
     PositionLog,
+    block_measurements,
+    course_measurement,
     position_variance,
-    seen_course,
-    seen_in_block,
     student_t_log,
 )
 from tpmsd.onboard.estimators.published.position_noise import PositionNoise
@@ -96,7 +96,7 @@ class SampledBelief:
             if movement.moment.informative:
                 particles.radii = pieces.radii.forget(particles.radii, movement.moment.tick.dt_s, rng)
                 if pieces.changes is not None and movement.judged:
-                    pieces.changes.suppose(particles, pieces.radii, movement, self._car, rng)
+                    pieces.changes.propose_changes(particles, pieces.radii, movement, self._car, rng)
             travel, turn, log = pieces.motion.advance(particles, pieces.radii, movement, self._car, rng)
             if log is not None:
                 particles.multiply(log)
@@ -122,39 +122,42 @@ class SampledBelief:
     def _variance(self, fix: Fix) -> float:
         return position_variance(fix, self._pieces.position_floor_m)
 
-    def distance(self, sight: Sight) -> tuple[float, float]:
+    def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Distance of the mean; the spread of the particles is in the variance, and a share for what the
         receiver's slow errors have made of it."""
-        off = np.stack(self._off(sight.fix))
+        off = np.stack(self._off(measurement.fix))
         weights = self.particles.weights
         mean = off @ weights
         spread = float(np.square(off - mean[:, None]).sum(axis=0) @ weights)
-        slow = self._variance(sight.fix) / 9.0
-        return math.hypot(*mean.tolist()), sight.fix.position_std_m**2 + slow + spread
+        slow = self._variance(measurement.fix) / 9.0
+        return math.hypot(*mean.tolist()), measurement.fix.position_std_m**2 + slow + spread
 
-    def update(self, sight: Sight) -> None:
+    def update(self, measurement: FixMeasurement) -> None:
         """Multiply the weights by the likelihoods of position (22) and course."""
         particles, pieces = self.particles, self._pieces
-        if sight.by_position:
-            east, north = self._off(sight.fix)
-            particles.multiply(self._position_log(sight, east, north))
-        if not pieces.positions_alone and (seen := seen_course(sight, self._car.antenna_m)) is not None:
+        if measurement.by_position:
+            east, north = self._off(measurement.fix)
+            particles.multiply(self._position_log(measurement, east, north))
+        if (
+            not pieces.positions_alone
+            and (seen := course_measurement(measurement, self._car.antenna_m)) is not None
+        ):
             off = np.remainder(seen.heading_rad - particles.pose[2] + math.pi, 2 * math.pi) - math.pi
             variance = max(seen.variance_rad2, SETTINGS.course_floor_sampled_rad**2)
             particles.multiply(pieces.likelihood(off * off / variance, 1))
 
-    def _position_log(self, sight: Sight, east: FloatArray, north: FloatArray) -> FloatArray:
+    def _position_log(self, measurement: FixMeasurement, east: FloatArray, north: FloatArray) -> FloatArray:
         """Log-likelihood (N,) of a position so far off: (22), or (34) where its variances are unknown."""
         particles, pieces = self.particles, self._pieces
         if pieces.position_noise is None:
-            return pieces.likelihood((east * east + north * north) / self._variance(sight.fix), 2)
+            return pieces.likelihood((east * east + north * north) / self._variance(measurement.fix), 2)
         if particles.position_noise is None:
-            stated_m = sight.fix.position_std_m
+            stated_m = measurement.fix.position_std_m
             particles.position_noise = pieces.position_noise.begin(particles.count, stated_m)
         error_m = np.stack([east, north])
-        return pieces.position_noise.weigh(particles.position_noise, error_m, sight.interval_s)
+        return pieces.position_noise.weigh(particles.position_noise, error_m, measurement.interval_s)
 
-    def hold(self, block: Block, bias_rad2: float) -> None:
+    def correct_by_block(self, block: Block, bias_rad2: float) -> None:
         """Multiply the weights by the likelihoods of Doppler way and turn, given the radii that each particle
         believes in; what a tick's noise makes of them averages out over the block."""
         pieces = self._pieces
@@ -162,12 +165,12 @@ class SampledBelief:
             return
         location, scale, _ = pieces.radii.marginals(self.particles.radii)
         track_m = self._car.geometry.track_rear_m
-        for seen in seen_in_block(block, bias_rad2, self._car.nominal_m[:2], track_m):
+        for seen in block_measurements(block, bias_rad2, self._car.nominal_m[:2], track_m):
             noise = np.square(seen.by_radius) @ scale / max(block.ticks, 1)
             squared = np.square(seen.residual - seen.by_radius @ location) / (seen.variance_sampled + noise)
             self.particles.multiply(pieces.likelihood(squared, 1))
 
-    def settle(self, moment: Moment) -> None:
+    def finish_tick(self, moment: Moment) -> None:
         """Resample where the effective number asks for it."""
         particles, pieces = self.particles, self._pieces
         self._lineage.elapse(moment.tick.dt_s)
@@ -197,13 +200,13 @@ class SampledBelief:
         drawn = effective_number(weights), float(self._lineage.ancestors), between
         return Moments(mean_m, covariance_m2, noise_m, pose, *drawn)
 
-    def set_pose(self, start: PoseStart, sight: Sight) -> None:
+    def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Spread the particles about a pose that fixes tell."""
         fix, particles, rng = start.fix, self.particles, self._rng
         count = particles.count
         heading = start.heading_rad + start.heading_std_rad * rng.standard_normal(count)
         forward, left = self._car.antenna_m
-        ahead = (1.0 - fix.fraction) * sight.tick.dt_s * sight.speed_mps - forward
+        ahead = (1.0 - fix.fraction) * measurement.tick.dt_s * measurement.speed_mps - forward
         cos, sin = np.cos(heading), np.sin(heading)
         std = math.sqrt(self._variance(fix))
         particles.pose[0] = fix.east_m + std * rng.standard_normal(count) + ahead * cos + left * sin
@@ -213,7 +216,7 @@ class SampledBelief:
         particles.motion = None
         particles.level()
 
-    def lose(self) -> None:
+    def forget_pose(self) -> None:
         """Nothing belongs to the pose but the poses themselves, which are placed anew."""
 
     def snapshot(self) -> dict[str, Any]:
