@@ -53,7 +53,7 @@ def test_a_plan_is_short_and_tells_all() -> None:
     equipment = Equipment(car())
     plan = planned(PAIR, equipment, LIBRARY, 1800.0)
 
-    assert plan.told
+    assert plan.identifies_all
     assert min(plan.gains.values()) >= TARGET
     for k in range(len(plan.manoeuvres)):
         rest = [*plan.manoeuvres[:k], *plan.manoeuvres[k + 1 :]]
@@ -65,7 +65,7 @@ def test_what_no_sensor_reads_is_not_told() -> None:
     equipment = Equipment(car(), gyro=False)
 
     assert {"yaw_rate_bias": 0.0} == gains([LIBRARY[7]], equipment, "yaw_rate_bias")
-    assert not planned(["yaw_rate_bias"], equipment, LIBRARY[:2], 200.0).told
+    assert not planned(["yaw_rate_bias"], equipment, LIBRARY[:2], 200.0).identifies_all
 
 
 def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixture[str]) -> None:
@@ -85,7 +85,7 @@ def test_nothing_is_driven_for_what_cannot_be_told_and_what_repeats_is_one_line(
     both = planned([*PAIR, "wear"], equipment, LIBRARY, 1800.0)
 
     assert alone.manoeuvres == both.manoeuvres
-    assert (True, False, 0.0) == (alone.told, both.told, both.gains["wear"])
+    assert (True, False, 0.0) == (alone.identifies_all, both.identifies_all, both.gains["wear"])
     repeated = Plan((LIBRARY[1], LIBRARY[1], LIBRARY[0], LIBRARY[1]), {"wear": TARGET}, 60.0)
     assert [f"  1. {LIBRARY[1].name}, 2 times", f"  2. {LIBRARY[0].name}", f"  3. {LIBRARY[1].name}"] == (
         summary(repeated).splitlines()[1:4]

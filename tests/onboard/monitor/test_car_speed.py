@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.onboard.monitor.test_signal_watch import Watched, fix
 from tpmsd.onboard.monitor.health.signal_watch import Watching
-from tpmsd.onboard.monitor.sampling.car_speed import CarSpeed, Heard, stated_range
+from tpmsd.onboard.monitor.sampling.car_speed import CarSpeed, SpeedAgreement, stated_range
 
 NO_WHEELS = math.nan
 
@@ -68,7 +68,7 @@ def test_a_statement_holds_for_two_seconds() -> None:
     car.state(72)
     heard = [car.update(0.5 * k, 20.0, math.nan) for k in range(8)]
     assert [True] * 5 + [None] * 3 == [one.wheels for one in heard]
-    assert Heard() == heard[-1]
+    assert SpeedAgreement() == heard[-1]
 
 
 def test_wheels_that_stand_while_the_car_drives_are_a_malfunction() -> None:

@@ -55,12 +55,12 @@ def read_output(raw: object, folder: Path) -> OutputConfig:
         if key not in rules:
             known = (*rules, "signals")
             raise BadValueError(f"{show_key(key)}: unknown key", None, " ".join(known), nearest(key, known))
-        read[key] = _within(key, rules[key].read, value)
+        read[key] = _read_key(key, rules[key].read, value)
     signals = raw.get("signals", {})
     if not isinstance(signals, dict):
         raise BadValueError("signals: must be a table", show(signals), "signal = 'value'")
     read["signals"] = tuple(
-        (name, _within(f"signals.{show_key(name)}", _signal, value)) for name, value in signals.items()
+        (name, _read_key(f"signals.{show_key(name)}", _signal, value)) for name, value in signals.items()
     )
     if "j1939" in read:
         if "source_address" not in read:
@@ -112,19 +112,20 @@ def _options(name: str, value: Mapping[str, Any]) -> OutputSignal:
         raise BadValueError("algorithm: missing", None, " ".join(ALGORITHM_NAMES))
     return OutputSignal(
         value=name,
-        unknown=_within("unknown", Number(-1e18, 1e18).read, value["unknown"])
+        unknown=_read_key("unknown", Number(-1e18, 1e18).read, value["unknown"])
         if "unknown" in value
         else None,
-        mapped=tuple(_within("map", Number(-1e18, 1e18).read, one) for one in mapped),
-        algorithm=_within("algorithm", Choice(ALGORITHM_NAMES).read, value["algorithm"])
+        mapped=tuple(_read_key("map", Number(-1e18, 1e18).read, one) for one in mapped),
+        algorithm=_read_key("algorithm", Choice(ALGORITHM_NAMES).read, value["algorithm"])
         if "algorithm" in value
         else None,
-        data_id=tuple(_within("data_id", Whole(0, 255, base=16).read, one) for one in data_id),
-        modulo=_within("modulo", Whole(2, 1 << 32).read, value["modulo"]) if "modulo" in value else None,
+        data_id=tuple(_read_key("data_id", Whole(0, 255, base=16).read, one) for one in data_id),
+        modulo=_read_key("modulo", Whole(2, 1 << 32).read, value["modulo"]) if "modulo" in value else None,
     )
 
 
-def _within(key: str, read: Any, value: object) -> Any:
+def _read_key(key: str, read: Any, value: object) -> Any:
+    """Return `read(value)`; its `BadValueError` names the key."""
     try:
         return read(value)
     except BadValueError as bad:

@@ -101,7 +101,7 @@ def document(plan: Plan, route_file: str | None) -> dict[str, Any]:
     from tpmsd.offline.planning.search import TARGET
 
     return {
-        "told": plan.told,
+        "told": plan.identifies_all,
         "duration_s": plan.duration_s,
         "effects": {
             name: {"expected_gain_nats": gain, "told": gain >= TARGET} for name, gain in plan.gains.items()

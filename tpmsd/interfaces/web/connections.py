@@ -27,7 +27,7 @@ Peer = tuple[str, int]
 
 @dataclass
 class Connection:
-    """One of them."""
+    """One open connection of a visitor."""
 
     opened: socket.socket
     origin: str
@@ -41,7 +41,7 @@ class Connection:
 
 
 class Connections:
-    """All of them, by the visitor's address and port, the longest waiting ones first."""
+    """Open connections by the visitor's address and port, the longest waiting ones first."""
 
     def __init__(self, settings: WebSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._settings = settings

@@ -51,7 +51,7 @@ def draw_calibration(
     else:
         track_axes, course, radii = figure.subplots(1, 3, width_ratios=[1.5, 1.2, 0.8])
     _draw_tracks(track_axes, found, positions, paths)
-    _draw_course(course, found)
+    _draw_iterations(course, found)
     _draw_radii(radii, found, config)
     for axes in (track_axes, course, radii):
         axes.spines[["top", "right"]].set_visible(False)
@@ -79,7 +79,8 @@ def _draw_tracks(
     )
 
 
-def _draw_course(axes: Axes, found: Calibration) -> None:
+def _draw_iterations(axes: Axes, found: Calibration) -> None:
+    """Draw each radius over the iterations of the fit."""
     for wheel, result in found.wheels.items():
         radii = np.array([step[wheel] for step in found.history_m]) * 1e3
         axes.plot(np.arange(1, len(radii) + 1), radii, marker="o", ms=4, label=wheel, **line_style(wheel))

@@ -156,7 +156,7 @@ class GaussMarkov:
 
     @property
     def turning(self) -> tuple[int, ...]:
-        """All or none."""
+        """All states where they turn with the distance, else none."""
         return tuple(range(len(self.names))) if self.turns else ()
 
     def rows(self, windows: Linearised) -> FloatArray:

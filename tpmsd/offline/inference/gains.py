@@ -42,7 +42,7 @@ class Gains(NamedTuple):
 
 
 def gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
-    """Run the covariances through a drive.
+    """Return the Kalman gains of every window: the covariance recursion (Riccati) over one drive.
 
     `moved` (w, c + 9, c): M; `fresh` (w, c + 9, c + 9): what a window adds to the covariance of states and
     channels; `start` (c,): variances before the first; `keep`: keep M P of every window. ValueError if a
@@ -52,7 +52,7 @@ def gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -
 
 
 def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
-    """Return it by NumPy."""
+    """Return `gains` computed by NumPy, the reference."""
     out = _empty(moved, keep)
     count, rows, carry = moved.shape
     joint = np.empty((rows, rows))
@@ -146,7 +146,7 @@ def chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 def array_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return it by NumPy."""
+    """Return `chained` computed by NumPy, the reference."""
     out, state = np.empty_like(added), np.zeros(added.shape[1:])
     for k in range(len(added)):
         out[k] = state
@@ -156,7 +156,7 @@ def array_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, Floa
 
 
 def compiled_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return it by compiled code."""
+    """Return `chained` computed by compiled code."""
     assert compiled is not None
     out, last = np.empty(added.shape), np.empty(added.shape[1:])
     compiled.chain(out, last, np.ascontiguousarray(step), np.ascontiguousarray(added))

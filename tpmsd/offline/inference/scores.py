@@ -66,7 +66,7 @@ def scores(system: System, white: FloatArray) -> Derivatives:
 
 
 def array_scores(system: System, white: FloatArray) -> Derivatives:
-    """Return them by NumPy."""
+    """Return `scores` computed by NumPy, the reference."""
     carried, joint, (inverse, gain, MP) = system.carried, system.joint, system.by
     carry = len(carried)
     seen, phi = system.seen, system.phi

@@ -104,7 +104,7 @@ def moved(recording: Recording, before: Reference, end_s: FloatArray, errors: Fl
 def _motion(
     recording: Recording, car: Car, speed: FloatArray, yaw: FloatArray, heading: FloatArray
 ) -> Motion:
-    """On level ground, from (n + 1,) each."""
+    """Return the motion on level ground of speed, yaw rate and heading (n + 1,) at the ticks' edges."""
     edges = recording.edges_s
     curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
     return Motion(

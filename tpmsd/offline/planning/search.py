@@ -38,7 +38,7 @@ class Plan:
     duration_s: float
 
     @property
-    def told(self) -> bool:
+    def identifies_all(self) -> bool:
         """True if it identifies all of its effects."""
         return reaches_target(self.gains, TARGET)
 
@@ -50,7 +50,7 @@ def planned(
     longest_s: float,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Plan:
-    """Return the best plan that was found within `longest_s`; it may not identify all (`Plan.told`).
+    """Return the best plan that was found within `longest_s`; see `Plan.identifies_all`.
 
     Where not all are identified, the search begins again for those that are: the others stay fitted beside
     them, but get no manoeuvre.
@@ -64,7 +64,7 @@ def planned(
 
     wanted = list(effects)
     best = _searched(effects, wanted, library, longest_s, tried, progress)
-    if not best.told:
+    if not best.identifies_all:
         wanted = [name for name in effects if best.gains[name] >= TARGET]
         if wanted:
             best = _searched(effects, wanted, library, longest_s, tried, progress)

@@ -67,7 +67,7 @@ def make_world(
     radius_offset_m: FloatArray | None = None,
     roughness_std_m: float = ROUGHNESS_STD_M,
 ) -> World:
-    """Let the effects act on the motion.
+    """Return the true motion, radii, wheel angles and antenna path of a car under the effects of a model.
 
     `radius_offset_m` (4,) is true minus nominal radius, constant over the drive. A road that is not level
     always shortens what the receiver sees: that effect is added where it is missing.

@@ -42,7 +42,7 @@ OpenReceiver = Callable[[GnssConfig], Receiver]
 
 
 def configured_receiver(config: GnssConfig) -> Receiver:
-    """Return the line of the configuration, not opened yet."""
+    """Return the configured receiver (serial line, TCP, UDP or gpsd), not opened yet."""
     source = source_of(config)
     if source is None or source.kind in ("serial", "can"):
         return SerialReceiver("" if source is None else source.path, config.baud)

@@ -43,7 +43,7 @@ class _Turns:
             self._intervals += 1
 
     def against(self) -> bool:
-        """True if it turns the other way."""
+        """Return whether this source turns against the receiver's course, its sign being wrong."""
         if self.right or self._intervals < CONFIGURATION.least_intervals:
             return False
         with_given = self._sums[:2, 2]
@@ -56,7 +56,7 @@ class _Turns:
 
 
 class ConfigurationWatch:
-    """Looks at one run of the program."""
+    """Compares the first minutes of one run of the program with the configuration."""
 
     def __init__(self, vehicle: VehicleConfig, wheels: list[int]) -> None:
         self._radius = np.array(vehicle.wheel_radius_m)

@@ -1,10 +1,10 @@
 """The car's own speed (OBD-II) as a weak witness: it says which of wheels and receiver is far off.
 
-In: whole km/h as the car's control units state them, speeds of wheels and receiver per tick. Out: `Heard`. A
-control unit rounds or truncates, computes with the circumference of some tyre, and answers late. So a
-statement is an interval, and what it is held against is the range of a speed over the last two seconds. Only
-where the two do not meet they contradict each other. What is measured turns with the same tyres and says
-nothing of their radii: it never moves an estimate, and takes no alarm back.
+In: whole km/h as the car's control units state them, speeds of wheels and receiver per tick. Out:
+`SpeedAgreement`. A control unit rounds or truncates, computes with the circumference of some tyre, and
+answers late. So a statement is an interval, and what it is held against is the range of a speed over the last
+two seconds. Only where the two do not meet they contradict each other. What is measured turns with the same
+tyres and says nothing of their radii: it never moves an estimate, and takes no alarm back.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tpmsd.onboard.monitor.settings import SIGNALS
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class SpeedAgreement:
     """Agreement with the car's own speed at a tick; None where that is not known."""
 
     least_mps: float = 0.0
@@ -38,7 +38,7 @@ class Heard:
         return ""
 
 
-NOTHING = Heard()
+NOTHING = SpeedAgreement()
 
 
 class CarSpeed:
@@ -55,7 +55,7 @@ class CarSpeed:
         """Note that a control unit states a speed, 0 to 255 km/h."""
         self._stated_kmh = kmh
 
-    def update(self, time_s: float, wheels_mps: float, receiver_mps: float) -> Heard:
+    def update(self, time_s: float, wheels_mps: float, receiver_mps: float) -> SpeedAgreement:
         """Take one tick; a speed is NaN where it is not known."""
         self._recent.append((time_s, wheels_mps, receiver_mps))
         while self._recent[0][0] < time_s - SIGNALS.car_late_s:
@@ -67,13 +67,13 @@ class CarSpeed:
             self.heard = NOTHING
         return self.heard
 
-    def _compared(self, kmh: int) -> Heard:
+    def _compared(self, kmh: int) -> SpeedAgreement:
         low_mps, high_mps = stated_range(kmh)
         agree = []
         for index in (1, 2):
             speeds = [moment[index] for moment in self._recent if math.isfinite(moment[index])]
             agree.append(low_mps <= max(speeds) and min(speeds) <= high_mps if speeds else None)
-        return Heard(low_mps, *agree)
+        return SpeedAgreement(low_mps, *agree)
 
 
 def stated_range(kmh: int) -> tuple[float, float]:

@@ -68,7 +68,7 @@ class Hypotheses:
     """(n,) with readings since then, or all"""
 
     def take(self, index: IntArray) -> Hypotheses:
-        """Some of them."""
+        """Return the hypotheses of these indices."""
         return Hypotheses(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
@@ -154,7 +154,7 @@ class LeakFilter:
         self.day = day
 
     def _take(self, every: Hypotheses, value: FloatArray, variance: FloatArray) -> None:
-        """Hold the reading against these."""
+        """Update these hypotheses, weights included, by the reading."""
         believed = Believed(every.mean, every.covariance, every.noise)
         after, likelihood = taken(believed, SEEN, value, variance, self._levels)
         self._levels, noise = self._levels.after(value, after.noise)
@@ -168,7 +168,7 @@ class LeakFilter:
         )
 
     def _split(self, every: Hypotheses, days: float, known_step: bool) -> Splits:
-        """No step, refills, changed wheels, onsets."""
+        """Return the branches of each hypothesis: no step, a refill, changed wheels, the onset of a leak."""
         s = self._settings
         n = len(every.wheel)
         both = np.concatenate([SEEN, np.eye(SIZE)[LOST]])

@@ -56,7 +56,7 @@ def filled(settings: TrendSettings, wheels: list[int]) -> FloatArray:
 def predicted(
     settings: TrendSettings, mean: FloatArray, covariance: FloatArray, drift: FloatArray, days: float
 ) -> tuple[FloatArray, FloatArray]:
-    """After days without a reading."""
+    """Return mean and covariance after days without a reading: the time update of the Kalman filter."""
     s = settings
     transition = np.eye(SIZE)
     transition[LOST, RATE] = np.eye(4) * days / WEEK_D

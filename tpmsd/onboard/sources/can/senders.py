@@ -60,9 +60,10 @@ class _Roughness:
 
     @property
     def excessive(self) -> bool:
+        """True if the roughness exceeds `ROUGHER` times the usual one and two steps of the signal."""
         return self.now > ROUGHER * self.usual + 2.0 * self.resolution
 
-    def settle(self) -> None:
+    def learn_usual(self) -> None:
         """Move the usual value towards the present one."""
         self.usual += _USUAL_MEMORY * (self.now - self.usual)
 
@@ -158,7 +159,7 @@ class SenderWatch:
         elif self._tokens > _REGULAR_SHARE * self._burst:
             for rough in self._rough:
                 if rough is not None:
-                    rough.settle()
+                    rough.learn_usual()
         return self.fast
 
     def value(self, index: int, value: float, jumped: bool, sound: bool) -> bool:

@@ -54,7 +54,7 @@ class SerialReceiver:
 
     @property
     def is_open(self) -> bool:
-        """True if there is a line to read."""
+        """True if the serial port is open."""
         return self._port is not None
 
     def open(self) -> None:
