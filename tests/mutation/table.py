@@ -117,6 +117,12 @@ _SETTINGS = "tpmsd/onboard/monitor/settings.py"
 _LATE, _BACK = "time_s > self.deadline_s", "time_s < burst.last_s - self._interval.gap_s"
 _BURST_ENDS = f"({_LATE} or {_BACK})"
 
+_STATES, _RECORD = "tests/onboard/sinks/test_state_file.py", "tests/onboard/daemon/test_record.py"
+_REGULAR = ("tests/onboard/sources_can/test_regular_readings.py",)
+_TIMELINE, _PLANS = "tpmsd/onboard/timeline/timeline.py", "tests/onboard/timeline/test_tick_plan.py"
+_PLANE = "tests/onboard/gnss/test_local_plane.py"
+_TRACK, _ASKER = "tpmsd/onboard/timeline/rotation_track.py", "tpmsd/onboard/daemon/obd_asker.py"
+
 NAMED = (
     # A link or a FIFO in place of the temporary file is not written through.
     Named(
@@ -433,5 +439,37 @@ NAMED = (
         (
             "tests/onboard/timeline/test_compensation.py::test_time_counts_from_the_beginning_of_the_first_tick",
         ),
+    ),
+    # The sample of seed 5757: each survivor that acts otherwise, but one, with the test that kills it.
+    Named("tpmsd/onboard/daemon/state_writer.py", "daemon=True", "daemon=False", (_KEEPER,)),
+    Named("tpmsd/onboard/sinks/state_file.py", "sort_keys=True", "sort_keys=False", (_STATES,)),
+    Named("tpmsd/onboard/sinks/state_file.py", "parents=True", "parents=False", (_STATES,)),
+    Named(_WHEEL_COUNTER, "np.append(self._span, spans)[:-1]", "np.append(self._span, spans)[:+1]", _REGULAR),
+    Named(_WHEEL_COUNTER, "0.0 < after[0] - before[0]", "0.0 <= after[0] - before[0]", (_COUNTER,)),
+    Named(_WHEEL_COUNTER, "np.abs(speed[begin]) * run - 0.5", "np.abs(speed[begin]) * run + 0.5", _REGULAR),
+    Named(_WHEEL_COUNTER, "(bits + modulus <= high)", "(bits + modulus is high)", _REGULAR),
+    Named(_TIMELINE, '"off_utc": 0', '"off_utc": -1', ("tests/onboard/timeline/test_timeline.py",)),
+    Named(_TIMELINE, "max((float(group.time_s[-1])", "max((float(group.time_s[-2])", (_PLANS,)),
+    Named(
+        "tpmsd/onboard/timeline/rotation_track.py",
+        "return not self._times\n",
+        "return self._times\n",
+        (_PLANS,),
+    ),
+    Named("tpmsd/onboard/timeline/local_plane.py", "RADIUS_M = 2000.0", "RADIUS_M = 2001.0", (_PLANE,)),
+    Named(
+        "tpmsd/onboard/daemon/obd_asker.py",
+        "if kmh > 0:",
+        "if kmh > 1:",
+        ("tests/onboard/daemon/test_obd.py",),
+    ),
+    *(
+        Named("tpmsd/onboard/daemon/drive_recording.py", old, new, (_RECORD,))
+        for old, new in (
+            ("frames_before = 0\n", "frames_before = 1\n"),
+            ("            self._flush(sync=True)", "            self._flush(sync=False)"),
+            ("self.seen.frames - frames_before", "self.seen.frames >> frames_before"),
+            ("sync=monotonic_s - synced_s >= SYNC_S", "sync=monotonic_s - synced_s < SYNC_S"),
+        )
     ),
 )
