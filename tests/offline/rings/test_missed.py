@@ -17,13 +17,15 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS, make_effect
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.lost_counts import missed
+from tpmsd.offline.diagnosis.hypotheses.plausible import counter_bounds, thinkable
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.drives.drive import load
 from tpmsd.offline.drives.playing import recording_of as read
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
-from tpmsd.offline.rings.missed import missed_counts
+from tpmsd.offline.rings.missed import missed_counts, possible_rates
 
 RL = WHEELS.index("rl")
 COUNTS = 40_000.0
@@ -98,6 +100,23 @@ def test_the_ripple_of_a_rear_ring_is_none_of_the_front_wheels(tmp_path: Path) -
     recording = read(load(tmp_path))
 
     assert [] == missed_counts(recording, reference(recording))
+
+
+@pytest.mark.parametrize(("changed_m", "share"), [(0.0, 2e-3), (-1.5e-3, 0.0), (0.0, -2e-3)])
+def test_the_ripple_limits_what_a_counter_may_lose_or_add(changed_m: float, share: float) -> None:
+    """The true rate is possible; two counts of a thousand more or less are not, even as a radius changes."""
+    recording = _losing(_eccentric(changed_m), share)
+    low, high = possible_rates(recording, reference(recording), 12.5)["rl"]
+    counts_per_s = float(np.nanmean(recording.rotation_rad[:, RL])) / recording.dt_s / (2.0 * np.pi) * COUNTS
+
+    assert low < share * counts_per_s < high
+    assert high - low < 2e-3 * counts_per_s
+    bounds = counter_bounds([{"rl": (low, high)}])
+    for effect, sign in (("counter_missed_pulses", 1.0), ("counter_extra_pulses", -1.0)):
+        term = Term(effect, np.zeros((2, 1)), ("rate_per_s",), 3.5, place="rl")
+        for offset, possible in ((0.0, True), (2e-3, False), (-2e-3, False)):
+            value = sign * (share + offset) * counts_per_s
+            assert possible == thinkable(term, np.array([value]), bounds)
 
 
 def test_coarse_rings_tell_nothing() -> None:

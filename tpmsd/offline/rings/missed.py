@@ -68,17 +68,61 @@ class _Pair:
     blocks: np.ndarray
     """(n,)"""
 
+    def turned_rad(self, side: int) -> float:
+        """Angle by which a wheel turned."""
+        return float(np.ptp(self.angle[:, side]))
+
+    def mean_less(self, side: int) -> float:
+        """Share of its counts that a wheel counts less than the other one shows, in the mean."""
+        return float(self.less[-1, side] - self.less[0, side]) / self.turned_rad(side)
+
+    def counts_per_s(self, recording: Recording, side: int) -> float:
+        """Counts of a whole ring a second, in the mean."""
+        turns = self.turned_rad(side) / TURN_RAD
+        return turns * recording.car.teeth_per_rev / (len(self.angle) * recording.dt_s)
+
 
 def missed_counts(recording: Recording, reference: Reference) -> list[Missed]:
     """Return the wheels that lose counts; empty too where no usual ripple would show."""
     out = []
-    for axle in AXLES:
-        if set(axle) <= set(recording.wheels) and bool((recording.quantum_rad[list(axle)] > 0.0).all()):
-            pair = _pair(recording, reference, axle)
-            if pair is not None:
-                found = [_missed(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
-                out += [one for one in found if one is not None]
+    for axle, pair in _pairs(recording, reference):
+        found = [_missed(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
+        out += [one for one in found if one is not None]
     return out
+
+
+def possible_rates(
+    recording: Recording, reference: Reference, within_nats: float
+) -> dict[str, tuple[float, float]]:
+    """Return, by wheel whose ripple shows, the least and greatest rate of lost counts (1/s; of added ones
+    negative) whose likelihood is within so many nats of the best; infinite at an end of what is tried."""
+    shares, ring_error = LOST_SHARES.values, LOST_SHARES.ring_error
+    out = {}
+    for axle, pair in _pairs(recording, reference):
+        for side, wheel in enumerate(axle):
+            accounts = [_power(pair, side, come_and_go) for come_and_go in (False, True)]
+            best = max(float(power.max()) for power in accounts)
+            if best < COUNTERS.lost_admit_nats:
+                continue
+            put_back, per_s = (0.0, pair.mean_less(side)), pair.counts_per_s(recording, side)
+            near = [np.flatnonzero(power > best - within_nats) for power in accounts]
+            ends = np.concatenate(near)
+            mean = np.concatenate([shares[at] + more for at, more in zip(near, put_back, strict=True)])
+            low = -math.inf if ends.min() == 0 else float(mean.min()) - ring_error
+            high = math.inf if ends.max() == len(shares) - 1 else float(mean.max()) + ring_error
+            out[WHEELS[wheel]] = (low * per_s, high * per_s)
+    return out
+
+
+def _pairs(recording: Recording, reference: Reference) -> list[tuple[tuple[int, int], _Pair]]:
+    """Return the axles with counters whose usual ripple would show."""
+    counted = [
+        axle
+        for axle in AXLES
+        if set(axle) <= set(recording.wheels) and bool((recording.quantum_rad[list(axle)] > 0.0).all())
+    ]
+    pairs = [(axle, _pair(recording, reference, axle)) for axle in counted]
+    return [(axle, pair) for axle, pair in pairs if pair is not None]
 
 
 def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> _Pair | None:
@@ -125,10 +169,9 @@ def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed 
     come_and_go = _power(pair, side, True)
     which = max((as_counted, come_and_go), key=lambda power: float(power.max()))
     at = int(np.argmax(which))
-    turned = float(np.ptp(pair.angle[:, side]))
     share = float(shares[at]) - of_ring
     if which is come_and_go:
-        share += float(pair.less[-1, side] - pair.less[0, side]) / turned
+        share += pair.mean_less(side)
     gain = float(which[at] - whole.max())
     if gain < COUNTERS.lost_admit_nats or not 0 < at < len(shares) - 1:
         return None
@@ -137,7 +180,7 @@ def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed 
     if share < COUNTERS.missed_stds * std:  # what comes and goes with bends is load
         return None
     ring = recording.car.teeth_per_rev * (1.0 - of_ring)
-    per_s = turned / TURN_RAD * ring / (len(pair.angle) * recording.dt_s)
+    per_s = pair.counts_per_s(recording, side) * (1.0 - of_ring)
     return Missed(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
 
 

@@ -10,13 +10,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.catalogue import ADDED, EFFECTS, MISSED
 from tpmsd.car.physics.motion import Car
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
-Bounds = Mapping[tuple[str, str], tuple[float, float]]
+Bounds = Mapping[tuple[str, ...], tuple[float, float]]
+Rates = Mapping[str, tuple[float, float]]
+"""Least and greatest rate of lost counts (1/s) by wheel; of added ones negative."""
+RATE = "rate_per_s"
 
 
 def bounds_of(car: Car) -> Bounds:
@@ -41,9 +44,24 @@ def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
     }
 
 
-def limits_of(car: Car) -> CarLimits:
-    """Return all that the hypotheses know of a car."""
-    return CarLimits(bounds_of(car), completions_of(car), car.radius_m, car.driven)
+def limits_of(car: Car, rates: Sequence[Rates] = ()) -> CarLimits:
+    """Return all that the hypotheses know of a car, and of its counters by the `rates` of lost counts that
+    their ripple leaves possible on each drive."""
+    bounds = {**bounds_of(car), **counter_bounds(rates)}
+    return CarLimits(bounds, completions_of(car), car.radius_m, car.driven)
+
+
+def counter_bounds(rates: Sequence[Rates]) -> Bounds:
+    """Return the limits of lost and added counts, by effect, parameter and wheel, of the wheels whose ripple
+    shows on all drives: what one of the drives allows is possible.
+    """
+    wheels = set.intersection(*(set(one) for one in rates)) if rates else set()
+    out: dict[tuple[str, ...], tuple[float, float]] = {}
+    for wheel in wheels:
+        low, high = min(one[wheel][0] for one in rates), max(one[wheel][1] for one in rates)
+        out[MISSED.name, RATE, wheel] = (low, high)
+        out[ADDED.name, RATE, wheel] = (-high, -low)
+    return out
 
 
 def with_completions(terms: Sequence[Term], completions: Mapping[tuple[str, str], str]) -> FloatArray:
@@ -61,9 +79,10 @@ def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
     if term.on_radii and float(np.abs(values).max()) < SETTINGS.hypotheses.smallest_radius_m:
         return False
     for name, value in zip(term.parameters, values, strict=False):
-        low, high = bounds.get((term.effect, name), (-np.inf, np.inf))
-        if not low <= value <= high:
-            return False
+        for key in ((term.effect, name), (term.effect, name, term.wheel or term.place)):
+            low, high = bounds.get(key, (-np.inf, np.inf))
+            if not low <= value <= high:
+                return False
     return True
 
 

@@ -146,8 +146,9 @@ class CarLimits:
     no limits.
     """
 
-    bounds: Mapping[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
-    """Bounds of the values, by effect and parameter: what may be fitted on this car."""
+    bounds: Mapping[tuple[str, ...], tuple[float, float]] = field(default_factory=dict)
+    """Bounds of the values, by effect and parameter: what may be fitted on this car; of one wheel, by effect,
+    parameter and wheel."""
     completions: Mapping[tuple[str, str], str] = field(default_factory=dict)
     """Parameters, by effect and parameter: the other effects' parameter that its bounds include."""
     radius_m: FloatArray = field(default_factory=lambda: np.full(4, 0.3))

@@ -30,6 +30,7 @@ from tpmsd.offline.inference.covariate_errors import covariate_stds
 from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.rings.missed import possible_rates
 
 
 class Study:
@@ -50,7 +51,9 @@ class Study:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
             drives.append(DriveStudy(reader, knots, own, block_s))
         self.drives = tuple(drives)
-        car = limits_of(readers[0].reference.car)
+        nats = SETTINGS.hypotheses.impossible_nats
+        rates = [possible_rates(one.recording, one.reference, nats) for one in readers]
+        car = limits_of(readers[0].reference.car, rates)
         self.hypotheses: Hypotheses = self._alone(car) if len(readers) == 1 else self._together(car)
         self.grid = self.hypotheses.width
         """Places in the common index from here on are of exact columns."""
