@@ -162,6 +162,18 @@ def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: boo
     assert thinkable == bool(chosen)
 
 
+@pytest.mark.parametrize(("factor", "named"), [(0.9, True), (-9.0, False), (6.0, False)])
+def test_slopes_shorten_the_way_by_their_geometry_and_no_more(factor: float, named: bool) -> None:
+    """It has no parameter: what shows nine times as much, or the other way, is another thing."""
+    u = directions(1)
+    grade = Term("road_grade", columns(1, width=2), ("",), 3.5)
+    car = Car(np.full(4, 0.3), Geometry(1.5, 1.5, 2.7), driven_mask("rear"))
+    made = noiseless(8.0 * u[:, 0], 8.0 / factor * u)
+    chosen = Selector(made, Given(2, [grade], [], limits_of(car)), last=True).select().chosen
+
+    assert named == bool(chosen)
+
+
 @pytest.mark.parametrize(("own_nats", "named"), [(1.5, "velocity_lag"), (12.0, "gnss_latency")])
 def test_an_old_fix_that_may_be_an_old_speed_is_the_receivers_own(own_nats: float, named: str) -> None:
     """Alike but for what the positions tell: with one and a half nats of that no name is given."""
@@ -201,3 +213,36 @@ def test_a_search_does_not_end_with_less_than_it_had() -> None:
     chosen = Swaps(evidence(data, 10.0 * u), Given(7, terms, [])).select().chosen
 
     assert {"antenna_lever_arm"} == {one.term.effect for one in chosen}
+
+
+def test_what_falls_for_its_scatter_takes_no_place() -> None:
+    """A rival of 25 nats that one block makes is no candidate, nor may it oust one of 12 in all blocks."""
+    u = directions(2)
+    block = (np.arange(len(u)) // (8 * 9) == 40).astype(float)
+    once = u[:, 1] * block
+    once *= np.sqrt(2.0 * 25.0) / float(once @ u[:, 1])
+    terms = [
+        Term(name, columns(1 + k, width=3), ("value",), 3.5)
+        for k, name in enumerate(("track_width_error", "gnss_latency"))
+    ]
+    data = np.sqrt(2.0 * 15.5) * u[:, 0] + once
+    selector = Selector(noiseless(data, 100.0 * u), Given(3, terms, []), last=True)
+
+    assert selector.gain(terms[1:]) > selector.gain(terms[:1])
+    assert {"track_width_error"} == {one.term.effect for one in selector.select().chosen}
+
+
+def test_a_description_that_could_not_be_added_takes_no_place() -> None:
+    """Beside 3,200 nats of a slip a spline of 45 is what its formula leaves: it ousts no track of 12."""
+    u = directions(3)
+    slip = Term("longitudinal_slip", columns(1, width=4), ("slip_per_accel",), 3.5)
+    track = Term("track_width_error", columns(2, width=4), ("rear_m",), 3.5)
+    rest = shape("diagonal", "accel_lat", columns(3, width=4))
+    part = np.sqrt(15.5 / 45.0)
+    tilted = part * u[:, 2] + np.sqrt(1.0 - part**2) * u[:, 1]
+    responses = np.stack([1e4 * u[:, 0], 100.0 * tilted, 1e4 * u[:, 2]], axis=1)
+    data = 80.0 * u[:, 0] + np.sqrt(90.0) * u[:, 2]
+    selector = Selector(noiseless(data, responses), Given(4, [slip, track], [rest]), last=True)
+
+    assert selector.gain([slip, rest]) - selector.gain([slip]) == pytest.approx(45.0)
+    assert "unknown" not in {one.term.effect for one in selector.select().chosen}

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Look
-from tpmsd.car.physics.motion import Motion
+from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
+
+FACTORS = (0.5, 2.0)
+"""Factors of its response that a fit may find: it has no parameter, so that it is one, up to the errors of
+slopes by heights or accelerometer."""
 
 
 @dataclass(frozen=True)
@@ -35,3 +40,8 @@ class RoadGrade(Effect):
     def horizontal_factor(self, motion: Motion) -> FloatArray:
         """(n,) cos(grade)."""
         return np.asarray(np.cos(motion.grade_rad))
+
+    @classmethod
+    def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
+        """Return that of its factor."""
+        return {"": FACTORS}

@@ -121,15 +121,23 @@ class Selector(Candidates):
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
         threshold = self._threshold(chosen)
-        free = [term for term in chosen if term.free or term.ramp]
-        beside = SETTINGS.selection.beside_effects * (self.gain(chosen) - self.gain(free))
         best: tuple[float, list[Term]] | None = None
         for gain, terms in [*self.foremost(chosen), *self.pairs(chosen)[:3]]:
-            sure = self._sure(chosen, terms, gain, threshold)
-            needed = threshold if self._completes(chosen, terms[0]) else max(threshold, beside)
+            sure, needed = self._sure(chosen, terms, gain, threshold), self._least(chosen, terms[0])
             if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
+
+    def _least(self, chosen: list[Term], term: Term) -> float:
+        """Return what a term must bring beside the chosen ones, nats: a description beside effects a share of
+        what these do.
+        """
+        threshold = self._threshold(chosen)
+        if self._completes(chosen, term):
+            return threshold
+        free = [one for one in chosen if one.free or one.ramp]
+        effects = self.gain(chosen) - self.gain(free)
+        return max(threshold, SETTINGS.selection.beside_effects * effects)
 
     def _sure(self, chosen: list[Term], terms: list[Term], net: float, threshold: float) -> float:
         """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance.
@@ -289,11 +297,7 @@ class Selector(Candidates):
                     for net, terms in self.candidates(rest)[:4]
                     if net > now + SETTINGS.selection.exchange_nats
                 ]
-                better = [
-                    terms
-                    for terms in better
-                    if self._sane([*rest, *terms]) and self._spare([*rest, *terms], len(rest)) >= 0.0
-                ]
+                better = [terms for terms in better if self._stays([*rest, *terms])]
                 if better:
                     chosen = [*rest, *better[0]]
                     improved = True
@@ -301,6 +305,15 @@ class Selector(Candidates):
             if not improved:
                 break
         return chosen
+
+    def _stays(self, terms: list[Term]) -> bool:
+        """Return whether the last of some terms may stand beside the others and a backward step keeps it.
+
+        What could not be added, or falls for its scatter from block to block, takes no other term's place.
+        """
+        last = len(terms) - 1
+        least = SETTINGS.selection.needed_share * self._least(terms[:last], terms[last])
+        return self._sane(terms) and self._spare(terms, last) >= 0.0 and self._needed(terms, last) >= least
 
     def _exchanged_patterns(self, chosen: list[Term]) -> list[Term]:
         """Let a shape act on other wheels, if a term beside it is then not needed.
