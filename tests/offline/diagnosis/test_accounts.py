@@ -13,11 +13,11 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.robustness.accounts import changed
+from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.inference.noise_fit import refit_wander
+from tpmsd.offline.inference.noise_fit import VELOCITY, refit, refit_wander
 from tpmsd.offline.inference.recording import Recording
 
 DRIFT, MEMORY_S = 1.2e-3, 20.0
@@ -58,3 +58,38 @@ def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, last_m: float
 
     assert wheels == [one.term.wheel for one in found.selection.chosen]
     assert () == confirmed(found).selection.chosen
+
+
+SPEED_STD_MPS, SPEED_MEMORY = 0.02, 0.95
+"""Slow error of a receiver's speed, and its correlation from second to second."""
+
+
+def along_a_motorway(north_mps: float) -> Recording:
+    """A receiver whose speed errs slowly, and whose velocity is off to the north."""
+    recording = recording_of(drive(Spec(duration_s=400.0, road="motorway", hilly=0.0), 7))
+    rng = np.random.default_rng(8)
+    times = recording.fix_time_s
+    fresh = rng.normal(0.0, SPEED_STD_MPS * np.sqrt(1.0 - SPEED_MEMORY**2), int(times[-1]) + 2)
+    slow: FloatArray = lfilter([1.0], [1.0, -SPEED_MEMORY], fresh)
+    speed = recording.speed_mps + np.interp(times, np.arange(len(slow)), slow)
+    shown = speed * np.exp(1j * recording.course_rad) + 1j * north_mps
+    return replace(recording, speed_mps=np.abs(shown), course_rad=np.angle(shown))
+
+
+@pytest.mark.parametrize("north_mps", [0.0, 0.05])
+def test_a_constant_velocity_error_is_told_from_slow_noise_of_the_speed(north_mps: float) -> None:
+    """The noise estimated without it holds a part of it: under its own noise it brings half as much again."""
+    readers, _ = admitted([along_a_motorway(north_mps)])
+    study = Study(readers)
+    car, windows = study.drives[0], readers[0].windows
+    car.noise = refit(windows, car.believed(study.hypotheses.nuisance), car.noise, None, VELOCITY)
+    evidence = study.evidence()
+    selector = Selector(evidence, study.hypotheses, last=True)
+
+    found = erring(Found(study, selector.judged([]), evidence)).selection.chosen
+
+    assert (["doppler_heading_error"] if north_mps else []) == [one.term.effect for one in found]
+    for one in found:
+        north = float(one.values[one.term.parameters.index("north_mps")])
+        assert north == pytest.approx(north_mps, abs=2.5 * float(one.stds.max()))
+        assert one.gain > 1.5 * (selector.gain([one.term]) - selector.gain([]))

@@ -77,6 +77,8 @@ class Look(Enum):
     """It acts on all wheels alike and slowly, so that only the receiver shows it."""
     WHEEL = "radius drift"
     """It changes single wheels slowly."""
+    VELOCITY = "the receiver's slow error of speed"
+    """It changes the receiver's speed slowly, as a heading does along a road."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
-from tpmsd.offline.diagnosis.robustness.accounts import changed
+from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.drifting import drifting
 from tpmsd.offline.diagnosis.robustness.found import Found
@@ -154,6 +154,8 @@ ALTERNATIVES: tuple[Alternative, ...] = (
     together,
     # Radius drift at its likeliest with and without a change of a radius.
     lambda found, before: changed(found),
+    # Slow noise of the receiver's speed at its likeliest with and without a constant error of its velocity.
+    lambda found, before: erring(found),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.
     lambda found, before: drifting(found),
 )

@@ -30,6 +30,7 @@ from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED,
 
 SLOW = ("slow_m", "slow_tau_s")
 WANDER = ("wander", "wander_tau_s")
+VELOCITY = ("speed_white_mps", "speed_mps", "speed_memory")
 WANDERING = (*SLOW, *WANDER, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
 """Parameters that could pass for a missing effect: not estimated before effects were looked for."""
 FIT_WINDOWS, SLOW_WINDOWS = 300, 600

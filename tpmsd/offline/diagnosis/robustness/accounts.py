@@ -1,12 +1,15 @@
-"""Names the change of a radius, or the event, that the noise model took for radius drift.
+"""Names what the noise model took for slow noise: a change of a radius, an event, a constant velocity error.
 
-In: what was `Found`. Out: the same with the change that a drive demands, and the noise beside it.
+In: what was `Found`. Out: the same with the term that a drive demands, and the noise beside it.
 
 How much radii drift is estimated from the drive, and a change that stays raises that estimate, the more the
 larger it is: a step of 2 mm makes a drift of 0.7 mm, in which it is nothing unusual. Gains under one noise
 cannot tell the two apart. So two accounts of the drive are compared as wholes, each with the drift that is
 likeliest in it (generalised likelihood ratio; the jump of Willsky and Jones, IEEE Transactions on Automatic
 Control 21, 1976): radii that drift alone, and radii that drift beside a change.
+
+The same holds of the receiver's speed. Along a motorway a heading changes within minutes, so an error that
+stands in the earth's frame is a slow error of speed, and the noise estimated with it in the drive holds it.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from tpmsd.car.physics.effect import Look
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
@@ -21,12 +25,12 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.refine import exact
-from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
+from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.noise import PRIORS, Noise
-from tpmsd.offline.inference.noise_fit import log_posterior, refit_wander
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise_fit import VELOCITY, WANDER, log_posterior, refit
 
 
 @dataclass(frozen=True)
@@ -62,13 +66,42 @@ def changed(found: Found) -> Found:
     return Found(study, Selector(evidence, study.hypotheses, last=True).judged(terms), evidence)
 
 
-def _account(drive: DriveStudy, design: FloatArray) -> Account:
-    """Return the likeliest drift beside a design: there may be two, a far and slow one and a near and quick
-    one.
+def erring(found: Found) -> Found:
+    """Add the constant error of the receiver's velocity that is likelier than slow noise of its speed; asked
+    of single drives."""
+    study, drive = found.study, found.study.drives[0]
+    if len(study.drives) > 1:
+        return found
+    terms = [one.term for one in found.selection.chosen]
+    selector = Selector(found.evidence, study.hypotheses)
+    design = selector.design(terms)
+    calm = replace(drive.noise, speed_mps=min(SETTINGS.robustness.drift_levels) * drive.noise.speed_mps)
+    chosen = {term.effect for term in terms}
+    likely: list[Term] = []
+    for term in study.hypotheses.catalogue:
+        if term.kind_of.looks is Look.VELOCITY and term.effect not in chosen:
+            most = under_other_noise(study, selector.design([*terms, term]), design.shape[1], {0: calm})
+            likely += [term] if most > term.penalty + SETTINGS.selection.admit_nats else []
+    if not likely:
+        return found
+    alone = _account(drive, design, VELOCITY).log_likelihood
+    accounts = [(_account(drive, selector.design([*terms, term]), VELOCITY), term) for term in likely]
+    beside, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
+    if beside.log_likelihood - alone <= term.penalty + SETTINGS.selection.admit_nats:
+        return found
+    study = study.under({0: beside.noise})
+    evidence = study.evidence()
+    judged = Selector(evidence, study.hypotheses, last=True).judged([*terms, term])
+    return Found(study, judged, evidence) if any(one.term is term for one in judged.chosen) else found
+
+
+def _account(drive: DriveStudy, design: FloatArray, names: Sequence[str] = WANDER) -> Account:
+    """Return the likeliest slow noise of these names beside a design: there may be two, a far and slow one
+    and a near and quick one.
     """
     windows, columns = drive.reader.windows, drive.believed(design)
-    usual = replace(drive.noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
-    found = [refit_wander(windows, columns, start, drive.inflate) for start in (drive.noise, usual)]
+    usual = replace(drive.noise, **{name: getattr(Noise, name) for name in names})
+    found = [refit(windows, columns, start, drive.inflate, names) for start in (drive.noise, usual)]
     accounts = [Account(log_posterior(windows, columns, noise, drive.inflate), noise) for noise in found]
     return max(accounts, key=lambda account: account.log_likelihood)
 

@@ -46,7 +46,10 @@ def confirmed(found: Found) -> Found:
         null = {
             number: _noise_without(study.drives[number], without, common) for number in study.acting(one.term)
         }
-        if _gain(study, with_it, without.shape[1], null) < SETTINGS.selection.admit_nats + one.term.penalty:
+        if (
+            under_other_noise(study, with_it, without.shape[1], null)
+            < SETTINGS.selection.admit_nats + one.term.penalty
+        ):
             slower = study.under(null)
             evidence = slower.evidence()
             return confirmed(Found(slower, Selector(evidence, study.hypotheses).judged(terms), evidence))
@@ -88,7 +91,7 @@ def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise
     return max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate))
 
 
-def _gain(study: Study, design: FloatArray, first: int, null: dict[int, Noise]) -> float:
+def under_other_noise(study: Study, design: FloatArray, first: int, null: dict[int, Noise]) -> float:
     """Log-likelihood that a design's columns from `first` on bring, under another noise of some drives."""
     k = 1 + design.shape[1]
     gram = np.zeros((k, k))
