@@ -167,7 +167,11 @@ def test_slopes_shorten_the_way_by_their_geometry_and_no_more(factor: float, nam
     """It has no parameter: what shows nine times as much, or the other way, is another thing."""
     u = directions(1)
     grade = Term("road_grade", columns(1, width=2), ("",), 3.5)
-    car = Car(np.full(4, 0.3), Geometry(1.5, 1.5, 2.7), driven_mask("rear"))
+    car = Car(
+        np.full(4, 0.3),
+        WheelPositions(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7),
+        driven_mask("rear"),
+    )
     made = noiseless(8.0 * u[:, 0], 8.0 / factor * u)
     chosen = Selector(made, Given(2, [grade], [], limits_of(car)), last=True).select().chosen
 
