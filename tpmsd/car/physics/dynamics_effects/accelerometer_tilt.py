@@ -40,9 +40,10 @@ class AccelerometerTilt(DynamicsEffect):
     yaw_rad: float = 0.0
 
     def read(self, frame: Frame) -> None:
-        """Mix the axes."""
+        """Mix the axes; an a_x that is an input was read by the turned instrument."""
         out = frame.outputs
         across = out["accel_lat"]
-        out["accel_lat"] = across - self.yaw_rad * out.get("accel_long", frame.accel_long)
+        along = out.get("accel_long", frame.accel_long - self.yaw_rad * across)
+        out["accel_lat"] = across - self.yaw_rad * along
         if "accel_long" in out:
             out["accel_long"] = out["accel_long"] + self.yaw_rad * across
