@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
@@ -93,3 +94,11 @@ def test_a_constant_velocity_error_is_told_from_slow_noise_of_the_speed(north_mp
         north = float(one.values[one.term.parameters.index("north_mps")])
         assert north == pytest.approx(north_mps, abs=2.5 * float(one.stds.max()))
         assert one.gain > 1.5 * (selector.gain([one.term]) - selector.gain([]))
+
+
+def test_a_small_velocity_error_is_found_by_the_whole_diagnosis() -> None:
+    """0.025 m/s is no finding under the noise that was estimated without it, and one under its own."""
+    (found,) = diagnose([along_a_motorway(0.025)]).findings
+
+    assert "doppler_heading_error" == found.effect
+    assert found.confidence > 0.9
