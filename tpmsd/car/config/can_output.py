@@ -62,6 +62,15 @@ def read_output(raw: object, folder: Path) -> OutputConfig:
     read["signals"] = tuple(
         (name, _read_key(f"signals.{show_key(name)}", _signal, value)) for name, value in signals.items()
     )
+    _check_kind(read)
+    dbc = read.get("dbc")
+    if dbc is not None and not is_file(dbc):
+        raise BadValueError("dbc: no such file", show(str(dbc)))
+    return OutputConfig(**read)
+
+
+def _check_kind(read: Mapping[str, Any]) -> None:
+    """Raise BadValueError where an entry is neither a message with signals nor one of J1939."""
     if "j1939" in read:
         if "source_address" not in read:
             raise BadValueError("source_address: missing", None, "0x0 to 0xFD, one that nobody else uses")
@@ -72,10 +81,6 @@ def read_output(raw: object, folder: Path) -> OutputConfig:
         raise BadValueError(f"{'signals' if 'message' in read else 'message'}: missing")
     elif "source_address" in read:
         raise BadValueError("source_address: only j1939 needs one")
-    dbc = read.get("dbc")
-    if dbc is not None and not is_file(dbc):
-        raise BadValueError("dbc: no such file", show(str(dbc)))
-    return OutputConfig(**read)
 
 
 def _signal(value: object) -> OutputSignal:

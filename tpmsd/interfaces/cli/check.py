@@ -184,10 +184,7 @@ def summary(plan: ConfigurationPlan) -> list[str]:
     lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}{_periods(plan)}")
     for signal in plan.optional:
         lines += _item(signal.role, f"{_signal(signal)} in {signal.unit}")
-    source = source_of(config.gnss)
-    baud = f" at {config.gnss.baud} baud" if source is not None and source.kind == "serial" else ""
-    label = "none" if source is None else source.label
-    lines += _item("receiver", f"{label}{baud}, antenna {_antenna(config.gnss)}")
+    lines += _item("receiver", _receiver(plan))
     settings = config.filter
     particles = "usual number of" if settings.particles is None else settings.particles
     lines += _item(
@@ -216,6 +213,14 @@ def summary(plan: ConfigurationPlan) -> list[str]:
         width = max(len(name) for name in plan.losses)
         lines += [f"  {name:{width}}  {cost}" for name, cost in plan.losses.items()]
     return lines
+
+
+def _receiver(plan: ConfigurationPlan) -> str:
+    gnss = plan.config.gnss
+    source = source_of(gnss)
+    baud = f" at {gnss.baud} baud" if source is not None and source.kind == "serial" else ""
+    label = "none" if source is None else source.label
+    return f"{label}{baud}, antenna {_antenna(gnss)}"
 
 
 def _item(label: str, text: str) -> list[str]:
