@@ -311,7 +311,7 @@ def test_a_reading_that_no_instrument_gives_is_refused(kind: str, tmp_path: Path
 
 
 def test_columns_that_are_not_known_steer_no_terminal(tmp_path: Path) -> None:
-    """Their names are told with escapes."""
+    """Control characters of their names are shown as escapes."""
     file = tmp_path / "signals.csv"
     file.write_text("time_s,yaw_rate_radps,evil\x1b[2J\n0,0,0\n1,0,0\n")
     assert ("evil\\x1b[2J",) == read_signals(file).unknown

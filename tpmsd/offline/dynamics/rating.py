@@ -1,7 +1,7 @@
 """The objective rating of a simulated curve against a recorded one by ISO/TS 18571:2014.
 
 In: two curves of n samples at one rate. Out: the rating, 0 to 1: 0.4 corridor + 0.2 phase + 0.2 magnitude +
-0.2 slope. `ratings` computes many pairs of one length at once.
+0.2 slope.
 """
 
 from __future__ import annotations

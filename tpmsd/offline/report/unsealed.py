@@ -179,7 +179,7 @@ def _other(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
 def unsealed_summary(document: Mapping[str, Any], untouched_known: bool = True) -> str:
     """Return the score in lines for people.
 
-    Without the report of the untouched recording a last line says how what it holds is told apart.
+    Without the report of the untouched recording a last line says how to distinguish what it holds itself.
     """
     lines = [f"sealed truth {document['sha256']}"]
     for one in document["concealed"]:

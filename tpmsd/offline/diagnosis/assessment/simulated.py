@@ -75,11 +75,11 @@ class Differences(Hypotheses):
         )
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Return the value of the recording's wheels."""
+        """Return the gain of each ramp that acts in the recording, with its term."""
         return [(gain, term) for gain, term in self.joint.ramp_gains(gram, b) if term.drive == 0]
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Return the value of the recording's wheels."""
+        """Return the gain of each pulse that acts in the recording, with its term."""
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
 
     def first(self, which: Common) -> int:

@@ -1,7 +1,7 @@
 """Uneven or miscounted teeth of any drive as findings.
 
 In: a `Study` and the calibration fitted to it. Out: `Finding`s. They are looked for apart from all else, at
-the ticks' edges (`tone_ring`).
+the ticks' edges (`rings.uneven_teeth`, `rings.miscount`).
 """
 
 from __future__ import annotations
