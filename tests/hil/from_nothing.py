@@ -28,8 +28,8 @@ from tests.hil.prepare import BUILD, REPO
 from tests.hil.uml import HilError
 
 OUT = REPO / "build" / "from-nothing"
-EARLIER = "438989a"
-"""The commit that is upgraded from."""
+EARLIER = "03ed116"
+"""Version 0.1.0, which is upgraded from."""
 MIRROR = "http://deb.debian.org/debian"
 SUITES = {"bookworm": "Debian 12", "trixie": "Debian 13"}
 GUEST_S = 900.0

@@ -1,3 +1,3 @@
 """The version of the program; `tpmsd.__version__` is the same."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

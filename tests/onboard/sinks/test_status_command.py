@@ -28,7 +28,7 @@ from tpmsd.onboard.sinks.status_server import StatusServer
 
 DOCUMENT: dict[str, Any] = {
     "version": 1,
-    "tpmsd": "0.1.0",
+    "tpmsd": "0.2.0",
     "time": 10.0,
     "wheels": {"rl": {"state": "monitoring", "change_mm": -0.1, "change_std_mm": 0.1}},
     "alarms": [],
