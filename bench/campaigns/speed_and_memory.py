@@ -9,7 +9,7 @@ happens on the road.
 
     python -m bench run speed --runs 5 --json bench.json
     python -m bench run speed --only "replay, 10 min"               some of the figures
-    python -m bench run speed --against 438989a --only-against      side by side with another commit
+    python -m bench run speed --against 438989a --only-against      side by side with another commit, all bars
 """
 
 from __future__ import annotations
