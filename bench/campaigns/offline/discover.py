@@ -22,7 +22,7 @@ from bench.campaigns.offline.drawn_buses import DrawnBus, draw
 from tpmsd.car.config.dbc import load_dbc
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.discovery.discover import discover
-from tpmsd.offline.discovery.result import Discovery, FoundRole
+from tpmsd.offline.discovery.result import BusDiscovery, FoundRole
 
 _SURE = 0.95
 _BINS = (0.0, 0.5, 0.7, 0.85, 0.95, 0.99, 1.01)
@@ -96,7 +96,7 @@ def _reliability(claims: Claims) -> None:
             print(f"| {what} | {span} | {len(told)} | {mean:.3f} | {share} |")
 
 
-def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found: Discovery) -> None:
+def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found: BusDiscovery) -> None:
     wheels = "undecided"
     if found.kind is not None:
         right = [_is_wheel(bus, found, wheel, mode) for wheel in WHEELS]
@@ -138,12 +138,12 @@ def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found
         counts[f"{key} within the bar or two std|{'right' if good else 'wrong'}"] += 1
 
 
-def _wheels_of(found: Discovery) -> list[FoundRole | None]:
+def _wheels_of(found: BusDiscovery) -> list[FoundRole | None]:
     what = "" if found.kind is None else found.kind.removesuffix("s")
     return [found.roles.get(f"wheel_{what}_{wheel}") for wheel in WHEELS]
 
 
-def _is_wheel(bus: DrawnBus, found: Discovery, wheel: str, mode: str) -> bool:
+def _is_wheel(bus: DrawnBus, found: BusDiscovery, wheel: str, mode: str) -> bool:
     role = found.roles.get(f"wheel_{bus.layout.kind.removesuffix('s')}_{wheel}")
     if role is None:
         return False

@@ -26,7 +26,7 @@ import numpy as np
 from tpmsd.car.physics.catalogue import parse_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.fleet.find import find_drives
-from tpmsd.offline.fleet.hierarchy import Stack, fit_model
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model
 from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.run import missing, run
 from tpmsd.offline.fleet.store import Store
@@ -147,7 +147,7 @@ def reduction(drives: int, seed: int) -> float:
     of_drive = np.repeat(truth, per_car, axis=0) + 0.1 * rng.standard_normal((cars * per_car, p))
     vector = np.einsum("dij,dj->di", information, of_drive)
     vector += 5.0 * rng.standard_normal(vector.shape)
-    stack = Stack(information, vector, np.repeat(np.arange(cars), per_car))
+    stack = FleetStatistics(information, vector, np.repeat(np.arange(cars), per_car))
     begun = time.process_time()
     fit_model(stack)
     return time.process_time() - begun

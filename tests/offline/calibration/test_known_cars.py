@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.calibration.calibrate import calibrate
 from tpmsd.offline.calibration.joint import JointFit, fit
 from tpmsd.offline.calibration.nominal import vehicle_of
-from tpmsd.offline.calibration.result import Calibration
+from tpmsd.offline.calibration.result import FittedGeometry
 from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.drive import DriveSpec
 from tpmsd.offline.simulator.receiver import ReceiverSpec
@@ -25,7 +25,7 @@ NORTH_EAST, SOUTH_EAST, SOUTH_WEST, NORTH_WEST = (50.1, 8.7), (-33.9, 151.2), (-
 TRUE_OFFSETS_M = (1.8e-3, -2.4e-3, -1.1e-3, 2.9e-3)
 
 
-def off(found: Calibration, truth: dict[str, float]) -> dict[str, float]:
+def off(found: FittedGeometry, truth: dict[str, float]) -> dict[str, float]:
     """Errors of the radii in their own standard deviations, where they are beyond 3.3."""
     sigmas = {w: (r.radius_m - truth[w]) / r.radius_std_m for w, r in found.wheels.items()}
     return {wheel: z for wheel, z in sigmas.items() if abs(z) > 3.3}

@@ -16,7 +16,7 @@ from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.offline.calibration.odometry import pieces, pose_error
 from tpmsd.offline.calibration.paper import PaperSettings, covariances, fit_paper
 from tpmsd.offline.calibration.reference import reference_pose
-from tpmsd.offline.calibration.result import Calibration, WheelResult
+from tpmsd.offline.calibration.result import FittedGeometry, WheelResult
 from tpmsd.offline.calibration.vehicle_file import calibrated_toml
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.windows import CHANNELS
@@ -160,7 +160,7 @@ def test_the_file_keeps_what_it_does_not_replace(vehicle: str, before: str) -> N
     """Radii in any form TOML allows are replaced, an older calibration goes, comments and other keys stay."""
     text = f"# my van\n{before}{vehicle}\n[can]\ndbc = 'x.dbc'  # theirs\nchannel = \"can1\"\n"
     wheels = {"rl": WheelResult(0.3123456, 1e-4), "rr": WheelResult(0.3133333, 2e-4)}
-    found = Calibration(
+    found = FittedGeometry(
         "joint",
         ("a", 'b "x"'),
         wheels,

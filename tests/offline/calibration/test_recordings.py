@@ -12,7 +12,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.interfaces.cli.calibrate import read_recordings
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.calibration.calibrate import calibrate
-from tpmsd.offline.calibration.result import Calibration, EstimatedEffect
+from tpmsd.offline.calibration.result import EstimatedEffect, FittedGeometry
 from tpmsd.offline.inference.recording import Recording
 
 
@@ -25,12 +25,12 @@ def drives(recordings: Path) -> list[Recording]:
 
 
 @pytest.fixture(scope="module")
-def van(drives: list[Recording], recordings: Path) -> list[Calibration]:
+def van(drives: list[Recording], recordings: Path) -> list[FittedGeometry]:
     vehicle = load_config(recordings / "van-oval").vehicle
     return [calibrate([drive], vehicle)[0] for drive in drives]
 
 
-def off(one: Calibration, other: Calibration, wheel: str, growth: EstimatedEffect) -> float:
+def off(one: FittedGeometry, other: FittedGeometry, wheel: str, growth: EstimatedEffect) -> float:
     """How far two radii are apart at the speed of the first, in standard deviations."""
     a, b = one.wheels[wheel], other.wheels[wheel]
     squares = one.reference_speed_mps**2 - other.reference_speed_mps**2
@@ -38,7 +38,9 @@ def off(one: Calibration, other: Calibration, wheel: str, growth: EstimatedEffec
     return abs(a.radius_m - b.radius_m - growth.value * squares) / std
 
 
-def test_drives_of_the_van_agree(van: list[Calibration], drives: list[Recording], recordings: Path) -> None:
+def test_drives_of_the_van_agree(
+    van: list[FittedGeometry], drives: list[Recording], recordings: Path
+) -> None:
     """Two motorway drives and the oval give one radius per wheel once growth with speed is taken out; all
     together know it better than a drive of about the same speed."""
     together, _ = calibrate(drives, load_config(recordings / "van-oval").vehicle)
@@ -54,14 +56,14 @@ def test_drives_of_the_van_agree(van: list[Calibration], drives: list[Recording]
         assert together.wheels[wheel].radius_std_m < min(one.wheels[wheel].radius_std_m for one in (a, b))
 
 
-def test_left_and_right_of_the_van_agree(van: list[Calibration]) -> None:
+def test_left_and_right_of_the_van_agree(van: list[FittedGeometry]) -> None:
     """What stands between the rear wheels is the same in every pair of drives, within what is stated."""
     for one, other in combinations(van, 2):
         apart = [found.wheels["rr"].radius_m - found.wheels["rl"].radius_m for found in (one, other)]
         assert abs(apart[0] - apart[1]) < 2.0 * math.hypot(one.difference_std_m, other.difference_std_m)
 
 
-def test_the_track_and_load_transfer_of_the_van(van: list[Calibration]) -> None:
+def test_the_track_and_load_transfer_of_the_van(van: list[FittedGeometry]) -> None:
     """All drives show the same track, both motorway drives the same load transfer, of a plausible size."""
     a, b, oval = van
     load_a, load_b = a.effects["load_lateral"], b.effects["load_lateral"]

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tpmsd.offline.calibration.result import Calibration, EstimatedEffect, WheelResult
+from tpmsd.offline.calibration.result import EstimatedEffect, FittedGeometry, WheelResult
 from tpmsd.offline.calibration.wording import summary
 
 LATENCY = {"latency@0": EstimatedEffect(0.07, 0.01, "s"), "load_lateral": EstimatedEffect(2e-4, 1e-5, "s2")}
@@ -23,7 +23,7 @@ def test_effects_bear_the_names_of_the_catalogue(drives: tuple[str, ...], latenc
     """With their parameter; of what belongs to one of several drives, to which. Values stand in a column."""
     wheels = {wheel: WheelResult(0.31, 1e-4) for wheel in ("rl", "rr")}
     nan = math.nan
-    found = Calibration(
+    found = FittedGeometry(
         "joint", drives, wheels, 1e-5, 1.5, 0.01, nan, nan, 20.0, 6, "still", 9.0, 1.0, LATENCY, []
     )
     rows = [row for row in summary(found).splitlines() if row.startswith("  ")]

@@ -10,7 +10,7 @@ import pytest
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
-from tpmsd.car.physics.catalogue import Probe, probes
+from tpmsd.car.physics.catalogue import FittedParameter, probes
 from tpmsd.interfaces.cli.diagnose import read_recording
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
@@ -41,13 +41,13 @@ def test_speeds_that_are_means_over_an_interval_are_no_finding(
     assert found == [finding.effect for finding in diagnosis.findings]
 
 
-def one_of_each() -> list[Probe]:
+def one_of_each() -> list[FittedParameter]:
     """A number of each effect that is looked for in windows."""
     return list({probe.effect: probe for probe in probes() if probe.parameter}.values())
 
 
 @pytest.mark.parametrize("probe", one_of_each(), ids=lambda probe: probe.effect)
-def test_one_threshold_holds_for_all_names(probe: Probe) -> None:
+def test_one_threshold_holds_for_all_names(probe: FittedParameter) -> None:
     """A gain of a nat above penalty and threshold is chosen, of a nat below is not, whatever the name."""
     value = probe.value - probe.neutral
     term = Term(

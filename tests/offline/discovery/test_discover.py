@@ -18,7 +18,7 @@ from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.names import named_wheel
 from tpmsd.offline.discovery.raw_fields import dbc_start
-from tpmsd.offline.discovery.result import Discovery
+from tpmsd.offline.discovery.result import BusDiscovery
 from tpmsd.offline.discovery.text import dbc_text, vehicle_text
 
 DURATION_S = 540.0
@@ -33,7 +33,7 @@ def drawn(name: str) -> DrawnBus:
     return _DRAWN[name]
 
 
-def signals(found: Discovery, bus: DrawnBus) -> dict[str, str]:
+def signals(found: BusDiscovery, bus: DrawnBus) -> dict[str, str]:
     what = bus.layout.kind.removesuffix("s")
     return {wheel: found.roles[f"wheel_{what}_{wheel}"].field.signal for wheel in WHEELS}
 

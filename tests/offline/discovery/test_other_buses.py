@@ -17,7 +17,7 @@ from tpmsd.car.config.dbc import load_dbc
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
-from tpmsd.offline.discovery.result import Discovery
+from tpmsd.offline.discovery.result import BusDiscovery
 from tpmsd.offline.discovery.text import vehicle_text
 from tpmsd.onboard.sources.can.block import block_of
 from tpmsd.onboard.sources.can.frame import CanFrame
@@ -221,7 +221,7 @@ def places(name: str, order: list[int]) -> dict[str, tuple[int, int]]:
     return {WHEELS[wheel]: signals[letter] for letter, wheel in zip("ABCD", order, strict=True)}
 
 
-def found_places(found: Discovery) -> dict[str, tuple[int, int]]:
+def found_places(found: BusDiscovery) -> dict[str, tuple[int, int]]:
     return {role[-2:]: lowest_bit(one.field.key, one.field.layout) for role, one in found.roles.items()}
 
 

@@ -12,14 +12,14 @@ from scipy import stats
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.fleet.discoveries import (
-    Discovery,
+    FleetHypothesis,
     cars_that_differ,
     controlled,
     model_effects,
     robust_fit,
     trends,
 )
-from tpmsd.offline.fleet.hierarchy import Stack, fit_model, fit_with, shrunken
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model, fit_with, shrunken
 from tpmsd.offline.fleet.parameters import BACK, CONTRASTS, NAMES, PARAMETERS_OF_FLEET, RADII, SCALES, aligned
 
 P = len(NAMES)
@@ -33,7 +33,7 @@ def drawn(
     car_spread: FloatArray,
     drive_spread: FloatArray,
     information: float = 25.0,
-) -> tuple[Stack, FloatArray]:
+) -> tuple[FleetStatistics, FloatArray]:
     """Statistics of drives whose truth follows the model, and each car's true values (m, p).
 
     Each drive's information matrix is its own, correlated, and of mean `information`.
@@ -45,13 +45,13 @@ def drawn(
     of_drive = np.repeat(truth, per_car, axis=0) + drive_spread * rng.standard_normal((n, p))
     root = np.linalg.cholesky(J + 1e-12 * np.eye(p))
     h = np.einsum("nij,nj->ni", J, of_drive) + np.einsum("nij,nj->ni", root, rng.standard_normal((n, p)))
-    return Stack(J, h, np.repeat(np.arange(cars), per_car)), truth
+    return FleetStatistics(J, h, np.repeat(np.arange(cars), per_car)), truth
 
 
 def test_one_parameter_is_the_textbook() -> None:
     """One parameter, known variances: mean, its variance and the shrunk cars are those of the closed form."""
     x, s2, tau2 = np.array([1.0, 2.0, 4.0]), np.array([0.5, 1.0, 0.25]), 0.8
-    stack = Stack((1 / s2).reshape(3, 1, 1), (x / s2).reshape(3, 1), np.arange(3))
+    stack = FleetStatistics((1 / s2).reshape(3, 1, 1), (x / s2).reshape(3, 1), np.arange(3))
     fit = fit_with(stack, np.array([tau2]), np.zeros(1))
 
     weight = 1 / (s2 + tau2)
@@ -99,7 +99,7 @@ def test_drawn_fleets_are_covered() -> None:
     assert 0.90 <= np.mean(cars) <= 0.98
 
 
-def found_effects(stack: Stack) -> set[str]:
+def found_effects(stack: FleetStatistics) -> set[str]:
     fit, _ = robust_fit(stack)
     kept = [one for one in controlled(model_effects("m", fit)) if one.kept]
     return {f"{one.effect}.{one.parameter}" for one in kept}
@@ -121,7 +121,7 @@ def test_a_third_of_a_single_drives_limit_is_found_in_thirty() -> None:
         limit = single * (stats.norm.ppf(1 - 0.005 / P) + stats.norm.ppf(0.9))
         # What the effect adds to the vectors, in the same noise.
         vector = stack.vector + stack.information[:, :, k] * (limit / 3.0)
-        found = found_effects(Stack(stack.information, vector, stack.car))
+        found = found_effects(FleetStatistics(stack.information, vector, stack.car))
         hits += names[k] in found
         false += len(found_effects(stack))
         tests += sum(one.null for one in PARAMETERS_OF_FLEET)
@@ -137,7 +137,7 @@ def test_a_car_that_differs_is_told_and_no_other() -> None:
     stack, truth = drawn(rng, 40, 6, np.zeros(P), spread, np.full(P, 0.05), 100.0)
     k, odd = NAMES.index("track_rear"), 17
     vector = stack.vector + 0.8 * stack.information[:, :, k] * (stack.car == odd)[:, None]
-    stack = Stack(stack.information, vector, stack.car)
+    stack = FleetStatistics(stack.information, vector, stack.car)
     cars = [f"car-{number}" for number in range(40)]
     fit, alike = robust_fit(stack)
     kept = [one for one in controlled(cars_that_differ("m", cars, fit, alike)) if one.kept]
@@ -161,7 +161,7 @@ def test_a_slow_leak_is_told_with_its_wheel_and_rate() -> None:
     shift = np.zeros((len(days), P))
     shift[:, :4] = (np.linalg.inv(BACK) @ radii).T / SCALES[:4]
     vector = stack.vector + np.einsum("dij,dj->di", stack.information, shift)
-    moved = Stack(stack.information, vector, stack.car)
+    moved = FleetStatistics(stack.information, vector, stack.car)
     names = [f"car-{number}" for number in range(cars)]
     fit, _ = robust_fit(moved)
     tested = controlled(trends("m", names, moved, days, np.square(fit.drive_spread)))
@@ -191,7 +191,8 @@ def test_contrasts_are_the_radii() -> None:
 def test_false_discoveries_are_controlled_as_published(p_values: list[float]) -> None:
     """What is kept is what scipy's Benjamini-Hochberg adjustment keeps."""
     tested = [
-        Discovery("model", "m", "", "effect", "e", str(k), 0.0, 1.0, "1", p) for k, p in enumerate(p_values)
+        FleetHypothesis("model", "m", "", "effect", "e", str(k), 0.0, 1.0, "1", p)
+        for k, p in enumerate(p_values)
     ]
     expected = (stats.false_discovery_control(p_values) <= 0.01 + 1e-15).tolist()
 
@@ -202,7 +203,7 @@ def test_many_drives_reduce_fast() -> None:
     """Ten thousand drives of 500 cars reduce in 6 s of CPU time: 100,000 in a minute."""
     rng = np.random.default_rng(25)
     block, _ = drawn(rng, 50, 20, np.full(P, 0.1), np.full(P, 0.3), np.full(P, 0.1))
-    stack = Stack(
+    stack = FleetStatistics(
         np.tile(block.information, (10, 1, 1)),
         np.tile(block.vector, (10, 1)),
         np.concatenate([block.car + 50 * k for k in range(10)]),

@@ -8,8 +8,8 @@ from scipy import stats
 
 from tests.offline.fleet.test_hierarchy import P, drawn
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.fleet.discoveries import Discovery, controlled
-from tpmsd.offline.fleet.hierarchy import Stack
+from tpmsd.offline.fleet.discoveries import FleetHypothesis, controlled
+from tpmsd.offline.fleet.hierarchy import FleetStatistics
 from tpmsd.offline.fleet.losses import losses, steps
 from tpmsd.offline.fleet.parameters import BACK, SCALES
 
@@ -18,23 +18,25 @@ USUAL = np.where(np.arange(P) < 4, 0.3, 0.2)
 """Spread of drives in scales: of tyres 0.03 % left against right, and 0.15 % else."""
 
 
-def fleet(seed: int, per_car: int = 6, information: float = 400.0) -> tuple[Stack, FloatArray]:
+def fleet(seed: int, per_car: int = 6, information: float = 400.0) -> tuple[FleetStatistics, FloatArray]:
     """Drives of six cars, one a day."""
     rng = np.random.default_rng(seed)
     stack, _ = drawn(rng, len(CARS), per_car, np.zeros(P), np.full(P, 0.8), USUAL, information)
     return stack, np.tile(np.arange(per_car, dtype=np.float64) + 20_000.0, len(CARS))
 
 
-def changed(stack: Stack, days: FloatArray, car: int, day: float, radius: FloatArray) -> Stack:
+def changed(
+    stack: FleetStatistics, days: FloatArray, car: int, day: float, radius: FloatArray
+) -> FleetStatistics:
     """The same with this change (4,) of the radii of one car, in parts of them, from a day on."""
     step = np.zeros(P)
     step[:4] = np.linalg.solve(BACK, radius) / SCALES[:4]
     those = (stack.car == car) & (days >= day)
     vector = stack.vector + np.where(those[:, None], np.einsum("nij,j->ni", stack.information, step), 0.0)
-    return Stack(stack.information, vector, stack.car)
+    return FleetStatistics(stack.information, vector, stack.car)
 
 
-def kept(stack: Stack, days: FloatArray) -> list[Discovery]:
+def kept(stack: FleetStatistics, days: FloatArray) -> list[FleetHypothesis]:
     """What is reported; cars are those that the stack has."""
     found = losses("m", CARS[: stack.cars], stack, days, np.square(USUAL))
     return [one for one in controlled(found) if one.kept]

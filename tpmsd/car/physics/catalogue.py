@@ -57,7 +57,7 @@ def sentence_of(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Probe:
+class FittedParameter:
     """One number that a fit may find: an effect's parameter, at a place, at a value of the grid."""
 
     effect: str
@@ -99,7 +99,7 @@ def _linear(effect: type[Effect]) -> list[Parameter]:
     return [p for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]
 
 
-def probes() -> tuple[Probe, ...]:
+def probes() -> tuple[FittedParameter, ...]:
     """Return what a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
     out = []
     for name, effect in EFFECTS.items():
@@ -109,31 +109,33 @@ def probes() -> tuple[Probe, ...]:
             continue
         for wheel_pattern in effect.wheel_patterns or ("",):
             if not effect.parameters:
-                out.append(Probe(name, "", 1.0, 0.0, wheel_pattern))
+                out.append(FittedParameter(name, "", 1.0, 0.0, wheel_pattern))
             for p in _linear(effect):
                 for at in (None,) if effect.grid is None else effect.grid.values:
-                    out.append(Probe(name, p.name, p.neutral + p.probe, p.neutral, wheel_pattern, at))
+                    out.append(
+                        FittedParameter(name, p.name, p.neutral + p.probe, p.neutral, wheel_pattern, at)
+                    )
     return tuple(out)
 
 
-def sensor_probes() -> tuple[tuple[Probe, tuple[str, ...]], ...]:
+def sensor_probes() -> tuple[tuple[FittedParameter, tuple[str, ...]], ...]:
     """Return what a fit may find in other sensors than wheels, gyro and fixes, and the readings where it
     shows.
     """
     return tuple(
-        (Probe(name, p.name, p.neutral + p.probe, p.neutral), effect.reads)
+        (FittedParameter(name, p.name, p.neutral + p.probe, p.neutral), effect.reads)
         for name, effect in EFFECTS.items()
         if effect.reads
         for p in _linear(effect)
     )
 
 
-def groups() -> tuple[tuple[Probe, ...], ...]:
+def groups() -> tuple[tuple[FittedParameter, ...], ...]:
     """Sets of probes that make sense together: each that needs no other, and all of an effect."""
-    by_effect: dict[tuple[str, str, float | None], list[Probe]] = {}
+    by_effect: dict[tuple[str, str, float | None], list[FittedParameter]] = {}
     for probe in probes():
         by_effect.setdefault((probe.effect, probe.wheel_pattern, probe.at), []).append(probe)
-    out: list[tuple[Probe, ...]] = []
+    out: list[tuple[FittedParameter, ...]] = []
     for (name, _, _), free in by_effect.items():
         if EFFECTS[name].always_fitted:
             continue

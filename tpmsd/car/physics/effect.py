@@ -41,7 +41,7 @@ __all__ = [
     "Grid",
     "GroupParameter",
     "Kind",
-    "Look",
+    "NoiseResemblance",
     "Parameter",
     "Prior",
     "Std",
@@ -69,7 +69,7 @@ class Kind(Enum):
     """Fitted along and never a finding: calibration, and what instruments always do."""
 
 
-class Look(Enum):
+class NoiseResemblance(Enum):
     """Slow noise that an effect resembles: it must stand against that noise at its likeliest."""
 
     OTHER = "none"
@@ -148,7 +148,7 @@ class Effect:
     """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
     `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`,
     `torque`, `both_axles` (wheels of both)."""
-    looks: ClassVar[Look] = Look.OTHER
+    looks: ClassVar[NoiseResemblance] = NoiseResemblance.OTHER
     beside: ClassVar[tuple[str, ...]] = ()
     """Effects beside which it must be needed, where shapes act that no formula holds."""
     beside_value: ClassVar[tuple[str, ...]] = ()

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.effect import RARE, Effect, Kind, Look, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect import RARE, Effect, Kind, NoiseResemblance, Parameter, Prior, WheelParameter
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.rings.ring import share_of, turns_hz
@@ -48,7 +48,7 @@ class PulseRate(Effect):
     kind = Kind.INSTRUMENT
     distinguished_by = "hold several speeds from 10 to 35 m/s for a minute each"
     shows_in = ("wheel_ratio", "speed")
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     one_sign = True
     wheel_patterns = WHEELS
     more: ClassVar[float]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.car.physics.effect import Effect, Kind, Look
+from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance
 
 
 @dataclass(frozen=True)
@@ -18,4 +18,4 @@ class SpeedSignalFault(Effect):
     distinguished_by = "hold several speeds from 5 to 35 m/s for a minute each"
     shows_in = ("wheel", "speed")
     needs = ("speeds", "gnss")
-    looks = Look.COMMON
+    looks = NoiseResemblance.COMMON

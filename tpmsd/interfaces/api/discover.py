@@ -18,8 +18,7 @@ from tpmsd.interfaces.api.axes import own_axes
 from tpmsd.interfaces.api.car_library import load_cars
 from tpmsd.offline.discovery.discover import discover as discover_raw
 from tpmsd.offline.discovery.frames import BusLog
-from tpmsd.offline.discovery.result import Discovery as DiscoveryResult
-from tpmsd.offline.discovery.result import FoundRole
+from tpmsd.offline.discovery.result import BusDiscovery, FoundRole
 from tpmsd.offline.discovery.text import vehicle_text
 from tpmsd.offline.drives.drive import Drive
 from tpmsd.offline.drives.raw_drive import read_drive
@@ -44,7 +43,7 @@ DISCOVERY_SCHEMA = "tpmsd.discovery/2"
 class Discovery:
     """Signals of an unknown car by what they do, each with a probability."""
 
-    result: DiscoveryResult
+    result: BusDiscovery
     """The record that the command reports."""
     files: tuple[Path, ...] = ()
     dbc: Path | None = None

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from tpmsd.offline.calibration.result import Calibration as CalibrationResult
+    from tpmsd.offline.calibration.result import FittedGeometry
     from tpmsd.offline.diagnosis.assessment.result import Diagnosis as DiagnosisResult
     from tpmsd.offline.diagnosis.assessment.result import Finding
 
@@ -272,7 +272,7 @@ class Diagnosis:
 class Calibration:
     """Radii and tracks of a car by its drives."""
 
-    result: CalibrationResult
+    result: FittedGeometry
     """The record that reports and plots are made of."""
     source: Source = Source()
     nominal_m: Mapping[str, float] = field(default_factory=dict)

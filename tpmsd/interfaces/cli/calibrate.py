@@ -18,7 +18,7 @@ from tpmsd.interfaces.cli.outputs import OutputError, Outputs, write_whole
 
 if TYPE_CHECKING:
     from tpmsd.car.config.model import Config
-    from tpmsd.offline.calibration.result import Calibration
+    from tpmsd.offline.calibration.result import FittedGeometry
     from tpmsd.offline.inference.recording import Recording
 
 MOST_FROM_NOMINAL = 0.2
@@ -157,7 +157,7 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
     return recordings, first
 
 
-def refuse_the_impossible(found: Calibration, config: Config) -> None:
+def refuse_the_impossible(found: FittedGeometry, config: Config) -> None:
     """InputError where a radius is none of a wheel, or none of this car's: a unit or the teeth are wrong."""
     from tpmsd.foundation.wheels import WHEELS
 
@@ -171,7 +171,7 @@ def refuse_the_impossible(found: Calibration, config: Config) -> None:
             )
 
 
-def write_vehicle(config: Config, found: Calibration, target: Path) -> None:
+def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     """Write the calibrated values into a new copy of the configuration, or into the one that is there.
 
     The new text is read back as a configuration before it takes the target's place; what was there before is

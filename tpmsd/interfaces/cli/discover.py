@@ -18,7 +18,7 @@ from tpmsd.interfaces.cli.outputs import Outputs
 from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 if TYPE_CHECKING:
-    from tpmsd.offline.discovery.result import Discovery, FoundRole
+    from tpmsd.offline.discovery.result import BusDiscovery, FoundRole
 
 SCHEMA = "tpmsd.discovery/2"
 EXIT_UNDECIDED = 4
@@ -105,7 +105,7 @@ def refuse(path: Path, force: bool) -> None:
         raise ConfigError(f"{path}: there is no folder {path.parent}")
 
 
-def write_files(found: Discovery, dbc: Path | None, target: Path) -> list[Path]:
+def write_files(found: BusDiscovery, dbc: Path | None, target: Path) -> list[Path]:
     """Write the configuration and its DBC, which is made where the fields were found in raw frames.
 
     A DBC of another folder is copied beside the configuration, so that the two can be moved together.
@@ -172,7 +172,7 @@ def replace_file(path: Path, content: str | bytes) -> None:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def summary(found: Discovery) -> list[str]:
+def summary(found: BusDiscovery) -> list[str]:
     """Return what was found, for people."""
     from tpmsd.offline.discovery.settings import SETTINGS
 
@@ -212,7 +212,7 @@ def summary(found: Discovery) -> list[str]:
     return lines
 
 
-def _role(found: Discovery, one: FoundRole) -> str:
+def _role(found: BusDiscovery, one: FoundRole) -> str:
     """Return the signal of a role with its qualities, probability and rivals."""
     rivals = "".join(f"; {name} {p:.2f}" for name, p in one.rivals)
     extra = f", modulus {one.modulus}" if one.modulus else ""

@@ -1,6 +1,6 @@
 """Radii and tracks of a car from its recorded drives, by either method.
 
-In: `Recording`s and the configured vehicle. Out: `Calibration`; `RefusedError` where it cannot be had.
+In: `Recording`s and the configured vehicle. Out: `FittedGeometry`; `RefusedError` where it cannot be had.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tpmsd.offline.calibration.joint import PRIOR, JointFit, fit
 from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, vehicle_of
 from tpmsd.offline.calibration.odometry import pose_error
 from tpmsd.offline.calibration.paper import PaperFit, fit_paper
-from tpmsd.offline.calibration.result import Calibration, EstimatedEffect, WheelResult
+from tpmsd.offline.calibration.result import EstimatedEffect, FittedGeometry, WheelResult
 from tpmsd.offline.inference.recording import Recording
 
 METHODS = ("joint", "paper")
@@ -30,7 +30,7 @@ def calibrate(
     config: VehicleConfig,
     method: str = "joint",
     progress: Callable[[float], None] = lambda share: None,
-) -> tuple[Calibration, Vehicle]:
+) -> tuple[FittedGeometry, Vehicle]:
     """Calibrate; also return the vehicle as calibrated. `progress` is given the share of the work that is
     done.
 
@@ -49,7 +49,7 @@ def calibrate(
     return _of_joint(drives, start, found), found.vehicle
 
 
-def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Calibration:
+def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> FittedGeometry:
     car = found.vehicle
     read = sorted({k for drive in drives for k in calibrated_wheels(drive)})
     front = 0 in read
@@ -62,7 +62,7 @@ def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Calib
     difference = np.zeros(len(found.names))
     difference[found.names.index("radius_rr")] = start.radius_m[3]
     difference[found.names.index("radius_rl")] = -start.radius_m[2]
-    return Calibration(
+    return FittedGeometry(
         method="joint",
         drives=tuple(drive.name for drive in drives),
         wheels=wheels,
@@ -81,9 +81,9 @@ def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Calib
     )
 
 
-def _of_paper(drives: list[Recording], start: Vehicle, found: PaperFit, speed_mps: float) -> Calibration:
+def _of_paper(drives: list[Recording], start: Vehicle, found: PaperFit, speed_mps: float) -> FittedGeometry:
     rear = (2, 3)
-    return Calibration(
+    return FittedGeometry(
         method="paper",
         drives=tuple(drive.name for drive in drives),
         wheels={

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import EFFECTS, Probe, make_effect
+from tpmsd.car.physics.catalogue import EFFECTS, FittedParameter, make_effect
 from tpmsd.car.physics.effect import Parameter
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Motion, integrate
@@ -83,7 +83,7 @@ class Equations(Linearised):
         return np.concatenate([np.nan_to_num(self.y)[:, :, None], self.X], axis=2)
 
 
-def probes() -> dict[str, Probe]:
+def probes() -> dict[str, FittedParameter]:
     """Return a mapping name in a calibration -> parameter of an effect."""
     out = {}
     for effect in EFFECTS.values():
@@ -91,7 +91,7 @@ def probes() -> dict[str, Probe]:
         for name, what, _ in effect.in_calibration:
             alike = (one for one in numbers.values() if one.name.split("_")[0] == what.split("_")[0])
             one = numbers.get(what) or next(alike)
-            out[name] = Probe(effect.name, one.name, one.neutral + one.probe, one.neutral)
+            out[name] = FittedParameter(effect.name, one.name, one.neutral + one.probe, one.neutral)
     return out
 
 

@@ -1,7 +1,7 @@
 """A calibration as a picture: un-fused odometry before and after on the receiver's positions, radii by
 iteration and against the configured ones.
 
-In: `Calibration`, its `Recording`s, the vehicle before and after. Out: a matplotlib figure. matplotlib is the
+In: `FittedGeometry`, its `Recording`s, the vehicle before and after. Out: a figure. matplotlib is the
 optional extra `tpmsd[plot]` and needs no display.
 """
 
@@ -16,7 +16,7 @@ from tpmsd.foundation.palette import STYLES, line_style
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.offline.calibration.odometry import Piece, pieces
-from tpmsd.offline.calibration.result import Calibration
+from tpmsd.offline.calibration.result import FittedGeometry
 from tpmsd.offline.inference.recording import Recording
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ LONG = 1.6
 
 
 def draw_calibration(
-    found: Calibration, recordings: list[Recording], config: VehicleConfig, car: Vehicle
+    found: FittedGeometry, recordings: list[Recording], config: VehicleConfig, car: Vehicle
 ) -> Figure:
     """Return the figure: tracks, radii by iteration, radii against the configured ones."""
     from matplotlib.figure import Figure
@@ -59,7 +59,7 @@ def draw_calibration(
 
 
 def _draw_tracks(
-    axes: Axes, found: Calibration, positions: list[FloatArray], paths: dict[str, list[Piece]]
+    axes: Axes, found: FittedGeometry, positions: list[FloatArray], paths: dict[str, list[Piece]]
 ) -> None:
     for k, position_m in enumerate(positions):
         axes.plot(*position_m.T, color=STYLES["line"].colour, lw=5, label=None if k else "receiver")
@@ -79,7 +79,7 @@ def _draw_tracks(
     )
 
 
-def _draw_iterations(axes: Axes, found: Calibration) -> None:
+def _draw_iterations(axes: Axes, found: FittedGeometry) -> None:
     """Draw each radius over the iterations of the fit."""
     for wheel, result in found.wheels.items():
         radii = np.array([step[wheel] for step in found.history_m]) * 1e3
@@ -98,7 +98,7 @@ def _draw_iterations(axes: Axes, found: Calibration) -> None:
     axes.set_title("radii by iteration, ± one standard deviation", fontsize=11, loc="left", pad=26)
 
 
-def _draw_radii(axes: Axes, found: Calibration, config: VehicleConfig) -> None:
+def _draw_radii(axes: Axes, found: FittedGeometry, config: VehicleConfig) -> None:
     """Calibrated minus configured radius of each wheel with two standard deviations."""
     for k, (wheel, result) in enumerate(found.wheels.items()):
         change_mm = 1e3 * (result.radius_m - config.wheel_radius_m[WHEELS.index(wheel)])

@@ -1,6 +1,6 @@
 """Result of a calibration, as records.
 
-In: nothing (plain records). Out: `Calibration`, `WheelResult`, `EstimatedEffect`.
+In: nothing (plain records). Out: `FittedGeometry`, `WheelResult`, `EstimatedEffect`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class EstimatedEffect:
 
 @brief
 @dataclass(frozen=True)
-class Calibration:
+class FittedGeometry:
     """Radii and tracks of a car by its drives."""
 
     method: str

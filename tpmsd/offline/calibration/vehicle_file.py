@@ -1,6 +1,6 @@
 """A vehicle.toml with calibrated radii and tracks in it.
 
-In: the text of a configuration, a `Calibration`. Out: the same text with those keys replaced and a
+In: the text of a configuration, a `FittedGeometry`. Out: the same text with those keys replaced and a
 [calibration] table that says where they come from; comments and all else stay as they were.
 """
 
@@ -10,13 +10,13 @@ import json
 import math
 import re
 
-from tpmsd.offline.calibration.result import Calibration
+from tpmsd.offline.calibration.result import FittedGeometry
 
 _TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
 
 
 def calibrated_toml(
-    text: str, found: Calibration, radii_m: dict[str, float], dbc: str | None, made: str
+    text: str, found: FittedGeometry, radii_m: dict[str, float], dbc: str | None, made: str
 ) -> str:
     """Return `radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file (None:
     as the text has it), `made` the date."""
@@ -53,7 +53,7 @@ def _inline(radii_m: dict[str, float]) -> str:
     return "{ " + ", ".join(f"{wheel} = {radius:.6f}" for wheel, radius in radii_m.items()) + " }"
 
 
-def _provenance(found: Calibration, made: str) -> list[str]:
+def _provenance(found: FittedGeometry, made: str) -> list[str]:
     lines = [
         "[calibration]",
         "# How the radii and tracks in [vehicle] were found; for the reader, nothing is computed from it.",

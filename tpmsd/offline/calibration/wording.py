@@ -1,6 +1,6 @@
 """A calibration in words and as JSON.
 
-In: `Calibration`. Out: the summary for a reader, the document for a program.
+In: `FittedGeometry`. Out: the summary for a reader, the document for a program.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from typing import Any
 
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.foundation.plain import with_unit
-from tpmsd.offline.calibration.result import Calibration
+from tpmsd.offline.calibration.result import FittedGeometry
 
 _NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 
 
-def summary(found: Calibration) -> str:
+def summary(found: FittedGeometry) -> str:
     """Return the text that the command prints."""
     kmh = found.reference_speed_mps * 3.6
     lines = [f"Calibration by the {found.method} method from {', '.join(found.drives)}", ""]
@@ -66,7 +66,7 @@ def _of_effect(name: str, drives: Sequence[str]) -> str:
     return known.get(base, base) + of_drive
 
 
-def document(found: Calibration) -> dict[str, Any]:
+def document(found: FittedGeometry) -> dict[str, Any]:
     """Return the document that `--json` writes."""
     return {
         "method": found.method,

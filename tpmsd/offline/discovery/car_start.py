@@ -9,13 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from tpmsd.offline.discovery.library import CarPlatform, field_of
-from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
+from tpmsd.offline.discovery.result import BusDiscovery, Estimate, FoundRole, Undecided
 from tpmsd.offline.discovery.settings import SETTINGS
 
 _MEASURE = "tpmsd discover on ten minutes of mixed driving"
 
 
-def found_of(car: CarPlatform) -> Discovery:
+def found_of(car: CarPlatform) -> BusDiscovery:
     """Return the entry as if it had been found; measures that no library knows are listed as undecided."""
     roles = {role: _role(role, entry) for role, entry in car.signals.items()}
     counts = any(role.startswith("wheel_count_") for role in roles)
@@ -24,7 +24,7 @@ def found_of(car: CarPlatform) -> Discovery:
         keys.append("teeth_per_rev")
     undecided = tuple(Undecided(f"vehicle.{key}", "a usual value is written", _MEASURE) for key in keys)
     teeth = car.teeth_per_rev or 48.0
-    return Discovery(
+    return BusDiscovery(
         "counts" if counts else "speeds",
         roles,
         counts_per_rev=Estimate(teeth, 0.0) if counts else None,

@@ -1,6 +1,6 @@
 """Discovery of a bus's content from the frames and fixes of a drive.
 
-In: `BusLog`, fixes, a DBC where there is one, the tyre's size, the car library. Out: `Discovery`.
+In: `BusLog`, fixes, a DBC where there is one, the tyre's size, the car library. Out: `BusDiscovery`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
 from tpmsd.offline.discovery.library import CarPlatform, Match, match_car
 from tpmsd.offline.discovery.material import Material, dbc_fields, prepare
 from tpmsd.offline.discovery.other_roles import other_roles
-from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
+from tpmsd.offline.discovery.result import BusDiscovery, Estimate, FoundRole, Undecided
 from tpmsd.offline.discovery.series import MessageField, unwrap
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import (
@@ -62,7 +62,7 @@ def discover(
     tyre: str | None = None,
     cars: Sequence[CarPlatform] = (),
     settings: Settings = SETTINGS,
-) -> Discovery:
+) -> BusDiscovery:
     """Find the wheels and all that goes with them. `cars`: the car library, as prior."""
     return decide(prepare(log, fixes, database, settings), tyre, cars, database, settings)
 
@@ -73,10 +73,10 @@ def decide(
     cars: Sequence[CarPlatform] = (),
     database: Database | None = None,
     settings: Settings = SETTINGS,
-) -> Discovery:
+) -> BusDiscovery:
     """Return the result of the prepared drive."""
     reference = material.reference
-    nothing = Discovery(
+    nothing = BusDiscovery(
         None,
         duration_s=reference.duration_s,
         frames=material.frames,
@@ -122,14 +122,14 @@ def decide(
 
 
 def _ring_and_radius(
-    found: Discovery,
+    found: BusDiscovery,
     assignment: Assignment,
     material: Material,
     tyre: str | None,
     car: CarPlatform | None,
     undecided: list[Undecided],
     settings: Settings,
-) -> tuple[Discovery, Estimate]:
+) -> tuple[BusDiscovery, Estimate]:
     """Return the result with the counts per revolution, where wheels are counted, and the rolling radius (m).
 
     A number of counts that is not decided joins `undecided`.
@@ -229,7 +229,7 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
     return max(ranked, key=lambda entry: entry[0])[1]
 
 
-def _with_candidates(nothing: Discovery, material: Material, settings: Settings) -> Discovery:
+def _with_candidates(nothing: BusDiscovery, material: Material, settings: Settings) -> BusDiscovery:
     """Return what is left where no wheels were found: signals that may be one."""
     why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
     likely = candidates(_followers(material, settings), material.reference, settings)

@@ -1,6 +1,6 @@
 """Result of the discovery, as records and as the JSON document.
 
-In: nothing. Out: `Discovery`.
+In: nothing. Out: `BusDiscovery`.
 """
 
 from __future__ import annotations
@@ -80,8 +80,8 @@ class Undecided:
 
 @brief
 @dataclass(frozen=True, slots=True)
-class Discovery:
-    """All of it."""
+class BusDiscovery:
+    """Roles, counts per turn, driven axle, geometry and receiver of a bus, with probabilities."""
 
     kind: str | None
     """counts | speeds; None if no wheels were found."""

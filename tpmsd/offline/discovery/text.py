@@ -1,6 +1,6 @@
 """Files of the result: `vehicle.toml`, and a DBC for fields found in raw frames.
 
-In: `Discovery`. Out: text.
+In: `BusDiscovery`. Out: text.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import json
 from collections.abc import Sequence
 
 from tpmsd.offline.discovery.raw_fields import dbc_start
-from tpmsd.offline.discovery.result import Discovery, FoundRole
+from tpmsd.offline.discovery.result import BusDiscovery, FoundRole
 from tpmsd.offline.discovery.series import MessageField
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED
@@ -23,7 +23,7 @@ _USUAL = {
 }
 
 
-def vehicle_text(found: Discovery, dbc: str) -> str:
+def vehicle_text(found: BusDiscovery, dbc: str) -> str:
     """Return a configuration that `tpmsd check` accepts; what is undecided stands in comments."""
     source = f"tpmsd init, {found.car}" if found.assignment is None else "tpmsd discover"
     lines = [f"# By {source}. Look over what is marked as undecided."]
@@ -33,7 +33,7 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _vehicle_table(found: Discovery) -> list[str]:
+def _vehicle_table(found: BusDiscovery) -> list[str]:
     """Return the table [vehicle], with what was not measured marked."""
     lines = ["", "[vehicle]"]
     radius = found.geometry.get("wheel_radius_m")
@@ -57,7 +57,7 @@ def _vehicle_table(found: Discovery) -> list[str]:
     return lines
 
 
-def _can_tables(found: Discovery, dbc: str) -> list[str]:
+def _can_tables(found: BusDiscovery, dbc: str) -> list[str]:
     """Return the tables of the buses and of the signals."""
     main = found.main_bus
     lines = ["", "[can]", 'interface = "socketcan"']
@@ -73,7 +73,7 @@ def _can_tables(found: Discovery, dbc: str) -> list[str]:
     return lines
 
 
-def _gnss_table(found: Discovery) -> list[str]:
+def _gnss_table(found: BusDiscovery) -> list[str]:
     """Return the table [gnss]: antenna and latency where they are well known."""
     lines = ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
     for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
@@ -86,7 +86,7 @@ def _gnss_table(found: Discovery) -> list[str]:
     return lines
 
 
-def further_buses(found: Discovery) -> list[int]:
+def further_buses(found: BusDiscovery) -> list[int]:
     """Return numbers of the buses beside the main one that carry a signal."""
     return sorted({one.bus for one in found.roles.values()} - {found.main_bus})
 
@@ -125,7 +125,7 @@ def _written_in_dbc(one: FoundRole) -> bool:
     return one.field.message.startswith("ID_") and not one.modulus and not one.invalid
 
 
-def dbc_text(found: Discovery, bus: int | None = None) -> str:
+def dbc_text(found: BusDiscovery, bus: int | None = None) -> str:
     """Return a DBC of the fields of a bus that have a role; messages are called by their identifiers.
 
     `bus`: by default the main one.

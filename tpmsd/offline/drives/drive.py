@@ -18,7 +18,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.drives.reading import FolderRecording, MemoryRecording, Recording
+from tpmsd.offline.drives.reading import DriveReader, FolderRecording, MemoryRecording
 from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
 from tpmsd.offline.tables.encode import Encoded, encode
@@ -37,7 +37,7 @@ class Drive:
 
     name: str
     config: Config = field(repr=False)
-    recording: Recording
+    recording: DriveReader
     vehicle_toml: str | None = None
     """The configuration as text, where the drive has no folder."""
 

@@ -101,7 +101,7 @@ class Stream(Protocol):
         ...
 
 
-class Recording(Protocol):
+class DriveReader(Protocol):
     """A drive that can be opened any number of times."""
 
     def open(self, config: Config, note: Note = ignore_note) -> tuple[Stream, Database]:
@@ -227,7 +227,7 @@ def play(
 
 
 def read_ticks(
-    recording: Recording,
+    recording: DriveReader,
     config: Config,
     rate_hz: float = DESK_RATE_HZ,
     progress: Progress = ignore_progress,

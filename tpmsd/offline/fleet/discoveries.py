@@ -1,6 +1,6 @@
 """Findings over a fleet: effects of a model, cars that differ from it, tyres that leak or wear.
 
-In: the fits of the models, the times of the drives. Out: `Discovery`s with p-values, those kept by
+In: the fits of the models, the times of the drives. Out: `FleetHypothesis`s with p-values, those kept by
 Benjamini and Hochberg (J. R. Stat. Soc. B 57, 1995) over all that were tested. Pure.
 """
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.fleet.hierarchy import ModelFit, Stack, fit_with, sampled, shrunken, spreads
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit, fit_with, sampled, shrunken, spreads
 from tpmsd.offline.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
@@ -22,8 +22,8 @@ DAYS_PER_WEEK = 7.0
 
 
 @dataclass(frozen=True, slots=True)
-class Discovery:
-    """Something that was tested."""
+class FleetHypothesis:
+    """A tested statement about a model or a car: `value`, its `std`, the p-value, and if it is kept."""
 
     level: str
     """model | car"""
@@ -45,7 +45,7 @@ class Discovery:
     """Host time from which on, where there is a moment (s)."""
 
 
-def model_effects(model: str, fit: ModelFit) -> list[Discovery]:
+def model_effects(model: str, fit: ModelFit) -> list[FleetHypothesis]:
     """Tests of every parameter's population mean against what the rolling model says: zero."""
     found = []
     for k, parameter in enumerate(PARAMETERS_OF_FLEET):
@@ -56,7 +56,7 @@ def model_effects(model: str, fit: ModelFit) -> list[Discovery]:
     return found
 
 
-def robust_fit(stack: Stack) -> tuple[ModelFit, NDArray[np.bool_]]:
+def robust_fit(stack: FleetStatistics) -> tuple[ModelFit, NDArray[np.bool_]]:
     """Return the fit of a model by the cars that are alike, and (m,) which cars those are.
 
     Cars that differ at `outlier_p` are taken out of mean and spread, and judged again in the next round.
@@ -75,7 +75,7 @@ def robust_fit(stack: Stack) -> tuple[ModelFit, NDArray[np.bool_]]:
 
 
 def _with_population(
-    stack: Stack, alike: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
+    stack: FleetStatistics, alike: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
 ) -> ModelFit:
     """Return all cars, shrunk to the population of those that are alike."""
     whole, population = fit_with(stack, cars, drives), fit_with(stack.of(alike), cars, drives)
@@ -102,7 +102,7 @@ def differences(fit: ModelFit, alike: NDArray[np.bool_]) -> tuple[FloatArray, Fl
 
 def cars_that_differ(
     model: str, cars: Sequence[str], fit: ModelFit, alike: NDArray[np.bool_]
-) -> list[Discovery]:
+) -> list[FleetHypothesis]:
     """Tests of every car's every parameter against the other cars of the model."""
     if len(cars) < 3:
         return []
@@ -118,17 +118,17 @@ def cars_that_differ(
 def trends(
     model: str,
     cars: Sequence[str],
-    stack: Stack,
+    stack: FleetStatistics,
     days: FloatArray,
     drive_variance: FloatArray,
     settings: FleetSettings = SETTINGS,
-) -> list[Discovery]:
+) -> list[FleetHypothesis]:
     """Slopes of radii over the days (n,): each wheel against the other of its axle, and all together.
 
     Generalised least squares with a line per radius and constants for all else; drives differ by
     `drive_variance`. One-sided: tyres leak and wear, they do not grow.
     """
-    found: list[Discovery] = []
+    found: list[FleetHypothesis] = []
     K, k = shrunken(stack.information, stack.vector, drive_variance)
     p = k.shape[1]
     for car, mine in zip(cars, stack.parts(), strict=True):
@@ -163,20 +163,20 @@ def _trend(
     slope: FloatArray,
     covariance: FloatArray,
     freedom: int,
-) -> Discovery:
+) -> FleetHypothesis:
     row = contrast * SCALES[:4]
     per_week = 100.0 * DAYS_PER_WEEK
     value, std = float(row @ slope) * per_week, float(np.sqrt(row @ covariance @ row)) * per_week
     p_value = float(stats.t.cdf(value / std, freedom))
     effect = "slow_leak" if kind == "leak" else "wear"
-    return Discovery("car", model, car, kind, effect, wheel, value, std, "%/week", p_value)
+    return FleetHypothesis("car", model, car, kind, effect, wheel, value, std, "%/week", p_value)
 
 
 def _discovery(
     level: str, model: str, car: str, kind: str, k: int, value: float, std: float, p_value: float
-) -> Discovery:
+) -> FleetHypothesis:
     one = PARAMETERS_OF_FLEET[k]
-    return Discovery(
+    return FleetHypothesis(
         level,
         model,
         car,
@@ -190,7 +190,9 @@ def _discovery(
     )
 
 
-def controlled(found: Sequence[Discovery], rate: float = SETTINGS.false_discovery_rate) -> list[Discovery]:
+def controlled(
+    found: Sequence[FleetHypothesis], rate: float = SETTINGS.false_discovery_rate
+) -> list[FleetHypothesis]:
     """Return the same with `kept` set: Benjamini and Hochberg at `rate` within each kind of question.
 
     Kinds are families of their own, so that a model with many effects does not make its cars look faulty.

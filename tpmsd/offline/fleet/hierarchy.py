@@ -28,7 +28,7 @@ from tpmsd.offline.fleet.settings import SETTINGS
 
 
 @dataclass(frozen=True)
-class Stack:
+class FleetStatistics:
     """The statistics of the n drives of one model, in scaled units, sorted by car."""
 
     information: FloatArray
@@ -48,11 +48,11 @@ class Stack:
         ends = np.searchsorted(self.car, np.arange(self.cars + 1))
         return [slice(int(first), int(end)) for first, end in itertools.pairwise(ends)]
 
-    def of(self, cars: NDArray[np.bool_]) -> Stack:
+    def of(self, cars: NDArray[np.bool_]) -> FleetStatistics:
         """Return the drives of some cars, renumbered."""
         kept = cars[self.car]
         number = np.cumsum(cars) - 1
-        return Stack(self.information[kept], self.vector[kept], number[self.car[kept]])
+        return FleetStatistics(self.information[kept], self.vector[kept], number[self.car[kept]])
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class ModelFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def fit_model(stack: Stack) -> ModelFit:
+def fit_model(stack: FleetStatistics) -> ModelFit:
     """Fit one model; ValueError if there is no drive."""
     if not len(stack.car):
         raise ValueError("no drive")
@@ -94,7 +94,7 @@ def fit_model(stack: Stack) -> ModelFit:
     return fit_with(stack, cars, drives)
 
 
-def fit_with(stack: Stack, car_variance: FloatArray, drive_variance: FloatArray) -> ModelFit:
+def fit_with(stack: FleetStatistics, car_variance: FloatArray, drive_variance: FloatArray) -> ModelFit:
     """Return the population and the cars for given variances (p,) from car to car and from drive to drive."""
     p = stack.vector.shape[1]
     K, k = by_car(stack, drive_variance)
@@ -120,7 +120,7 @@ def fit_with(stack: Stack, car_variance: FloatArray, drive_variance: FloatArray)
     )
 
 
-def spreads(stack: Stack) -> tuple[FloatArray, FloatArray]:
+def spreads(stack: FleetStatistics) -> tuple[FloatArray, FloatArray]:
     """(p,) variances from car to car and from drive to drive, by restricted maximum likelihood.
 
     A level that the data cannot show (one car; one drive per car) has the variance zero.
@@ -139,7 +139,7 @@ def spreads(stack: Stack) -> tuple[FloatArray, FloatArray]:
     return cars, drives
 
 
-def _improved(stack: Stack, cars: FloatArray, drives: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _improved(stack: FleetStatistics, cars: FloatArray, drives: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return one step of the fixed point for both variances."""
     p = stack.vector.shape[1]
     Kd, kd = shrunken(stack.information, stack.vector, drives)
@@ -166,7 +166,7 @@ def _step(variance: FloatArray, score: FloatArray, information: FloatArray) -> F
     return np.asarray(variance * np.clip(ratio, 0.05, 20.0))
 
 
-def by_car(stack: Stack, drive_variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def by_car(stack: FleetStatistics, drive_variance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(m, p, p) and (m, p): what the drives of each car tell of it together."""
     p = stack.vector.shape[1]
     K, k = np.zeros((stack.cars, p, p)), np.zeros((stack.cars, p))
@@ -188,7 +188,7 @@ def shrunken(J: FloatArray, h: FloatArray, variance: FloatArray) -> tuple[FloatA
     return _symmetric(both[:, :, :p]), both[:, :, p]
 
 
-def _summed(stack: Stack, values: FloatArray) -> FloatArray:
+def _summed(stack: FleetStatistics, values: FloatArray) -> FloatArray:
     begins = np.searchsorted(stack.car, np.arange(stack.cars))
     return np.add.reduceat(values, begins, axis=0)
 
@@ -213,7 +213,7 @@ def _freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArr
     return np.asarray(np.maximum(effective - 1.0, 1.0) / np.maximum(share, 1e-3) ** 2)
 
 
-def sampled(stack: Stack) -> Stack:
+def sampled(stack: FleetStatistics) -> FleetStatistics:
     """Whole cars, evenly chosen, with at most about `spread_drives` drives."""
     if len(stack.car) <= SETTINGS.spread_drives:
         return stack

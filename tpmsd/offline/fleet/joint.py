@@ -14,14 +14,14 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.fleet.discoveries import (
-    Discovery,
+    FleetHypothesis,
     cars_that_differ,
     controlled,
     model_effects,
     robust_fit,
     trends,
 )
-from tpmsd.offline.fleet.hierarchy import ModelFit, Stack
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit
 from tpmsd.offline.fleet.losses import DAY_S, losses
 from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, aligned
 from tpmsd.offline.fleet.store import DriveEntry
@@ -41,7 +41,7 @@ def joint_rows(
             start = (result.get("replay") or {}).get("start_time")
             day = float("nan") if start is None else float(start) / DAY_S
             groups[entry.model].append((entry.car, entry.key, sums, day))
-    tested: list[Discovery] = []
+    tested: list[FleetHypothesis] = []
     statistics: list[Row] = []
     for model in sorted(groups):
         drives = sorted(groups[model], key=lambda one: one[:2])
@@ -58,10 +58,10 @@ def joint_rows(
 
 def _stack(
     drives: Sequence[tuple[str, str, dict[str, Any], float]], cars: Sequence[str]
-) -> tuple[Stack, FloatArray]:
+) -> tuple[FleetStatistics, FloatArray]:
     number = {car: k for k, car in enumerate(cars)}
     pairs = [aligned(sums["names"], *_unpacked(sums)) for _, _, sums, _ in drives]
-    stack = Stack(
+    stack = FleetStatistics(
         np.array([information for information, _ in pairs]),
         np.array([vector for _, vector in pairs]),
         np.array([number[car] for car, _, _, _ in drives], dtype=np.int64),
@@ -77,7 +77,7 @@ def _unpacked(sums: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
     return matrix + matrix.T - np.diag(np.diag(matrix)), np.array(sums["vector"], dtype=np.float64)
 
 
-def _finding(one: Discovery) -> Row:
+def _finding(one: FleetHypothesis) -> Row:
     return {
         "level": one.level,
         "model": one.model,

@@ -1,7 +1,7 @@
 """Tyres that lost air while the car stood: radii that are smaller from one drive of a car to the next.
 
-In: the drives' statistics and dates. Out: `Discovery`s of kind `loss`. Each drive of a fleet is replayed for
-itself, so an alarm needs a loss during the drive; what happened before it shows in the radii alone. Pure.
+In: the drives' statistics and dates. Out: a `FleetHypothesis` of kind `loss` per wheel. Each drive is
+replayed for itself, so an alarm needs a loss during the drive; an earlier one shows in the radii alone. Pure.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from scipy import stats
 
 from tpmsd.car.physics.catalogue import FAULT
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.fleet.discoveries import Discovery
-from tpmsd.offline.fleet.hierarchy import Stack, shrunken
+from tpmsd.offline.fleet.discoveries import FleetHypothesis
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, shrunken
 from tpmsd.offline.fleet.parameters import BACK, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
@@ -26,11 +26,11 @@ _TO_CONTRASTS = np.linalg.inv(BACK) / SCALES[:4, None]
 def losses(
     model: str,
     cars: Sequence[str],
-    stack: Stack,
+    stack: FleetStatistics,
     days: FloatArray,
     drive_variance: FloatArray,
     settings: FleetSettings = SETTINGS,
-) -> list[Discovery]:
+) -> list[FleetHypothesis]:
     """Tests of each wheel for a radius that is smaller from some drive on; `days` (n,) are the drives' dates.
 
     Generalised least squares with a step of one radius and constants for all else. One-sided, for air goes
@@ -55,11 +55,13 @@ def losses(
             size = (100.0 * float(value[at, wheel]), 100.0 * float(std[at, wheel]))
             since_s = float(days[mine[at + 1]]) * DAY_S
             where = ("loss", FAULT.name, WHEELS[wheel])
-            found.append(Discovery("car", model, car, *where, *size, "%", p_value, since_s=since_s))
+            found.append(FleetHypothesis("car", model, car, *where, *size, "%", p_value, since_s=since_s))
     return _best_of_each_car(found)
 
 
-def between_drives(stack: Stack, days: FloatArray, settings: FleetSettings = SETTINGS) -> FloatArray:
+def between_drives(
+    stack: FleetStatistics, days: FloatArray, settings: FleetSettings = SETTINGS
+) -> FloatArray:
     """(4,) variance of the scaled contrasts of radii from drive to drive: of tyres, or the model's own.
 
     By the median of the changes between a car's successive drives, to which single losses do not matter.
@@ -107,9 +109,9 @@ def steps(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(right / information), np.asarray(1.0 / np.sqrt(information))
 
 
-def _best_of_each_car(found: list[Discovery]) -> list[Discovery]:
+def _best_of_each_car(found: list[FleetHypothesis]) -> list[FleetHypothesis]:
     """Return one wheel per car: a loss of one shows in the means against which the others are held."""
-    best: dict[str, Discovery] = {}
+    best: dict[str, FleetHypothesis] = {}
     for one in found:
         if one.car not in best or one.p_value < best[one.car].p_value:
             best[one.car] = one

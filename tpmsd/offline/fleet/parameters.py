@@ -18,8 +18,8 @@ from tpmsd.offline.calibration.joint import PRIOR
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter:
-    """One parameter."""
+class FleetParameter:
+    """A number that each drive estimates and the fleet pools over cars: of an effect, or a radius."""
 
     name: str
     effect: str
@@ -49,10 +49,10 @@ _EFFECTS = {
 REST = tuple(name for name in PARAMETERS if name not in RADII)
 PARAMETERS_OF_FLEET = (
     *(
-        Parameter(name, "radius", name, "1", 5e-3 if k < 2 else 1e-3, False)
+        FleetParameter(name, "radius", name, "1", 5e-3 if k < 2 else 1e-3, False)
         for k, name in enumerate(CONTRASTS)
     ),
-    *(Parameter(name, *_EFFECTS[name], PRIOR[name][1]) for name in REST),
+    *(FleetParameter(name, *_EFFECTS[name], PRIOR[name][1]) for name in REST),
 )
 NAMES = tuple(parameter.name for parameter in PARAMETERS_OF_FLEET)
 SCALES = np.array([parameter.scale for parameter in PARAMETERS_OF_FLEET])

@@ -19,7 +19,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.report.figures import Chart, Curve
-from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
 from tpmsd.offline.report.wording import parameter_name, plain_name, wheel_name
 
 Row = dict[str, Any]
@@ -31,10 +31,10 @@ class ModelView:
     """Findings for one model."""
 
     title: str
-    findings: Table
-    differing: Table
-    named: Table
-    parameters: Table
+    findings: HtmlTable
+    differing: HtmlTable
+    named: HtmlTable
+    parameters: HtmlTable
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class CarView:
     title: str
     note: str
     figure: Drawn | None
-    drives: Table
+    drives: HtmlTable
     is_open: bool
     """True where its drives are shown at once: cars that need attention."""
 
@@ -76,7 +76,7 @@ def _tiles(document: Mapping[str, Any]) -> list[Tile]:
     ]
 
 
-def _attention(rows: Sequence[Row]) -> Table:
+def _attention(rows: Sequence[Row]) -> HtmlTable:
     body = tuple(
         (
             Cell(row["urgency"], _ORDER[row["urgency"]], style=row["urgency"]),
@@ -87,7 +87,7 @@ def _attention(rows: Sequence[Row]) -> Table:
         )
         for row in rows
     )
-    return Table(("urgency", "vehicle", "why", "since (UTC)", "what to do"), body)
+    return HtmlTable(("urgency", "vehicle", "why", "since (UTC)", "what to do"), body)
 
 
 def _model(model: Row) -> ModelView:
@@ -120,13 +120,13 @@ def _model(model: Row) -> ModelView:
     interval = "95 % interval"
     return ModelView(
         f"{model_title(model['model'])}: {drives_of_cars(model)}",
-        Table(("effect of the model", "parameter", "value", interval, "unit", "p-value"), findings),
-        Table(
+        HtmlTable(("effect of the model", "parameter", "value", interval, "unit", "p-value"), findings),
+        HtmlTable(
             ("vehicle", "what", "effect", "parameter", "difference or slope", interval, "unit", "p-value"),
             differing,
         ),
-        Table(("named by the diagnosis of single drives", "drives", "cars"), named),
-        Table(
+        HtmlTable(("named by the diagnosis of single drives", "drives", "cars"), named),
+        HtmlTable(
             ("parameter", "mean", interval, "from car to car", "from drive to drive", "unit"),
             parameters,
         ),
@@ -160,7 +160,7 @@ def _cars(
             f"{car} ({model_title(drives[0]['model'])}), {len(drives)} drive{'s' * (len(drives) != 1)}",
             f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
             None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
-            Table(
+            HtmlTable(
                 heads,
                 tuple(
                     _drive(row, read, wheels[row["key"]], alarms[row["key"]], pages.get(row["key"], ""))

@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import EFFECTS, FAULT, Probe, make_effect, probes
+from tpmsd.car.physics.catalogue import EFFECTS, FAULT, FittedParameter, make_effect, probes
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
 from tpmsd.car.physics.reading_change import by_slopes
 from tpmsd.foundation.english import counted
@@ -165,7 +165,7 @@ def _usual(name: str) -> bool:
     return any(not by_slopes(probe.made()) for probe in _probes(name))
 
 
-def _probes(name: str) -> list[Probe]:
+def _probes(name: str) -> list[FittedParameter]:
     """Return its numbers that are fitted, of each wheel pattern and at the middle of its grid."""
     grid = EFFECTS[name].grid
     return [

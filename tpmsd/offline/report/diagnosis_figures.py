@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Trace
 from tpmsd.offline.report.alarms_compared import AlarmsCompared
 from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.report.diagnosis_summary import UNITS
-from tpmsd.offline.report.figures import Bars, Chart, Curve, Moment, Track
+from tpmsd.offline.report.figures import Bars, Chart, Curve, MarkedInstant, Track
 from tpmsd.offline.report.replay_charts import TIME_LABEL
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.wording import alarm_label, covariate_name, plain_name, wheel_name
@@ -185,9 +185,9 @@ def _evidence_name(name: str) -> str:
     return f"{plain}, {wheel_name(wheel)}" if wheel else plain
 
 
-def _raised(result: ReplayResult, wheel: int, style: str) -> list[Moment]:
+def _raised(result: ReplayResult, wheel: int, style: str) -> list[MarkedInstant]:
     return [
-        Moment(alarm.time_s - result.start_s, alarm_label(alarm), style)
+        MarkedInstant(alarm.time_s - result.start_s, alarm_label(alarm), style)
         for alarm in result.alarms
         if alarm.wheel == WHEELS[wheel] and alarm.state == "raised"
     ]

@@ -39,7 +39,7 @@ from tpmsd.offline.report.diagnosis_summary import (
     p_text,
     quantity_text,
 )
-from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
 from tpmsd.offline.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
@@ -52,7 +52,7 @@ class FindingView:
     title: str
     effect: str
     sentences: tuple[str, ...]
-    values: Table
+    values: HtmlTable
     figures: tuple[Drawn, ...]
 
 
@@ -62,8 +62,8 @@ class AlarmsView:
 
     drive: str
     sentences: tuple[str, ...]
-    alarms: Table
-    radii: Table
+    alarms: HtmlTable
+    radii: HtmlTable
     figures: tuple[Drawn, ...]
 
 
@@ -162,7 +162,7 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
     return tiles
 
 
-def _overview(diagnosis: Diagnosis) -> Table:
+def _overview(diagnosis: Diagnosis) -> HtmlTable:
     heads = ("effect", "status", "p-value", "confidence", "held-out gain (nats)", "held-out residual")
     rows = tuple(
         (
@@ -179,7 +179,7 @@ def _overview(diagnosis: Diagnosis) -> Table:
         )
         for number, finding in enumerate(diagnosis.findings, 1)
     )
-    return Table(heads, rows)
+    return HtmlTable(heads, rows)
 
 
 def _findings(diagnosis: Diagnosis) -> tuple[FindingView, ...]:
@@ -225,13 +225,13 @@ def _sentences(finding: Finding) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _values(finding: Finding) -> Table:
+def _values(finding: Finding) -> HtmlTable:
     rows = []
     for name, quantity in finding.parameters.items():
         shown = _millimetres(quantity)
         value = wheel_name(str(shown.value)) if name == "wheel" else quantity_text(shown).replace("+-", "±")
         rows.append((Cell(parameter_name(name)), Cell(value)))
-    return Table(("parameter", "value ± one standard deviation"), tuple(rows))
+    return HtmlTable(("parameter", "value ± one standard deviation"), tuple(rows))
 
 
 def _millimetres(quantity: Quantity) -> Quantity:
@@ -241,16 +241,16 @@ def _millimetres(quantity: Quantity) -> Quantity:
     return quantity
 
 
-def _confounded(diagnosis: Diagnosis) -> Table:
+def _confounded(diagnosis: Diagnosis) -> HtmlTable:
     rows = tuple(
         (Cell(finding_name(finding)), Cell(plain_name(rival)), Cell(finding.advice))
         for finding in diagnosis.findings
         for rival in finding.indistinguishable_from
     )
-    return Table(("finding", "confounded with", "which drive would tell"), rows)
+    return HtmlTable(("finding", "confounded with", "which drive would tell"), rows)
 
 
-def _unseen(diagnosis: Diagnosis) -> Table:
+def _unseen(diagnosis: Diagnosis) -> HtmlTable:
     """Return the sizes below which effects may have stayed unseen."""
     rows = tuple(
         (
@@ -261,7 +261,7 @@ def _unseen(diagnosis: Diagnosis) -> Table:
         for one in diagnosis.not_detectable
         for name, (value, unit) in one.smallest.items()
     )
-    return Table(("effect", "parameter", "seen for sure from"), rows)
+    return HtmlTable(("effect", "parameter", "seen for sure from"), rows)
 
 
 def _reached(diagnosis: Diagnosis) -> list[str]:
@@ -277,7 +277,7 @@ def _reached(diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-def _channels(diagnosis: Diagnosis) -> Table:
+def _channels(diagnosis: Diagnosis) -> HtmlTable:
     """Residual, gain and what is left, channel by channel."""
     heads = ("channel", "residual before", "after", "gain (nats)", "left (nats)", "correlation after 1 s")
     rows = []
@@ -289,7 +289,7 @@ def _channels(diagnosis: Diagnosis) -> Table:
         else:
             numbers += ["–"] * 3
         rows.append((Cell(CHANNELS[name]), *(Cell(text, number=True) for text in numbers)))
-    return Table(heads, tuple(rows))
+    return HtmlTable(heads, tuple(rows))
 
 
 def _alarms(compared: AlarmsCompared, number: int) -> AlarmsView:
@@ -312,8 +312,8 @@ def _alarms(compared: AlarmsCompared, number: int) -> AlarmsView:
     return AlarmsView(
         compared.drive,
         tuple(sentences),
-        Table(("replay", "alarms raised"), alarms),
-        Table(
+        HtmlTable(("replay", "alarms raised"), alarms),
+        HtmlTable(
             ("wheel", "without the model (mm)", "with it (mm)", "claimed std (mm)"),
             radii,
         ),

@@ -23,7 +23,7 @@ from tpmsd.offline.dynamics.summary import (
 from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.report.diagnosis_figures import before_after_chart, covariate_label
 from tpmsd.offline.report.figures import Bars, Chart, Curve
-from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
 from tpmsd.offline.report.replay_charts import TIME_LABEL
 from tpmsd.offline.report.wording import covariate_name, parameter_name
 
@@ -38,7 +38,7 @@ class DynamicsFindingView:
     title: str
     effect: str
     sentences: tuple[str, ...]
-    values: Table
+    values: HtmlTable
     figures: tuple[Drawn, ...]
 
 
@@ -96,7 +96,7 @@ def _tiles(diagnosis: DynamicsDiagnosis) -> list[Tile]:
     return tiles
 
 
-def _overview(diagnosis: DynamicsDiagnosis) -> Table:
+def _overview(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     heads = ("effect", "status", "p-value", "confidence", "held-out gain (nats)", "shows in")
     rows = tuple(
         (
@@ -109,7 +109,7 @@ def _overview(diagnosis: DynamicsDiagnosis) -> Table:
         )
         for number, one in enumerate(diagnosis.findings, 1)
     )
-    return Table(heads, rows)
+    return HtmlTable(heads, rows)
 
 
 def _view(finding: DynamicsFinding, number: int) -> DynamicsFindingView:
@@ -125,7 +125,7 @@ def _view(finding: DynamicsFinding, number: int) -> DynamicsFindingView:
         finding_title(finding),
         finding.effect,
         _sentences(finding),
-        Table(("parameter", "value ± one standard deviation"), rows),
+        HtmlTable(("parameter", "value ± one standard deviation"), rows),
         tuple(drawn(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts)),
     )
 
@@ -149,7 +149,7 @@ def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
     return tuple(sentence for sentence in out if sentence)
 
 
-def _outputs(diagnosis: DynamicsDiagnosis) -> Table:
+def _outputs(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     heads = ("output", "unit", "error before", "after", "rating before", "after")
     rows = tuple(
         (
@@ -162,10 +162,10 @@ def _outputs(diagnosis: DynamicsDiagnosis) -> Table:
         )
         for name, fit in diagnosis.outputs.items()
     )
-    return Table(heads, rows)
+    return HtmlTable(heads, rows)
 
 
-def _steps(diagnosis: DynamicsDiagnosis) -> Table:
+def _steps(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     """Return the error of each output after each step, the baseline first."""
     names = list(diagnosis.outputs)
     heads = ("model", *(f"{OUTPUT_NAMES[name]} ({diagnosis.outputs[name].unit})" for name in names))
@@ -174,10 +174,10 @@ def _steps(diagnosis: DynamicsDiagnosis) -> Table:
         model = ", ".join(step.effects) if step.effects else f"{diagnosis.baseline} alone"
         errors = (Cell(f"{step.rms[name]:.3g}", step.rms[name], number=True) for name in names)
         rows.append((Cell(model), *errors))
-    return Table(heads, tuple(rows))
+    return HtmlTable(heads, tuple(rows))
 
 
-def _missed(diagnosis: DynamicsDiagnosis) -> Table:
+def _missed(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     rows = []
     for one in diagnosis.not_detectable:
         sizes = [
@@ -186,7 +186,7 @@ def _missed(diagnosis: DynamicsDiagnosis) -> Table:
             if size is not None
         ]
         rows.append((Cell(one.effect), Cell(", ".join(sizes) if sizes else "none would")))
-    return Table(("effect", "smallest size that would have shown"), tuple(rows))
+    return HtmlTable(("effect", "smallest size that would have shown"), tuple(rows))
 
 
 def gain_bars(diagnosis: DynamicsDiagnosis) -> Bars | None:

@@ -37,7 +37,7 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Moment:
+class MarkedInstant:
     """A vertical line with a name."""
 
     at: float
@@ -46,7 +46,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Span:
+class ShadedSpan:
     """A shaded stretch of the x axis."""
 
     start: float
@@ -65,8 +65,8 @@ class Chart:
     """(n,) ascending."""
     curves: tuple[Curve, ...]
     levels: tuple[Level, ...] = ()
-    moments: tuple[Moment, ...] = ()
-    spans: tuple[Span, ...] = ()
+    moments: tuple[MarkedInstant, ...] = ()
+    spans: tuple[ShadedSpan, ...] = ()
     span_names: tuple[tuple[str, str], ...] = ()
     """(style, what it means) of the spans, for the legend."""
     noise: tuple[float, float] | None = None
@@ -128,7 +128,7 @@ class Track:
     value: FloatArray
     time_s: FloatArray | None = None
     """Since the start of the drive; None where no chart is to be followed."""
-    moments: tuple[Moment, ...] = ()
+    moments: tuple[MarkedInstant, ...] = ()
     """Marks by drive time."""
     group: str = ""
 

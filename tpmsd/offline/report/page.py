@@ -51,7 +51,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Table:
+class HtmlTable:
     """Rows under heads; a click on a head sorts where JavaScript runs."""
 
     heads: tuple[str, ...]

@@ -10,7 +10,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.report.decimation import decimated
-from tpmsd.offline.report.figures import Chart, Curve, Level, Moment, Span, Track
+from tpmsd.offline.report.figures import Chart, Curve, Level, MarkedInstant, ShadedSpan, Track
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.replay_series import ReplaySeries, settled_range
 from tpmsd.offline.report.vehicle_state_summary import StateSummary
@@ -157,8 +157,8 @@ def _speed(result: ReplayResult, series: ReplaySeries) -> Chart:
         x,
         (Curve("speed", kept["speed"], "plain"),),
         spans=(
-            *(Span(start, end, "line") for start, end in idle),
-            *(Span(start, end, "gap") for start, end in lost),
+            *(ShadedSpan(start, end, "line") for start, end in idle),
+            *(ShadedSpan(start, end, "gap") for start, end in lost),
         ),
         span_names=tuple(names),
         group=GROUP,
@@ -196,10 +196,10 @@ def _faults(result: ReplayResult, series: ReplaySeries) -> Chart:
     )
 
 
-def _moments(result: ReplayResult) -> tuple[Moment, ...]:
+def _moments(result: ReplayResult) -> tuple[MarkedInstant, ...]:
     """Alarms raised and cleared, by drive time."""
     return tuple(
-        Moment(
+        MarkedInstant(
             alarm.time_s - result.start_s,
             alarm_label(alarm) + ("" if alarm.state == "raised" else " cleared"),
             "bad" if alarm.state == "raised" else "soft",

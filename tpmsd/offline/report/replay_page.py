@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.figures import Track
-from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
 from tpmsd.offline.report.replay_charts import replay_charts
 from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_summary import verdict
@@ -89,13 +89,13 @@ def _tiles(result: ReplayResult) -> list[Tile]:
     ]
 
 
-def _wheels(result: ReplayResult) -> Table:
+def _wheels(result: ReplayResult) -> HtmlTable:
     heads = ("wheel", "state", "radius (mm)", "deviation (mm)", "change (mm)", "monitored", "P(deflation)")
     rows = []
     for outcome in result.wheels:
         if outcome.seen_s > 0:
             rows.append(_wheel(outcome, float(result.nominal_m[WHEELS.index(outcome.wheel)])))
-    return Table(heads, tuple(rows))
+    return HtmlTable(heads, tuple(rows))
 
 
 def _wheel(outcome: WheelOutcome, nominal_m: float) -> tuple[Cell, ...]:
@@ -115,9 +115,9 @@ def _with_std(value_m: float, std_m: float) -> str:
     return f"{signed_mm(value_m)} ± {unsigned_mm(std_m)}" if math.isfinite(value_m) else "–"
 
 
-def _alarms(result: ReplayResult) -> Table:
+def _alarms(result: ReplayResult) -> HtmlTable:
     rows = tuple(_alarm(alarm, result.start_s) for alarm in result.alarms)
-    return Table(("time", "alarm", "wheel", "state", "deviation (mm)", "reason"), rows)
+    return HtmlTable(("time", "alarm", "wheel", "state", "deviation (mm)", "reason"), rows)
 
 
 def _alarm(alarm: AlarmEvent, start_s: float) -> tuple[Cell, ...]:
@@ -131,10 +131,10 @@ def _alarm(alarm: AlarmEvent, start_s: float) -> tuple[Cell, ...]:
     )
 
 
-def _faults(result: ReplayResult) -> Table:
+def _faults(result: ReplayResult) -> HtmlTable:
     ordered = sorted(result.fault_counts.items(), key=lambda item: (-item[1], item[0]))
     rows = tuple((Cell(_fault_name(key)), Cell(str(count), number=True)) for key, count in ordered)
-    return Table(("fault", "how often"), rows)
+    return HtmlTable(("fault", "how often"), rows)
 
 
 def _fault_name(key: str) -> str:

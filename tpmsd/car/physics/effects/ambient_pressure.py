@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion, integrate
 from tpmsd.foundation.wheels import FloatArray
 
@@ -30,7 +30,7 @@ class AmbientPressure(Effect):
     shows_in = ("wheel", "grade")
     needs = ("gnss", "slopes")
     one_sign = True
-    looks = Look.COMMON
+    looks = NoiseResemblance.COMMON
     stays = "the height since the start is not kept"
     parameters = (
         Parameter(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Grid, Look, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior, WheelParameter
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -42,7 +42,7 @@ class BrakeDrag(Effect):
     one_sign = True
     rare = True
     own_per_drive = True
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     wheel_patterns = ("fl", "fr", "rl", "rr")
     grid = Grid(
         "cooling_s",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Beside, Effect, Grid, GroupParameter, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Beside, Effect, Grid, GroupParameter, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -38,7 +38,7 @@ class BrakeHeat(Effect):
     distinguished_by = "brake firmly from 30 m/s ten times, then roll for ten minutes"
     shows_in = ("wheel_ratio", "time")
     one_sign = True
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     wheel_patterns = ("front", "rear", "fl", "fr", "rl", "rr")
     grid = Grid(
         "cooling_s",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Look, Parameter
+from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -22,7 +22,7 @@ class CentrifugalGrowth(Effect):
 
     name = "centrifugal_growth"
     formula = "delta_r = k * v^2 on all wheels"
-    looks = Look.COMMON
+    looks = NoiseResemblance.COMMON
     in_calibration = (("growth", "coefficient", "s2/m"),)
     sentence = "the tyres grow with speed"
     noun = "growth with speed"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -33,7 +33,7 @@ class DopplerHeadingError(Effect):
     )
     distinguished_by = "drive the same road there and back"
     shows_in = ("gnss_speed", "time")
-    looks = Look.VELOCITY
+    looks = NoiseResemblance.VELOCITY
     needs = ("gnss_speed",)
     own_per_drive = True
     stays = "it belongs to the drive on which it was found"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -38,7 +38,7 @@ class HeadWind(Effect):
     distinguished_by = "drive the same fast road there and back in the wind"
     shows_in = ("wheel_ratio", "time")
     needs = ("gnss", "both_axles")
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     own_per_drive = True
     rare = True
     stays = "it belongs to the drive on which it was found"

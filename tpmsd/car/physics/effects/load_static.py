@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
@@ -36,7 +36,7 @@ class LoadStatic(Effect):
     )
     distinguished_by = "drive the same road with the load and without, a stop of a minute between"
     shows_in = ("wheel_ratio", "time")
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     own_per_drive = True
     kind = Kind.PHYSICS
     stays = "it belongs to the drive on which it was found"

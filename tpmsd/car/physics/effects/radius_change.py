@@ -6,7 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Kind, Look, Parameter, Prior, TextParameter, WheelParameter
+from tpmsd.car.physics.effect import (
+    Effect,
+    Kind,
+    NoiseResemblance,
+    Parameter,
+    Prior,
+    TextParameter,
+    WheelParameter,
+)
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
 from tpmsd.foundation.errors import ConfigError
@@ -34,7 +42,7 @@ class RadiusChange(Effect):
         "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels; "
         "exponential: deviation_m * (1 - exp(-(t - onset_s) / duration_s))"
     )
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     own_per_drive = True
     ramp = True
     courses = (RAMP, EXPONENTIAL)

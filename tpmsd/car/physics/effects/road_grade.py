@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Look
+from tpmsd.car.physics.effect import Effect, NoiseResemblance
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -27,7 +27,7 @@ class RoadGrade(Effect):
     name = "road_grade"
     formula = "horizontal way = cos(grade) * way rolled"
     needs = ("gnss", "slopes")
-    looks = Look.COMMON
+    looks = NoiseResemblance.COMMON
     alike_on_every_drive = True
     shortens = True
     sentence = "wheels roll along slopes, the receiver reports the horizontal"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Grid, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_LEFT, FloatArray
@@ -34,7 +34,7 @@ class SunSide(Effect):
     )
     distinguished_by = "drive the same road there and back in the sun"
     shows_in = ("wheel_ratio", "time")
-    looks = Look.WHEEL
+    looks = NoiseResemblance.WHEEL
     own_per_drive = True
     contrast = True
     grid = Grid(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Grid, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import WARMTH_M
 from tpmsd.foundation.wheels import FloatArray
@@ -24,7 +24,7 @@ class ThermalGrowth(Effect):
 
     name = "thermal_growth"
     formula = "delta_r = A * (1 - exp(-t / tau)) on all wheels"
-    looks = Look.COMMON
+    looks = NoiseResemblance.COMMON
     grid = Grid(
         "time_constant_s",
         values=(120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Effect, Look, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -35,7 +35,7 @@ class Wear(Effect):
     shows_in = ("wheel", "distance")
     needs = ("gnss",)
     one_sign = True
-    looks = Look.COMMON
+    looks = NoiseResemblance.COMMON
     parameters = (
         Parameter(
             "rate",

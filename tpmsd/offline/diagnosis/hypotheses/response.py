@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
+from tpmsd.car.physics.catalogue import EFFECTS, FAULT, RADIUS, FittedParameter, make_effect, probes
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import slip_columns
@@ -138,7 +138,7 @@ def catalogue_columns(
     return out
 
 
-def _response(reader: Reader, probe: Probe, base: ExtendedModel) -> FloatArray:
+def _response(reader: Reader, probe: FittedParameter, base: ExtendedModel) -> FloatArray:
     """(w, 9) to a unit of a parameter: from neutral where the effect is not in the model, else the tangent at
     the value that it has there (the response of a low-pass of 1 s is not a multiple of that of 0.1 s)."""
     there = next((one for one in base if one.name == probe.effect), None)

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from tpmsd.car.physics.effect import Look
+from tpmsd.car.physics.effect import NoiseResemblance
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
@@ -79,7 +79,7 @@ def erring(found: Found) -> Found:
     chosen = {term.effect for term in terms}
     likely: list[Term] = []
     for term in study.hypotheses.catalogue:
-        if term.kind_of.looks is Look.VELOCITY and term.effect not in chosen:
+        if term.kind_of.looks is NoiseResemblance.VELOCITY and term.effect not in chosen:
             most = under_other_noise(study, selector.design([*terms, term]), design.shape[1], {0: calm})
             likely += [term] if most > term.penalty + SETTINGS.selection.admit_nats else []
     if not likely:

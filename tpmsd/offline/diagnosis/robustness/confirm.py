@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Look
+from tpmsd.car.physics.effect import NoiseResemblance
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
@@ -35,8 +35,8 @@ def confirmed(found: Found) -> Found:
     study, selection, evidence = found
     for one in selection.chosen:
         looks = one.term.kind_of.looks
-        common = looks is Look.COMMON or of_all_read(study, one.term)
-        wheel = looks is Look.WHEEL or one.term.covariate in ("time", "distance")
+        common = looks is NoiseResemblance.COMMON or of_all_read(study, one.term)
+        wheel = looks is NoiseResemblance.WHEEL or one.term.covariate in ("time", "distance")
         clear = SETTINGS.robustness.clear_of_drift_nats if wheel else 0.0
         if one.gain > (SETTINGS.robustness.clear_of_receiver_nats if common else clear):
             continue

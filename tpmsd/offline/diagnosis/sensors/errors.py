@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import Probe, sensor_probes
+from tpmsd.car.physics.catalogue import FittedParameter, sensor_probes
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.sensors.readings import Rows, response, rows_of
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -22,7 +22,7 @@ from tpmsd.offline.inference.windows import Reader
 class SensorError:
     """A fitted parameter."""
 
-    probe: Probe
+    probe: FittedParameter
     value: float
     """Difference from neutral."""
     std: float

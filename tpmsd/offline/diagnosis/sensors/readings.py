@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import Probe
+from tpmsd.car.physics.catalogue import FittedParameter
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.forward import accelerations, steering_wheel_angles
 from tpmsd.car.physics.model import ExtendedModel
@@ -56,7 +56,7 @@ def rows_of(reader: Reader) -> dict[str, Rows]:
     return out
 
 
-def response(reader: Reader, name: str, rows: Rows, probe: Probe) -> FloatArray:
+def response(reader: Reader, name: str, rows: Rows, probe: FittedParameter) -> FloatArray:
     """(k,) what one unit of a parameter adds to a sensor's readings."""
     effect = probe.made()
     if name == CLOCK:
