@@ -67,7 +67,7 @@ proof: $(RUNTIME)  ## concealed effects sealed, found, opened, scored; a page in
 
 test: lint  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...)
 	@$(PY) -m compileall -q tpmsd bench  # commands that tests start read these, also where nothing else writes them
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(PYTEST_ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) --dist worksteal $(PYTEST_ARGS)
 
 test-fast: lint  ## style, types and the quick tests, under a minute
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(FAST) $(PYTEST_ARGS)

@@ -41,9 +41,15 @@ OTHERS = re.compile(
 """Files that keep their words."""
 
 
+_ANY = re.compile("|".join(re.sub(r"(?<=\|)\\b|^\\b", "", pattern) for pattern in NOT_USED))
+"""Any pattern, in lower case and wherever a word begins: a text without it holds none of the wordings."""
+
+
 def found_in(text: str) -> list[tuple[int, str, str]]:
     """Line, wording and the term instead, for each wording that is not used; line breaks count as blanks."""
     flat = re.sub(r"\s", " ", text)
+    if not _ANY.search(flat.lower()):
+        return []
     return [
         (text.count("\n", 0, match.start()) + 1, match.group(), term)
         for pattern, term in NOT_USED.items()

@@ -57,24 +57,32 @@ def findings(name: str, source: str) -> list[str]:
     """Code from data, shells and child processes in a module."""
     found = []
     for node in ast.walk(ast.parse(source)):
-        modules: list[str] = []
-        if isinstance(node, ast.Import):
-            modules = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            modules = [node.module or ""]
-        for module in modules:
-            root = module.split(".")[0]
-            if root in FORBIDDEN_MODULES and (name, root) not in ALLOWED_MODULES:
-                found.append(f"{name}:{node.lineno}: imports {module}")
-        if isinstance(node, ast.Call):
-            if isinstance(node.func, ast.Name) and node.func.id in FORBIDDEN_CALLS:
-                found.append(f"{name}:{node.lineno}: calls {node.func.id}")
-            if isinstance(node.func, ast.Attribute) and node.func.attr in FORBIDDEN_METHODS:
-                found.append(f"{name}:{node.lineno}: calls .{node.func.attr}")
-            for keyword in node.keywords:
-                true = isinstance(keyword.value, ast.Constant) and keyword.value.value is True
-                if keyword.arg in ("shell", "allow_pickle") and true:
-                    found.append(f"{name}:{node.lineno}: {keyword.arg}=True")
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            for module in imported_modules(node):
+                root = module.split(".")[0]
+                if root in FORBIDDEN_MODULES and (name, root) not in ALLOWED_MODULES:
+                    found.append(f"{name}:{node.lineno}: imports {module}")
+        elif isinstance(node, ast.Call):
+            found += [f"{name}:{node.lineno}: {words}" for words in dangers_of(node)]
+    return found
+
+
+def imported_modules(node: ast.Import | ast.ImportFrom) -> list[str]:
+    """The modules that a statement imports, or imports from."""
+    return [node.module or ""] if isinstance(node, ast.ImportFrom) else [alias.name for alias in node.names]
+
+
+def dangers_of(call: ast.Call) -> list[str]:
+    """The forbidden function, method and arguments of a call, a few words each."""
+    found = []
+    if isinstance(call.func, ast.Name) and call.func.id in FORBIDDEN_CALLS:
+        found.append(f"calls {call.func.id}")
+    if isinstance(call.func, ast.Attribute) and call.func.attr in FORBIDDEN_METHODS:
+        found.append(f"calls .{call.func.attr}")
+    for keyword in call.keywords:
+        true = isinstance(keyword.value, ast.Constant) and keyword.value.value is True
+        if keyword.arg in ("shell", "allow_pickle") and true:
+            found.append(f"{keyword.arg}=True")
     return found
 
 

@@ -228,17 +228,23 @@ def table(methods: list[str], routes: list[str], wanted: list[Attack]) -> int:
     return broken
 
 
+def plays_of(text: str) -> dict[str, list[list[str]]]:
+    """The rows of a printed table, cell by cell, under the name of their attack."""
+    plays: dict[str, list[list[str]]] = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if line.startswith("| ") and len(cells) == 8 and cells[0] not in ("attack", "---"):
+            plays.setdefault(cells[0], []).append(cells)
+    return plays
+
+
 def summary(text: str) -> list[str]:
     """Fold a printed table into one with a row per attack that raised an alarm or broke the rule.
 
     A row has the plays, those with an alarm of a tyre, when a malfunction came, and the worst radii.
     A sentence names the other attacks.
     """
-    plays: dict[str, list[list[str]]] = {}
-    for line in text.splitlines():
-        cells = [cell.strip() for cell in line.strip("|").split("|")]
-        if line.startswith("| ") and len(cells) == 8 and cells[0] not in ("attack", "---"):
-            plays.setdefault(cells[0], []).append(cells)
+    plays = plays_of(text)
     out = ["| attack | plays | with a tyre alarm | malfunction | radii off, at most | broke the rule |"]
     out.append("| --- " * 6 + "|")
     quiet = []
@@ -256,11 +262,16 @@ def summary(text: str) -> list[str]:
         broke = "not promised" if "not promised" in verdicts else sum(cells[7] == "BROKEN" for cells in rows)
         shown = f"{accused} ({'; '.join(sorted(alarms))})" if alarms else "0"
         out.append(f"| {name} | {len(rows)} | {shown} | {when} | {off} | {broke} |")
+    return [*out, "", f"No alarm, and radii off: {without_alarm(quiet)}."]
+
+
+def without_alarm(quiet: list[tuple[float, str, str]]) -> str:
+    """Attacks (standard deviations, name, radii off) in words, those below one deviation together."""
     small = [entry for entry in quiet if entry[0] < 1.0]
     parts = [f"{name} ({off})" for stds, name, off in quiet if stds >= 1.0]
     if small:
         parts.append(f"{', '.join(name for _, name, _ in small)} (at most {max(small)[2]})")
-    return [*out, "", f"No alarm, and radii off: {'; '.join(parts) or 'none'}."]
+    return "; ".join(parts) or "none"
 
 
 def named_tests() -> list[str]:

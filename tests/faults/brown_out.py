@@ -190,6 +190,12 @@ def problems(lives: list[Life]) -> list[str]:
             wrong.append(f"at {life.boot_s:.0f} s: late, {life.first_tick_s:.2f} and {life.latest_s:.2f} s")
     if lives[-1].learned < 1.0:
         wrong.append(f"learned {lives[-1].learned:.2f} of the baseline")
+    return wrong + wrong_alarms(lives)
+
+
+def wrong_alarms(lives: list[Life]) -> list[str]:
+    """Alarms of tyres other than the deflation of the rear right one in the last life, a line each."""
+    wrong: list[str] = []
     tyres = [
         (kind, wheel, state)
         for life in lives

@@ -53,8 +53,8 @@ def test_the_daemon_needs_three_wings(tmp_path: Path) -> None:
         ignored = shutil.ignore_patterns("__pycache__")
         shutil.copytree(source / wing, box / "tpmsd" / wing, ignore=ignored)
     shutil.copy(source / "__init__.py", box / "tpmsd")
-    fault = Fault("step", 1.0, wheel="rl", onset_s=240.0)
-    write_drive(drive, simulate_drive(DriveSpec(duration_s=420.0, seed=5, route="motorway", faults=(fault,))))
+    fault = Fault("step", 1.0, wheel="rl", onset_s=120.0)
+    write_drive(drive, simulate_drive(DriveSpec(duration_s=200.0, seed=5, route="motorway", faults=(fault,))))
 
     environment = {**os.environ, "PYTHONPATH": str(box)}
     done = subprocess.run(

@@ -119,15 +119,16 @@ class World:
             quantum = 2 * math.pi / self.teeth
             angle = np.floor(angle / quantum) * quantum
         fixes = self._fixes(rng, time, speed, yaw, heading, east, north)
+        stamps = np.array([fix.time_s - START_S for fix in fixes])
+        assert np.all(np.diff(stamps) > 0.0)
         per_tick = round(self.dt_s / STEP_S)
         ticks = []
         for index in range(1, (time.size - 1) // per_tick + 1):
             at = index * per_tick
             begin, end = time[at - per_tick], time[at]
+            first, last = np.searchsorted(stamps, (begin, end), side="right")
             inside = tuple(
-                replace(fix, fraction=(fix.time_s - START_S - begin) / self.dt_s)
-                for fix in fixes
-                if begin < fix.time_s - START_S <= end
+                replace(fix, fraction=(fix.time_s - START_S - begin) / self.dt_s) for fix in fixes[first:last]
             )
             curvature = yaw[at] / max(speed[at], 0.1)
             wheel = STEERING_RATIO * math.atan(WHEELBASE_M * curvature)

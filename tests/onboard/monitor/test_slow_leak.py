@@ -415,9 +415,9 @@ def player_of(one: Monitor) -> Player:
     return Player(one, dt_s=30.0)
 
 
-def test_a_leak_is_noticed_over_restarts_and_resets() -> None:
-    """3 % a week, with a restart and a reset in between: a notice of rear left, with rate and date; its
-    wheel is still monitored; it stands after a restart, and goes when the tyre is mended."""
+@pytest.fixture(scope="module")
+def noticed_leak() -> tuple[Player, list[AlarmEvent], str]:
+    """42 days of a leak of 3 % a week with a restart and a reset after 18: player, events and saved state."""
     rng = np.random.default_rng(5)
     player = player_of(monitor(ALL, deflation_percent=2.0, deviation_percent=2.0))
     events = days_of_driving(player, 0, 18, 3.0, rng)
@@ -426,6 +426,24 @@ def test_a_leak_is_noticed_over_restarts_and_resets() -> None:
     player.monitor.restore(saved)
     player.monitor.reset()
     events += days_of_driving(player, 18, 24, 3.0, rng)
+    return player, events, json.dumps(player.monitor.snapshot())
+
+
+def restarted(state: str) -> Player:
+    """A daemon that took over this state, half a minute after its start at the end of the 42 days."""
+    player = player_of(monitor(ALL, deflation_percent=2.0, deviation_percent=2.0))
+    player.time_s = START_S + 42 * DAY_S
+    player.monitor.restore(json.loads(state))
+    player.play(30.0)
+    return player
+
+
+def test_a_leak_is_noticed_over_restarts_and_resets(
+    noticed_leak: tuple[Player, list[AlarmEvent], str],
+) -> None:
+    """3 % a week, with a restart and a reset in between: a notice of rear left, with rate and date; its
+    wheel is still monitored; it stands after a restart, and goes when the tyre is mended."""
+    player, events, state = noticed_leak
     assert [("slow_leak", "rl", "raised")] == said(events)
     (notice,) = notices(player)
     assert pytest.approx(3.0, abs=3.0 * notice.rate_std_percent_per_week) == notice.rate_percent_per_week
@@ -434,12 +452,10 @@ def test_a_leak_is_noticed_over_restarts_and_resets() -> None:
     assert {"rate_percent_per_week", "low_on"} <= notice.additions().keys()
     assert WheelState.MONITORING is player.last.wheels[2].state
 
-    saved = json.loads(json.dumps(player.monitor.snapshot()))
-    player = player_of(monitor(ALL, deflation_percent=2.0, deviation_percent=2.0))
-    player.monitor.restore(saved)
-    player.play(30.0)
+    player = restarted(state)
     assert [notice.additions()] == [event.additions() for event in notices(player)]
-    assert [("slow_leak", "rl", "cleared")] == said(days_of_driving(player, 42, 40, 0.0, rng))
+    mended = days_of_driving(player, 42, 40, 0.0, np.random.default_rng(7))
+    assert [("slow_leak", "rl", "cleared")] == said(mended)
 
 
 def test_a_reading_of_front_against_rear_is_free_of_slip_by_speed() -> None:
@@ -456,11 +472,10 @@ def test_a_reading_of_front_against_rear_is_free_of_slip_by_speed() -> None:
         assert expected == pytest.approx(reference.own_growth_m(at))
 
 
-def test_other_tyres_take_the_notice_with_them() -> None:
+def test_other_tyres_take_the_notice_with_them(noticed_leak: tuple[Player, list[AlarmEvent], str]) -> None:
     """A notice is of a set of tyres: with another set on the car it is taken back, with the reason."""
-    rng = np.random.default_rng(6)
-    player = player_of(monitor(ALL, deflation_percent=2.0, deviation_percent=2.0))
-    assert [("slow_leak", "rl", "raised")] == said(days_of_driving(player, 0, 36, 4.0, rng))
+    player = restarted(noticed_leak[2])
+    assert ["rl"] == [event.wheel for event in notices(player)]
     player.monitor.reset("winter")
     events = [event for event in player.play(30.0) if event.kind == "slow_leak"]
     assert [("slow_leak", "rl", "cleared")] == said(events)
