@@ -7,6 +7,7 @@ import io
 import json
 import math
 import re
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,8 @@ def test_the_watch_names_the_losses_that_would_not_be_seen() -> None:
     off = SourceHealth(SourceState.OFF)
     said = {}
     for least in (0.19, 0.31, 1.0):
-        report = REPORT._replace(detectable=DetectableLoss(one_tyre=0.12, all_tyres=least, one_axle=0.15))
+        losses = partial(DetectableLoss, one_tyre=0.12, all_tyres=least, one_axle=0.15)
+        report = REPORT._replace(losses=losses)
         document = build_status(report, loop=LOOP, can=off, gnss=off)
         said[least] = document["watch"]["cannot_see"]
         assert {

@@ -159,7 +159,7 @@ class Monitor:
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
-            detectable=self._judged.detectable,
+            losses=None if (sight := self._judged.sight) is None else sight.losses,
             questions=self.questions,
         )
 

@@ -13,6 +13,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tpmsd.onboard.monitor.alarms.questions import Question
     from tpmsd.onboard.monitor.evidence.detectable import (
         DetectableLoss,
@@ -135,7 +137,12 @@ class MonitorReport(NamedTuple):
     learning_fraction: float
     """Fraction of the baseline that is learned, 0 to 1."""
     learning: LearningReport | None = None
-    detectable: DetectableLoss | None = None
-    """Minimum detectable losses; None before anything was judged."""
+    losses: Callable[[], DetectableLoss] | None = None
+    """Returns the minimum detectable losses; None before anything was judged."""
     questions: tuple[Question, ...] = ()
     """Questions: what has probably changed and cannot be distinguished."""
+
+    @property
+    def detectable(self) -> DetectableLoss | None:
+        """Minimum detectable losses, computed anew each time; None before anything was judged."""
+        return None if self.losses is None else self.losses()

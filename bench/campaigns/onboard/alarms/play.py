@@ -166,7 +166,7 @@ def _listen(
         if report.learning_fraction >= 1.0 and not learned:
             learned = True
             heard.learned_at_s = now
-        if report.detectable is not None and (not heard.told or now - heard.told[-1][0] >= TOLD_EVERY_S):
+        if report.losses is not None and (not heard.told or now - heard.told[-1][0] >= TOLD_EVERY_S):
             heard.told.append((now, tuple(wheel.deflation_probability for wheel in report.wheels)))
         if report.events:
             heard.said += [_plain(event, now) for event in report.events]

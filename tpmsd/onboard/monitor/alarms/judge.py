@@ -18,7 +18,7 @@ from tpmsd.car.physics.motion import driven_mask
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.evidence.detectable import Alike, DetectableLoss, detectable
+from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss, LossSight
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, mean_share
@@ -34,6 +34,10 @@ from tpmsd.onboard.monitor.evidence.sizes import (
 from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+
+Weighed = tuple[FloatArray, FloatArray, FloatArray]
+"""Changes (m, d), their covariances (m, d, d) and the log weights (m,) of the drive models if none has
+changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +85,8 @@ class Judgement:
     """Comparison that detects the most of a loss."""
     change_index: int | None = None
     """The likeliest of the drive's `ChangeHypotheses`, where it alone shows a loss."""
-    detectable: DetectableLoss | None = None
-    """Minimum detectable losses; None before anything was judged."""
+    sight: LossSight | None = None
+    """What minimum detectable losses are computed of; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
     unusual: float = 0.0
@@ -92,6 +96,11 @@ class Judgement:
     """Probability that all wheels are larger alike."""
     posterior: Posterior | None = None
     """The bank of which the probabilities are marginals; None before anything was judged."""
+
+    @property
+    def detectable(self) -> DetectableLoss | None:
+        """Minimum detectable losses, computed anew each time; None before anything was judged."""
+        return None if self.sight is None else self.sight.losses()
 
     @property
     def all_alike(self) -> bool:
@@ -178,9 +187,7 @@ class Judge:
         front = IS_FRONT[wheels]
         self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
         """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
-        self._cached: tuple[ChangeHypotheses, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = (
-            None
-        )
+        self._cached: tuple[ChangeHypotheses, bool, Finding, dict[str, float], Weighed] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
@@ -205,7 +212,7 @@ class Judge:
         against = [self._against(ratios, other_tyres, one) for one in before]
         of_drive: Finding | None = None
         models: dict[str, float] = {}
-        alike: tuple[Alike, ...] = ()
+        alike: Weighed | None = None
         if change_hypotheses is not None:
             of_drive, models, alike = self._of_drive(change_hypotheses, ratios, other_tyres)
         now_m2, mean_m2 = now.covariance_m2 + nuisance_m2, mean.covariance_m2 + averaged_m2
@@ -244,7 +251,7 @@ class Judge:
             now=now,
             finding=finding,
             change_index=change_index,
-            detectable=self._detectable(lately.covariance_m2, mean, mean_m2, alike),
+            sight=self._sight(lately.covariance_m2, mean, mean_m2, alike),
             drive_models=models,
             unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.uneven(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
@@ -348,31 +355,23 @@ class Judge:
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
-    def _detectable(
-        self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]
-    ) -> DetectableLoss:
-        """Return the minimum detectable losses: one tyre by the mean over minutes under its likeliest sizes
-        and slip (d, d), all alike and axles by the drive as a whole, or if there is none by a mean that is
-        long enough.
+    def _sight(
+        self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, alike: Weighed | None
+    ) -> LossSight:
+        """Return what the minimum detectable losses are computed of: one tyre by the mean over minutes under
+        its likeliest sizes and slip (d, d); all alike and axles by the drive as a whole, `alike`, or if there
+        is none all alike by a mean that is long enough.
         """
-        if not alike and mean.samples >= JUDGE.full_samples:
-            alike = self._alike(mean.change_m[None], mean_m2[None], np.zeros(1))
-        whole, axles = (alike[0], alike[1:]) if alike else (None, ())
-        return detectable(likeliest_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
-
-    def _alike(
-        self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
-    ) -> tuple[Alike, ...]:
-        """Knowledge of a loss of all wheels, and one of each axle; as `Alike.of`."""
-        return tuple(
-            Alike.of(change_m, covariance_m2, log_weight, lost) for lost in (self._radius, *self._axles)
-        )
+        lost: tuple[FloatArray, ...] = (self._radius, *self._axles)
+        if alike is None and mean.samples >= JUDGE.full_samples:
+            alike = mean.change_m[None], mean_m2[None], np.zeros(1)
+        return LossSight(likeliest_m2, alike, lost, self._radius, self._tyres, self._threshold, self._asked)
 
     def _of_drive(
         self, change_hypotheses: ChangeHypotheses, log_ratios: FloatArray | None, other_tyres: bool
-    ) -> tuple[Finding, dict[str, float], tuple[Alike, ...]]:
-        """Evidence of the whole drive on the drive models, and how it knows a loss of all tyres and of
-        axles; computed once for each of its samples."""
+    ) -> tuple[Finding, dict[str, float], Weighed]:
+        """Evidence of the whole drive on the drive models, and the changes by which it knows a loss of all
+        tyres and of axles; computed once for each of its samples."""
         cached = self._cached
         if (
             cached is not None
@@ -408,7 +407,7 @@ class Judge:
         models = change_hypotheses.model_probabilities(chances)
         # Of each model a change before the drive, with no wheel of another size.
         first = np.unique(change_hypotheses.model, return_index=True)[1]
-        alike = self._alike(change_hypotheses.change_m[first], covariance_m2[first], log_weight[first])
+        alike = change_hypotheses.change_m[first], covariance_m2[first], log_weight[first]
         self._cached = (change_hypotheses, other_tyres, finding, models, alike)
         return finding, models, alike
 

@@ -116,6 +116,10 @@ class Baseline:
         self._recent_sum: tuple[_Sample, _Sample] | None = None
         """Sum of the recent samples, and the newest one in it."""
         self._recent_s = 0.0
+        self._sampled: tuple[RadiusEstimate, FloatArray, _Sample | None] | None = None
+        """Sample of this tick's estimate against this mean of the reference: asked for more than once."""
+        self._compared: tuple[_Sample, _Sample, FloatArray, bool] | None = None
+        """Whether this sample is a jump from the recent ones up to this, under this nuisance; likewise."""
         self._moments: list[_Sample] = []
         """Each second since the last of the recent samples."""
         self._evidence: DriveEvidence | None = None
@@ -139,6 +143,7 @@ class Baseline:
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
         """Take every tick: conditions, and what a standstill changes."""
+        self._sampled = self._compared = None
         stood_s = self._conditions.update(tick, estimate)
         if (window := self._slip.update(tick)) is not None:
             self._slip_seen += window
@@ -218,12 +223,17 @@ class Baseline:
 
     def _sample(self, estimate: RadiusEstimate) -> _Sample | None:
         """Return what this moment shows; None where it is not known, or nothing that a tyre does."""
-        found = self._known(estimate)
-        if found is None:
-            return None
-        now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
-        larger_m = found[0] - now[3] @ self.reference.mean * self._radius
-        return None if np.any(larger_m > JUDGE.most_larger * self._radius) else now
+        expected = self.reference.mean
+        if (kept := self._sampled) is not None and kept[0] is estimate and kept[1] is expected:
+            return kept[2]
+        now, found = None, self._known(estimate)
+        if found is not None:
+            h = self.reference.features(self._conditions.now)[self._wheels]
+            larger_m = found[0] - h @ expected * self._radius
+            if not np.any(larger_m > JUDGE.most_larger * self._radius):
+                now = (*found, self._unsettled(), h)
+        self._sampled = estimate, expected, now
+        return now
 
     def note_transition(self, change_index: int | None) -> None:
         """Note that an alarm was raised or cleared; `change_index`: the one by which the drive as a whole
@@ -265,12 +275,19 @@ class Baseline:
 
     def _jumped(self, now: _Sample, nuisance_m2: FloatArray) -> bool:
         """Return whether the radii differ from those of the last minutes, so that a mean would mix two
-        states.
+        state.
         """
+        newest = self._recent[-1]
+        if (kept := self._compared) is not None and (
+            kept[0] is now and kept[1] is newest and kept[2] is nuisance_m2
+        ):
+            return kept[3]
         before, before_own = self._against_expected(self._sum(), len(self._recent))
         change, own = self._against_expected(now, 1)
         off = change - before
-        return bool(off @ np.linalg.solve(own + nuisance_m2 + before_own, off) > FIT_LIMIT[off.size])
+        jumped = bool(off @ np.linalg.solve(own + nuisance_m2 + before_own, off) > FIT_LIMIT[off.size])
+        self._compared = now, newest, nuisance_m2, jumped
+        return jumped
 
     def _sum(self) -> _Sample:
         """Return the sum of the recent samples, of which there is one at least."""
@@ -372,6 +389,7 @@ class Baseline:
 
     def follow(self, other: Baseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""
+        self._sampled = self._compared = None
         self._conditions.restore(other._conditions.to_json())
 
     @property
@@ -415,4 +433,5 @@ class Baseline:
             raise ValueError("the saved baseline is not one")
         self._shadow, self._doubt = shadow, doubt
         self.reference, self._conditions, self.ready = reference, conditions, ready
+        self._sampled = self._compared = None
         self._learned_s, self._since_s, self._drive_samples = learned_s, since_s, drive_samples

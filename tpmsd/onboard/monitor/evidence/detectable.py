@@ -62,6 +62,28 @@ class Alike:
         return cls(information, weight / weight.sum())
 
 
+@dataclass(frozen=True, slots=True)
+class LossSight:
+    """Arguments of `detectable`: what minimum detectable losses are computed of once they are asked for."""
+
+    one_m2: FloatArray
+    whole: tuple[FloatArray, FloatArray, FloatArray] | None
+    """Changes (m, d), covariances (m, d, d) and log weights (m,) of all alike; None where they are not
+    judged."""
+    lost: tuple[FloatArray, ...]
+    """(d,) each: radii of the wheels that lose alike, first those of all."""
+    radius_m: FloatArray
+    tyres: list[TyreModel]
+    threshold: float
+    probability: float
+
+    def losses(self) -> DetectableLoss:
+        """Return the minimum detectable losses."""
+        alike = () if self.whole is None else tuple(Alike.of(*self.whole, lost) for lost in self.lost)
+        common = self.radius_m, self.tyres, self.threshold, self.probability
+        return detectable(self.one_m2, alike[0] if alike else None, *common, alike[1:])
+
+
 def detectable(
     one_m2: FloatArray,
     alike: Alike | None,

@@ -90,11 +90,12 @@ class Posterior:
 def posterior(windows: Sequence[Window]) -> Posterior:
     """Marginals of the bank of these windows, the youngest first and the longest last."""
     longest = windows[-1]
-    of_sizes = [_nothing(window) for window in windows]
+    any_wheel = [_any(window.believed) for window in windows]
+    of_sizes = [_nothing(*one) for one in zip(windows, any_wheel, strict=True)]
     at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
-    shares = _shares([_any(window.believed) for window in windows])
     odds = _odds(at_rest, of_sizes[:-1])
-    rows = [_losses(*one) for one in zip(windows, [*odds, 0.0], shares, strict=True)]
+    parts = zip(windows, [*odds, 0.0], _shares(any_wheel), any_wheel, strict=True)
+    rows = [_losses(window, known, share * of_any) for window, known, share, of_any in parts]
     young = [_resized(*one) - np.log(len(windows)) for one in zip(windows, odds, strict=False)]
     came = longest.verdict.table.none[at_rest.size :]
     terms = [at_rest, rest, came, *[lost.ravel() for lost, _ in rows], *young]
@@ -106,14 +107,14 @@ def posterior(windows: Sequence[Window]) -> Posterior:
     quiet = np.exp(at_rest - scale)
     resized = float(np.exp(of_sizes[-1][1:] - scale).sum())
     deflated = np.zeros(longest.believed.shape[1])
-    for one, window in zip(large, windows, strict=True):
-        deflated += np.add.reduce(one) @ _of_wheels(window.believed)
-    passing = quiet @ _passing(windows[0], of_sizes[0])
+    for one, window, of_any in zip(large, windows, any_wheel, strict=True):
+        deflated += np.add.reduce(one) @ _of_wheels(window.believed, of_any)
+    passing = quiet @ _passing(windows[0], of_sizes[0], any_wheel[0])
     by_row = quiet + sum((_by_size(one.sum(axis=1), quiet.size) for one in lost), np.zeros(quiet.size))
     return Posterior(
         deflated=np.minimum(deflated, 1.0),
         possible=np.minimum(deflated + passing, 1.0),
-        deviates=_deviates(windows),
+        deviates=_deviates(windows, any_wheel),
         subsets=sum((np.add.reduce(one) for one in lost), np.zeros(longest.believed.shape[0])),
         sizes=by_row / by_row.sum(),
         onsets={window.over: float(one.sum()) for window, one in zip(windows, lost, strict=True)},
@@ -125,12 +126,12 @@ def posterior(windows: Sequence[Window]) -> Posterior:
 
 def _any(believed: FloatArray) -> FloatArray:
     """(s,) share of what each subset does that is a loss of any wheel."""
-    return np.asarray(believed.max(axis=1))
+    return np.asarray(np.maximum.reduce(believed, axis=1))
 
 
-def _of_wheels(believed: FloatArray) -> FloatArray:
-    """(s, d) of what is believed of a subset, how much it says of each wheel."""
-    return np.asarray(believed / np.maximum(_any(believed), LEAST)[:, None])
+def _of_wheels(believed: FloatArray, any_wheel: FloatArray) -> FloatArray:
+    """(s, d) of what is believed of a subset, how much it says of each wheel; `any_wheel` (s,) as `_any`."""
+    return np.asarray(believed / np.maximum(any_wheel, LEAST)[:, None])
 
 
 def _shares(believed: list[FloatArray]) -> list[FloatArray]:
@@ -139,10 +140,11 @@ def _shares(believed: list[FloatArray]) -> list[FloatArray]:
     return [np.where(one > 0.0, 1.0 / np.maximum(count, 1.0), 0.0) for one in believed]
 
 
-def _nothing(window: Window) -> FloatArray:
-    """(r,) log of nothing lost, or of what passes, beside each size that was there before."""
+def _nothing(window: Window, any_wheel: FloatArray) -> FloatArray:
+    """(r,) log of nothing lost, or of what passes, beside each size that was there before; `any_wheel` (s,)
+    as `_any`."""
     table = window.verdict.table
-    passing = _log(1.0 - _any(window.believed)) + table.lost
+    passing = _log(1.0 - any_wheel) + table.lost
     return np.asarray(np.logaddexp(table.none, np.logaddexp.reduce(passing, axis=1))[: _before(window)])
 
 
@@ -178,9 +180,10 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _losses(window: Window, known: float, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`."""
+    """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`;
+    `share` (s,) of the prior, times what is believed."""
     table = window.verdict.table
-    odds = known + _log(share * _any(window.believed))
+    odds = known + _log(share)
     return odds + table.lost, odds + table.large
 
 
@@ -190,12 +193,12 @@ def _resized(window: Window, known: float) -> FloatArray:
     return np.concatenate([table.larger, table.none[_before(window) :]]) + known
 
 
-def _passing(window: Window, of_size: FloatArray) -> FloatArray:
+def _passing(window: Window, of_size: FloatArray, any_wheel: FloatArray) -> FloatArray:
     """(r, d) of nothing lost, share of what passes and looks like a loss of the wheel; `of_size` (r,) as of
-    `_nothing`."""
+    `_nothing`, `any_wheel` (s,) as `_any`."""
     nothing = _at_rest(window.verdict.table, of_size)[0]
     known = np.isfinite(nothing)
-    passing = window.verdict.table.large[: of_size.size] + _log(1.0 - _any(window.believed))
+    passing = window.verdict.table.large[: of_size.size] + _log(1.0 - any_wheel)
     share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
     return np.asarray(share @ _members(window.believed.shape[1]))
 
@@ -206,14 +209,17 @@ def _members(d: int) -> FloatArray:
     return np.array([[float(wheel in one) for wheel in range(d)] for one in subsets(d)])
 
 
-def _deviates(windows: Sequence[Window]) -> FloatArray:
-    """(d,) union over the windows of a change of either sign."""
-    shares = _shares([_any(window.believed_off) for window in windows])
+def _deviates(windows: Sequence[Window], any_loss: Sequence[FloatArray]) -> FloatArray:
+    """(d,) union over the windows of a change of either sign; `any_loss` (s,) each, `_any` of losses."""
+    any_wheel = [
+        of_any if window.believed_off is window.believed else _any(window.believed_off)
+        for window, of_any in zip(windows, any_loss, strict=True)
+    ]
     found, total = np.zeros(windows[-1].believed.shape[1]), 1.0
-    for window, share in zip(windows, shares, strict=True):
-        believed = np.minimum(window.verdict.off * _any(window.believed_off), 1.0)
+    for window, share, of_any in zip(windows, _shares(any_wheel), any_wheel, strict=True):
+        believed = np.minimum(window.verdict.off * of_any, 1.0)
         odds = share * believed / max(1.0 - float(believed.sum()), 1e-12)
-        found += odds @ _of_wheels(window.believed_off)
+        found += odds @ _of_wheels(window.believed_off, of_any)
         total += float(odds.sum())
     return np.minimum(found / total, 1.0)
 

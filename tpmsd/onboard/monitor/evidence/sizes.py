@@ -172,10 +172,8 @@ def with_sizes(
     total = covariance_m2 + spread[:, None]
     solved = np.linalg.solve(total, rest[..., None])[..., 0]
     squares = np.einsum("rmd,rmd->rm", rest, solved)
-    own = np.linalg.solve(covariance_m2, change_m[..., None])[..., 0]
-    _, volume = np.linalg.slogdet(covariance_m2)
     _, volumes = np.linalg.slogdet(total)
-    gain = 0.5 * (np.einsum("md,md->m", change_m, own) + volume - squares - volumes)
+    gain = 0.5 * (squares[0] + volumes[0] - squares - volumes)  # the first row changes no size
     logs = sizes.log_prior[:, None] + log_weight + gain
     counts = every | (logs + 0.5 * squares > logs.max() - DRIVE_EVIDENCE.negligible_nats)
     counts[0] = True

@@ -135,8 +135,9 @@ def _memory_s(estimate: RadiusEstimate) -> float:
     # Plain numbers: for so few numpy takes ten times as long, and this is asked every tick.
     variance = sum(map(sum, estimate.covariance_m2.tolist())) / estimate.covariance_m2.size
     if not math.isfinite(variance):
-        known = np.isfinite(np.diag(estimate.covariance_m2))
-        if not known.any():
+        # Unestimated wheels are NaN in all of their rows and columns.
+        known = estimate.covariance_m2[np.isfinite(estimate.covariance_m2)]
+        if not known.size:
             return CONDITIONS.memory_s[1]
-        variance = float(estimate.covariance_m2[np.ix_(known, known)].mean())
+        variance = float(np.add.reduce(known)) / known.size
     return min(max(variance / SETTINGS.drift_common_m**2, CONDITIONS.memory_s[0]), CONDITIONS.memory_s[1])

@@ -110,15 +110,21 @@ class SlowLeakWatch:
         if not self._reading.due(tick.dt_s):
             return events
         self._day = tick.host_time_s / DAY_S
-        radius = estimate.deviation_m - baseline.own_growth_m
-        known = self._contrasts
-        difference, variance = np.full(3, math.nan), np.full(3, math.nan)
-        variance[known] = np.diag(CONTRASTS @ estimate.covariance_m2 @ CONTRASTS.T)[known]
-        difference[known] = (CONTRASTS @ radius)[known]
-        precise = (variance[known] >= 0.0) & (variance[known] <= READINGS.most_std_m**2)
-        if known and precise.all() and np.isfinite(difference[known]).all():
-            self._reading.add(difference, variance)
+        if (reading := self._known(estimate, baseline)) is not None:
+            self._reading.add(*reading)
         return events + self._commit(tick, over=False)
+
+    def _known(self, estimate: RadiusEstimate, baseline: Baseline) -> tuple[FloatArray, FloatArray] | None:
+        """Return difference and variance of each contrast (3,), NaN for those that are not monitored; None
+        where one that is monitored is not known precisely."""
+        known = self._contrasts
+        variance = np.full(3, math.nan)
+        variance[known] = np.diag(CONTRASTS @ estimate.covariance_m2 @ CONTRASTS.T)[known]
+        if not known or not all(0.0 <= one <= READINGS.most_std_m**2 for one in variance[known].tolist()):
+            return None  # as a rule for minutes, and asked in every tick
+        difference = np.full(3, math.nan)
+        difference[known] = (CONTRASTS @ (estimate.deviation_m - baseline.own_growth_m))[known]
+        return (difference, variance) if np.isfinite(difference[known]).all() else None
 
     def _changed(self, tyres: str, tick: Tick) -> list[AlarmEvent]:
         """Other tyres are driven: what was said of those before is taken back."""

@@ -26,6 +26,7 @@ from tpmsd.onboard.sources.ahead.regular_readings import RegularReadings
 from tpmsd.onboard.sources.can.arrival import MessageArrival, timeout_of
 from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
 from tpmsd.onboard.sources.can.decoder import CanDecoder, Group
+from tpmsd.onboard.sources.can.senders import SenderWatch
 from tpmsd.onboard.sources.can.signal_bits import RawArray, numbers, raw_bits
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
 from tpmsd.onboard.sources.settings import SETTINGS
@@ -103,6 +104,26 @@ class DecodedBlock:
     """Makes the decoder one that has decoded these frames."""
 
 
+class _Arrived(NamedTuple):
+    """Arrivals of a message's n frames, judged by copies of the decoder's own objects."""
+
+    arrival: MessageArrival
+    watch: SenderWatch
+    periods_s: list[float]
+    """The message's period at each frame, up to the first irregular one."""
+    regular: int
+    """Number of frames before the first irregular one; n if there is none."""
+
+    @classmethod
+    def of(cls, group: Group, stamps_s: list[float], compared: list[tuple[int, list[float]]]) -> _Arrived:
+        """Judge stamps; `compared` as of `SenderWatch.judge_regular`."""
+        assert group.arrival is not None
+        arrival, watch = group.arrival.copied(), group.watch.copied()
+        periods_s = arrival.judge_regular(stamps_s)
+        regular = min(len(periods_s), watch.judge_regular(stamps_s, compared))
+        return cls(arrival, watch, periods_s, regular)
+
+
 class BlockFrames:
     """The frames of a block by the message that they belong to."""
 
@@ -149,8 +170,9 @@ def decode_block(
     """
     reason = None
     while stop - start >= MIN_FRAMES:
+        attempt = _Attempt(decoder, frames, start, stop)
         try:
-            return _Attempt(decoder, frames, start, stop).decoded(), reason
+            return attempt.decoded(), attempt.cut or reason
         except _IrregularFrame as irregular:
             stop, reason = irregular.index, irregular.reason
     return None, reason
@@ -165,6 +187,9 @@ class _Attempt:
         self._start, self._stop = start, stop
         self._end, self._reason = stop, Reason.ARRIVAL
         """First irregular frame that was found, and why it is."""
+        self.cut: Reason | None = None
+        """Reason for which the range ends earlier than asked for."""
+        self._arrived: dict[Group, _Arrived] = {}
         self._commit: list[Commit] = []
         self._groups: list[Frames] = []
         self._wheels: list[Angles] = []
@@ -174,6 +199,7 @@ class _Attempt:
 
     def decoded(self) -> DecodedBlock:
         """Decode all groups of all messages."""
+        self._cut()
         messages = [
             (plan, groups, self._frames.within(key, self._start, self._stop))
             for key, (plan, groups) in self._decoder.plans.items()
@@ -190,6 +216,26 @@ class _Attempt:
             raise _IrregularFrame(self._end, self._reason)
         found = tuple(self._groups), tuple(self._wheels), tuple(self._readings)
         return DecodedBlock(self._start, self._stop, *found, self._committer(relevant))
+
+    def _cut(self) -> None:
+        """End the range at the first irregular arrival, before anything is computed of values. Left out are
+        messages whose values are compared with their arrival, or that may hold something else."""
+        stop = self._stop
+        for key, (_, groups) in self._decoder.plans.items():
+            for group in groups:
+                if group.arrival is None or group.plan.selectors or any(group.watch.compares):
+                    continue
+                indices = self._frames.within(key, self._start, stop)
+                arrived = _Arrived.of(group, self._frames.block.time_s[indices].tolist(), [])
+                if arrived.regular < len(indices):
+                    stop = int(indices[arrived.regular])
+                else:
+                    self._arrived[group] = arrived
+        if stop < self._stop:
+            self._stop = self._end = stop
+            self.cut = Reason.ARRIVAL
+            if stop - self._start < MIN_FRAMES:
+                raise _IrregularFrame(stop, Reason.ARRIVAL)
 
     def _committer(self, relevant: int) -> Commit:
         decoder, steps, frames = self._decoder, self._commit, self._stop - self._start
@@ -325,15 +371,16 @@ class _Attempt:
         """Return (n,) the message's period at each frame."""
         if group.arrival is None:
             raise _IrregularFrame(self._start, Reason.NOT_STARTED)
-        arrival, watch = group.arrival.copied(), group.watch.copied()
         indices, stamps = frames.indices.tolist(), frames.time_s.tolist()
-        periods = arrival.judge_regular(stamps)
-        compared = [
-            (number, value.tolist())
-            for number, value in enumerate(values)
-            if value is not None and watch.compares[number]
-        ]
-        regular = min(len(periods), watch.judge_regular(stamps, compared))
+        arrived = self._arrived.get(group)
+        if arrived is None or len(arrived.periods_s) != len(indices):
+            compared = [
+                (number, value.tolist())
+                for number, value in enumerate(values)
+                if value is not None and group.watch.compares[number]
+            ]
+            arrived = _Arrived.of(group, stamps, compared)
+        arrival, watch, periods, regular = arrived
         if regular < len(indices):
             self._irregular(indices[regular], Reason.ARRIVAL)
         self._watch_silence(group.arrival, indices[:regular], stamps[:regular], periods[:regular])
