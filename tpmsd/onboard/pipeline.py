@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -86,6 +86,7 @@ class Pipeline:
         self._heeded_at: list[int] = []
         """Indices in the present block at which they stand."""
         self._reset_s = -math.inf
+        self._on_tick: Callable[[Tick], object] | None = None
         self.vehicle_state = _vehicle_state(config)
         """None where it is not asked for."""
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
@@ -152,6 +153,10 @@ class Pipeline:
         if taken and self.resonance is not None:
             self.resonance.forget()
 
+    def observe_ticks(self, on_tick: Callable[[Tick], object]) -> None:
+        """Call `on_tick` with every tick as the timeline made it, before anything is taken out of it."""
+        self._on_tick = on_tick
+
     def on_event(self, event: Event) -> list[Step]:
         """Take a source's own event (an interface that went down, a receiver unplugged)."""
         return self._run(self._source.on_event(event))
@@ -175,6 +180,8 @@ class Pipeline:
     def _run(self, ticks: list[Tick]) -> list[Step]:
         steps: list[Step] = []
         for raw in ticks:
+            if self._on_tick is not None:
+                self._on_tick(raw)
             tick = raw if self._compensation is None else self._compensation.apply(raw)
             tick, estimate, agreement = self.estimator.step(tick)
             heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pyarrow.parquet as parquet
 import pytest
+from cantools.database import Database
 
 import tpmsd
-from tpmsd.offline.drives.drive import Drive
-from tpmsd.offline.drives.playing import recording_of
+from tpmsd.offline.drives.drive import load
+from tpmsd.offline.drives.playing import replayed, replayed_at_desk_rate
+from tpmsd.offline.drives.reading import FolderRecording, read_ticks
 from tpmsd.offline.fleet.find import find_drives
 from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import write_tables
 from tpmsd.offline.fleet.work import STAGES, make_result, work_on
-from tpmsd.offline.inference.recording import Recording
+from tpmsd.onboard.sources.drive import Drive as FolderStream
+from tpmsd.onboard.timeline.tick import Tick
 
 
 def test_a_drive_through_all_stages(tmp_path: Path) -> None:
@@ -46,18 +50,33 @@ def test_a_drive_through_all_stages(tmp_path: Path) -> None:
     assert abs(mean["value"] - relative) < 3.0 * mean["std"] + 1e-3
 
 
-def test_calibration_and_diagnosis_share_one_decoding(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The drive is read twice in all: once in the daemon's steps for the replay, once as arrays."""
+def test_all_stages_share_one_decoding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The drive is opened once, and what follows the replay is as if it had been read for it alone."""
     folder = tpmsd.simulate(duration_s=100.0, seed=5, route="rural").save(tmp_path / "van" / "monday")
-    read: list[str] = []
+    opened: list[Path] = []
+    inner = FolderRecording.open
 
-    def counted(drive: Drive, name: str | None = None) -> Recording:
-        read.append(drive.name)
-        return recording_of(drive, name)
+    def counted(recording: FolderRecording, *args: Any) -> tuple[FolderStream, Database]:
+        opened.append(recording.folder)
+        return inner(recording, *args)
 
-    monkeypatch.setattr("tpmsd.offline.drives.playing.recording_of", counted)
+    monkeypatch.setattr(FolderRecording, "open", counted)
     result = make_result(str(folder))
-    assert (["monday"], "done") == (read, result["status"])
+    assert (1, "done") == (len(opened), result["status"])
+    alone = make_result(str(folder), ("calibrate",))
+    assert 2 == len(opened)
     assert result["calibrate"]["statistics"] is not None
+    assert alone["calibrate"] == result["calibrate"]
+
+
+def test_a_replay_at_another_rate_makes_other_ticks(tmp_path: Path) -> None:
+    """With ticks at 20 Hz in the car the drive is read again; at 10 Hz the replay's ticks are those read."""
+    folder = tpmsd.simulate(duration_s=30.0, seed=5).save(tmp_path / "van" / "monday")
+    drive = load(folder)
+    ticks: list[Tick] = []
+    replayed(drive, heard=ticks)
+    assert replayed_at_desk_rate(drive)
+    assert list(map(repr, read_ticks(drive.recording, drive.config))) == list(map(repr, ticks))
+    with (folder / "vehicle.toml").open("a") as file:
+        file.write("\n[filter]\nrate_hz = 20.0\n")
+    assert not replayed_at_desk_rate(load(folder))

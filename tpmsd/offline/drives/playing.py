@@ -33,6 +33,7 @@ from tpmsd.onboard.resonance.watch import ResonanceWatch
 
 if TYPE_CHECKING:
     from tpmsd.offline.inference.recording import Recording
+    from tpmsd.onboard.timeline.tick import Tick
 
 REPORTED_LATE_S = 1.0
 """Delay of what only the end of a replay asks for, s: it is done for many samples at once."""
@@ -44,8 +45,10 @@ def replayed(
     table: bool = False,
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
+    heard: list[Tick] | None = None,
 ) -> tuple[ReplayResult, TickTable | None]:
-    """Return a replay as records; each note is handed on at once."""
+    """Return a replay as records; each note is handed on at once. The ticks as the timeline made them are
+    added to `heard`."""
     config = drive.config
     stream, database = drive.recording.open(config, note)
     recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
@@ -56,6 +59,8 @@ def replayed(
     pipeline = Pipeline(config, database, model)
     if ticks is not None:
         pipeline.timeline.observe_fixes(ticks.observe_fix)
+    if heard is not None:
+        pipeline.observe_ticks(heard.append)
     watch = pipeline.resonance
     if watch is None:  # a report all the same
         watch = ResonanceWatch(config.vehicle.wheel_radius_m)
@@ -96,12 +101,20 @@ def explained(
     return {"drive": drive.name, "start_time": start_s, **pipeline.explain()}
 
 
-def recording_of(drive: Drive, name: str | None = None) -> Recording:
-    """Return a drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it."""
+def replayed_at_desk_rate(drive: Drive) -> bool:
+    """Return whether a replay makes the ticks that diagnosis and calibration take."""
+    return drive.config.filter.rate_hz == DESK_RATE_HZ
+
+
+def recording_of(drive: Drive, name: str | None = None, heard: list[Tick] | None = None) -> Recording:
+    """Return a drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it.
+
+    `heard`: its ticks, if a replay has made them already (`replayed_at_desk_rate`); else it is read.
+    """
     from tpmsd.offline.inference.recording import record  # SciPy, which a replay does not need
 
     try:
-        ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ)
+        ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ) if heard is None else heard
         return record(ticks, drive.config, name or drive.name)
     except TpmsdError:
         raise

@@ -85,14 +85,17 @@ def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str
 def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
     from tpmsd.offline.drives.drive import load
-    from tpmsd.offline.drives.playing import known_effects, recording_of, replayed
+    from tpmsd.offline.drives.playing import known_effects, recording_of, replayed, replayed_at_desk_rate
     from tpmsd.offline.report.replay_document import replay_document
+    from tpmsd.onboard.timeline.tick import Tick
 
     drive = load(folder)
-    heard = cache(lambda: recording_of(drive, "the drive"))  # decoded once for what follows the replay
+    # The drive is decoded once: what follows takes the replay's ticks.
+    ticks: list[Tick] | None = [] if "replay" in stages and replayed_at_desk_rate(drive) else None
+    heard = cache(lambda: recording_of(drive, "the drive", ticks))
     parts: dict[str, Any] = {}
     if "replay" in stages:
-        result, _ = replayed(drive)
+        result, _ = replayed(drive, heard=ticks)
         document = replay_document(result)
         for name in ("drive", "realtime_factor", "resonance", "pose"):
             document.pop(name, None)

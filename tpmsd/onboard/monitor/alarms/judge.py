@@ -86,7 +86,7 @@ class Judgement:
     change_index: int | None = None
     """The likeliest of the drive's `ChangeHypotheses`, where it alone shows a loss."""
     sight: LossSight | None = None
-    """What minimum detectable losses are computed of; None before anything was judged."""
+    """Knowledge that minimum detectable losses are computed of; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
     unusual: float = 0.0

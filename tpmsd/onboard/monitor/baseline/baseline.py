@@ -119,7 +119,7 @@ class Baseline:
         self._sampled: tuple[RadiusEstimate, FloatArray, _Sample | None] | None = None
         """Sample of this tick's estimate against this mean of the reference: asked for more than once."""
         self._compared: tuple[_Sample, _Sample, FloatArray, bool] | None = None
-        """Whether this sample is a jump from the recent ones up to this, under this nuisance; likewise."""
+        """Result of comparing this sample with the recent ones up to this, under this nuisance; likewise."""
         self._moments: list[_Sample] = []
         """Each second since the last of the recent samples."""
         self._evidence: DriveEvidence | None = None
