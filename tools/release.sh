@@ -50,12 +50,19 @@ for kind in compiled numpy; do
     esac
     env=build/release-env-$kind
     "$PY" -m venv --clear "$env"
-    "$env"/bin/python -m pip install -q --disable-pip-version-check "$wheel"
+    # From an index of its own, as users have it: a folder with the wheel and what it needs.
+    index=build/release-index-$kind
+    rm -rf "$index"
+    "$env"/bin/python -m pip download -q --disable-pip-version-check --dest "$index" "$wheel"
+    "$env"/bin/python -m pip install -q --disable-pip-version-check --no-index --find-links "$index" "tpmsd==$version"
     (cd "$env" && bin/tpmsd --version | grep -q "(kernel: $kind)") || die "the wheel for $kind is not $kind"
     (cd "$env" && bin/tpmsd simulate drive --force --duration 120 --puncture rl --at 60 --seed 1 >/dev/null 2>&1 && bin/tpmsd check drive >/dev/null &&
         bin/tpmsd replay drive --json replay.json >/dev/null 2>&1) || die "the wheel for $kind does not work in a clean environment"
 done
 "$PY" tools/compare_replays.py build/release-env-compiled/replay.json build/release-env-numpy/replay.json || die "the kernels differ"
+# Speed as in a clone: the wheel is as fast as the sources beside it, within 5 % of the CPU time.
+build/release-env-compiled/bin/tpmsd simulate build/release-env-compiled/long --force --duration 300 --seed 1 >/dev/null 2>&1
+"$PY" tools/compare_speed.py build/release-env-compiled/bin/python "$PY" build/release-env-compiled/long || die "the wheel is slower than the clone"
 "$PY" tools/make_sbom.py build/release-env-compiled/bin/python >"$out/tpmsd-$version.sbom.json"
 
 (cd "$out" && sha256sum ./* >SHA256SUMS && cat SHA256SUMS)
