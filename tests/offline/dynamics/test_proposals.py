@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.offline.dynamics.drives import folder, hidden, loaded
-from tpmsd.car.physics.dynamics_effects.time_spline import Unknown
+from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
 from tpmsd.car.physics.own_dynamics import checked
 from tpmsd.car.physics.own_effects import dynamics_classes_of, module_of_file
 from tpmsd.foundation.schemas import schema_of
@@ -32,7 +32,7 @@ def test_a_moment_that_grows_with_speed_and_turn_is_described(tmp_path: Path) ->
     baseline, drive = loaded(where, "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
     knots = (-0.3, -0.1, 0.0, 0.1, 0.3)
-    flat = Unknown(knots=knots, heights=(0.0,) * 5, on="moment", over="yaw_rate")
+    flat = DynamicsUnknown(knots=knots, heights=(0.0,) * 5, on="moment", over="yaw_rate")
     assert search.attempt([refined(search, LocatedTerm(spline_term(flat, 0.6), 0.0))])
     every = proposals(search)
     best = every[0]

@@ -1,7 +1,7 @@
 """Columns of the diagnosis: how steps and readings change with a parameter, and what is left of them once the
 path is eliminated.
 
-In: a path with its derivatives, probes. Out: `Gram`: per block the information matrix of the parameters and
+In: a path with its derivatives, probes. Out: `BlockGram`: per block the information of the parameters and
 the gradient of the log-likelihood, the path eliminated. This is what innovations whitened by the Kalman
 filter and their differences give, summed over each block.
 """
@@ -33,7 +33,7 @@ class Probe:
 
 
 @dataclass(frozen=True)
-class Gram:
+class BlockGram:
     """Sufficient statistics of B blocks for p parameters, about the values that the path was linearised
     at."""
 
@@ -42,15 +42,15 @@ class Gram:
     gradient: FloatArray
     """(B, p)"""
 
-    def only(self, columns: Sequence[int]) -> Gram:
+    def only(self, columns: Sequence[int]) -> BlockGram:
         """Return some of the parameters."""
         rows = np.asarray(columns, dtype=int)
-        return Gram(self.information[:, rows[:, None], rows], self.gradient[:, rows])
+        return BlockGram(self.information[:, rows[:, None], rows], self.gradient[:, rows])
 
-    def combined(self, matrix: FloatArray) -> Gram:
+    def combined(self, matrix: FloatArray) -> BlockGram:
         """Return new parameters of which the old ones are `matrix` (p, q) times these."""
         information = np.einsum("pi,bpq,qj->bij", matrix, self.information, matrix, optimize=True)
-        return Gram(information, self.gradient @ matrix)
+        return BlockGram(information, self.gradient @ matrix)
 
 
 def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> tuple[FloatArray, FloatArray]:
@@ -87,12 +87,12 @@ def step_changes(setup: Setup, at: Linear, by_rate: FloatArray) -> FloatArray:
     return out
 
 
-def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> Gram:
+def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> BlockGram:
     """Return the statistics of all blocks for these probes."""
     drive = setup.drive
     if not probes:
         blocks = len(drive.starts)
-        return Gram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
+        return BlockGram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
     merged, indices = _merged(probes, drive.starts)
     inner = _gram(setup, theta, at, noise, merged)
     if len(merged) == len(probes):
@@ -104,7 +104,7 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[
         own = index[used]
         information[block][np.ix_(own, own)] = inner.information[block][np.ix_(used, used)]
         gradient[block, own] = inner.gradient[block, used]
-    return Gram(information, gradient)
+    return BlockGram(information, gradient)
 
 
 def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], IntArray]:
@@ -135,7 +135,7 @@ def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], Int
     return out, np.array(indices)
 
 
-def _gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> Gram:
+def _gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> BlockGram:
     """Return the statistics of all blocks, each probe a column of its own; arrays are (n, p, ...)."""
     drive = setup.drive
     by_rate, by_output = (
@@ -165,7 +165,7 @@ def _gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence
         information.append(own - cross[:, rows].reshape(len(probes), -1) @ gone.T)
         pull = pulls @ at.step_residual[steps, :count].reshape(-1) + trusts @ residual[rows].reshape(-1)
         gradient.append(pull - gone @ left[rows].reshape(-1))
-    return Gram(np.array(information), np.array(gradient))
+    return BlockGram(np.array(information), np.array(gradient))
 
 
 def _by_probe(values: FloatArray) -> FloatArray:

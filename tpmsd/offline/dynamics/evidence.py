@@ -1,7 +1,7 @@
 """Evidence of sets of terms from sufficient statistics: Bayes factors with priors, overdispersion, held-out
 log-likelihood.
 
-In: `Gram`, sets of columns with priors, columns held at a value. Out: numbers. The log-likelihood is
+In: `BlockGram`, sets of columns with priors, columns held at a value. Out: numbers. The log-likelihood is
 g d - d'G d / 2 for differences d of the parameters from the values of the linearisation.
 """
 
@@ -15,14 +15,14 @@ from scipy.special import stdtr
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
-from tpmsd.offline.dynamics.columns import Gram
+from tpmsd.offline.dynamics.columns import BlockGram
 
 PRIOR_BLOCKS = 10.0
 """Blocks that an overdispersion of 1 counts for beside those of the drive."""
 
 
 @dataclass(frozen=True)
-class Columns:
+class PriorColumns:
     """Free columns with priors."""
 
     index: tuple[int, ...]
@@ -31,12 +31,12 @@ class Columns:
     precision: FloatArray
 
 
-def joined(parts: Sequence[Columns]) -> Columns:
+def joined(parts: Sequence[PriorColumns]) -> PriorColumns:
     """Return several sets as one."""
     index = tuple(k for part in parts for k in part.index)
     if not parts:
-        return Columns((), np.zeros(0), np.zeros(0))
-    return Columns(
+        return PriorColumns((), np.zeros(0), np.zeros(0))
+    return PriorColumns(
         index,
         np.concatenate([part.offset for part in parts]),
         np.concatenate([part.precision for part in parts]),
@@ -46,14 +46,14 @@ def joined(parts: Sequence[Columns]) -> Columns:
 class Statistics:
     """Sums of a Gram over blocks, and over all but some."""
 
-    def __init__(self, gram: Gram) -> None:
+    def __init__(self, gram: BlockGram) -> None:
         self.blocks = gram
         self.information = gram.information.sum(axis=0)
         self.gradient = gram.gradient.sum(axis=0)
 
     def fit(
         self,
-        free: Columns,
+        free: PriorColumns,
         held: Sequence[int] = (),
         values: Sequence[float] = (),
         left_out: IntArray | None = None,
@@ -89,7 +89,7 @@ class Statistics:
         return float(gradient[rows] @ values - 0.5 * values @ information[np.ix_(rows, rows)] @ values)
 
     def addition(
-        self, given: Columns, added: Columns, held: Sequence[int] = (), values: Sequence[float] = ()
+        self, given: PriorColumns, added: PriorColumns, held: Sequence[int] = (), values: Sequence[float] = ()
     ) -> Addition:
         """Return what a set adds to another one, by the Schur complement of what is given."""
         a, s = np.array(added.index, dtype=int), np.array(given.index, dtype=int)
@@ -126,7 +126,7 @@ class Addition:
     """(a,)"""
     scores: FloatArray
     """(B, a) gradients of the blocks at the joint fit."""
-    columns: Columns
+    columns: PriorColumns
     estimate: FloatArray
     """(a,) of the joint fit."""
 

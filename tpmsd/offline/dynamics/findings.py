@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
-from tpmsd.car.physics.dynamics_effects.time_spline import Unknown
+from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.look import Look, Slot
 from tpmsd.offline.dynamics.path import Setup
@@ -200,7 +200,7 @@ def _quantities(slot: Slot) -> dict[str, Quantity]:
 
 def unit_of(effect: DynamicsEffect) -> str:
     """Return the unit of a spline's values."""
-    if isinstance(effect, Unknown):
+    if isinstance(effect, DynamicsUnknown):
         return {"force_x": "m/s2", "force_y": "m/s2", "moment": "rad/s2"}.get(effect.on) or UNITS[effect.on]
     return effect.unit_of("heights")
 

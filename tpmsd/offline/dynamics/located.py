@@ -14,11 +14,16 @@ from itertools import pairwise
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import Theta
-from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, RoadBank, RoadGrade, Unknown
-from tpmsd.car.physics.dynamics_effects.winds import HeadWind, SideWind
+from tpmsd.car.physics.dynamics_effects.time_spline import (
+    COVARIATES,
+    DynamicsRoadBank,
+    DynamicsRoadGrade,
+    DynamicsUnknown,
+)
+from tpmsd.car.physics.dynamics_effects.winds import DynamicsHeadWind, SideWind
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import Addition, Columns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -52,15 +57,15 @@ def slopes(search: Search) -> list[LocatedTerm]:
     flat = (0.0,) * len(knots)
     there = {effect.name for effect in search.theta}
     terms = []
-    if RoadBank.name not in there and _slow(search, RoadBank((0.0, 1.0), (1e-3, 1e-3))):
-        terms.append(spline_term(RoadBank(knots, flat), SETTINGS.bank_std_rad))
-    grade = search.setup.baseline.forces and RoadGrade.name not in there
-    if grade and _slow(search, RoadGrade((0.0, 1.0), (1e-3, 1e-3))):
-        terms.append(spline_term(RoadGrade(knots, flat), SETTINGS.grade_std_rad))
+    if DynamicsRoadBank.name not in there and _slow(search, DynamicsRoadBank((0.0, 1.0), (1e-3, 1e-3))):
+        terms.append(spline_term(DynamicsRoadBank(knots, flat), SETTINGS.bank_std_rad))
+    grade = search.setup.baseline.forces and DynamicsRoadGrade.name not in there
+    if grade and _slow(search, DynamicsRoadGrade((0.0, 1.0), (1e-3, 1e-3))):
+        terms.append(spline_term(DynamicsRoadGrade(knots, flat), SETTINGS.grade_std_rad))
     return sorted(_scored(search, terms), key=lambda located: -located.evidence)
 
 
-def _slow(search: Search, flat: RoadBank | RoadGrade) -> bool:
+def _slow(search: Search, flat: DynamicsRoadBank | DynamicsRoadGrade) -> bool:
     """Return True if the scores of a slope vary slowly enough for a proper look."""
     scores = row_scores(search, Probe((*search.theta, flat), 1e-3))
     return slow_share(search, scores, SETTINGS.time_knot_s) > SETTINGS.slow_share
@@ -80,11 +85,11 @@ def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[Loc
     return out
 
 
-def _seen(statistics: Statistics, columns: Columns) -> Columns:
+def _seen(statistics: Statistics, columns: PriorColumns) -> PriorColumns:
     """Return the columns of which the drive says anything."""
     rows = np.array(columns.index, dtype=int)
     seen = np.diag(statistics.information)[rows] > 1e-3 * columns.precision
-    return Columns(tuple(rows[seen].tolist()), columns.offset[seen], columns.precision[seen])
+    return PriorColumns(tuple(rows[seen].tolist()), columns.offset[seen], columns.precision[seen])
 
 
 # -- wind ----------------------------------------------------------------------------------------------------
@@ -95,7 +100,7 @@ def _winds(search: Search) -> list[LocatedTerm]:
     time = search.setup.drive.time_s
     edges = np.array(spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s))
     out = []
-    for kind in (SideWind, *((HeadWind,) if search.setup.baseline.forces else ())):
+    for kind in (SideWind, *((DynamicsHeadWind,) if search.setup.baseline.forces else ())):
         if sum(effect.name == kind.name for effect in search.theta) >= 2:
             continue
         moved = (*search.theta, kind(speed_mps=1.0))
@@ -124,12 +129,12 @@ def _boxes(search: Search, moved: Theta, edges: FloatArray, std: float) -> Addit
     statistics = Statistics(gram(search.setup, search.theta, search.at, search.noise, [*probes, *boxes]))
     count = len(boxes)
     index = tuple(range(len(probes), len(probes) + count))
-    added = Columns(index, np.zeros(count), np.full(count, std**-2))
+    added = PriorColumns(index, np.zeros(count), np.full(count, std**-2))
     return statistics.addition(joined(columns), added)
 
 
 @dataclass(frozen=True)
-class Span:
+class WindSpan:
     """A span of time with wind."""
 
     onset_s: float
@@ -138,7 +143,7 @@ class Span:
     """Standard deviations by doubt about the span: of onset, duration and the wind's speed."""
 
 
-def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float, ratio: float) -> Span:
+def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float, ratio: float) -> WindSpan:
     """Return the likeliest begin and end near those of a coarse span, with the spread of their posterior."""
     time, reach, step = search.setup.drive.time_s, SETTINGS.wind_box_s, SETTINGS.wind_edge_s
     offsets = np.arange(-reach, reach + 0.5 * step, step)
@@ -172,7 +177,7 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
         "duration_s": math.hypot(deviation(duration), math.sqrt(2.0) * half),
         "speed_mps": deviation(speed),
     }
-    return Span(max(float(onset[best]), 0.0), float(duration[best]), spread)
+    return WindSpan(max(float(onset[best]), 0.0), float(duration[best]), spread)
 
 
 def _ratio(scores: FloatArray, information: FloatArray) -> float:
@@ -205,7 +210,7 @@ def nameless(search: Search) -> list[LocatedTerm]:
     """Return terms without a name, each equation and output over each covariate."""
     values = search.covariates
     sizes = _sizes(search)
-    taken = {(effect.on, effect.over) for effect in search.theta if isinstance(effect, Unknown)}
+    taken = {(effect.on, effect.over) for effect in search.theta if isinstance(effect, DynamicsUnknown)}
     terms = []
     for on, size in sizes.items():
         for over in COVARIATES:
@@ -213,14 +218,14 @@ def nameless(search: Search) -> list[LocatedTerm]:
                 continue
             knots = _knots(values[over], over)
             if len(knots) >= 3:
-                flat = Unknown(knots=knots, heights=(0.0,) * len(knots), on=on, over=over)
+                flat = DynamicsUnknown(knots=knots, heights=(0.0,) * len(knots), on=on, over=over)
                 terms.append(spline_term(flat, size))
     penalty = nameless_penalty(search)
     found = []
     scores: dict[str, FloatArray] = {}
     for k, term in enumerate(terms):
         effect = term.effect
-        assert isinstance(effect, Unknown)
+        assert isinstance(effect, DynamicsUnknown)
         if effect.on not in scores:
             raised = replace(effect, heights=tuple(1e-3 for _ in effect.knots))
             scores[effect.on] = row_scores(search, Probe((*search.theta, raised), 1e-3))

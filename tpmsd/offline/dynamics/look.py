@@ -14,7 +14,7 @@ from scipy.special import fdtrc
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
-from tpmsd.offline.dynamics.evidence import Addition, Columns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import Term
 
@@ -49,10 +49,10 @@ class Look:
 
     statistics: Statistics
     terms: Sequence[Term]
-    columns: list[Columns]
+    columns: list[PriorColumns]
     removal: list[tuple[tuple[int, ...], tuple[float, ...]]]
     offered: list[Term]
-    added: list[Columns]
+    added: list[PriorColumns]
 
     def addition(self, k: int) -> Addition:
         """Return what an offered term adds."""
@@ -83,7 +83,7 @@ class Look:
         occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
         return float(loss - occam - math.log(self.terms[k].alternatives))
 
-    def _penalised(self, free: Columns, held: Sequence[int], values: Sequence[float]) -> float:
+    def _penalised(self, free: PriorColumns, held: Sequence[int], values: Sequence[float]) -> float:
         """Return the log-likelihood with priors at the best values of the free columns."""
         held_values = np.array(values, dtype=float)
         if not free.index:

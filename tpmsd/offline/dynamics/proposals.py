@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import UNITS
-from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, Unknown
+from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.look import fold_blocks
 from tpmsd.offline.dynamics.result import Proposal
 from tpmsd.offline.dynamics.search import Search
@@ -34,7 +34,7 @@ _RAISED = 1e-3
 
 def proposals(search: Search) -> tuple[Proposal, ...]:
     """Return the best closed forms for what has no name; none where all has one."""
-    unnamed = [k for k, term in enumerate(search.terms) if isinstance(term.effect, Unknown)]
+    unnamed = [k for k, term in enumerate(search.terms) if isinstance(term.effect, DynamicsUnknown)]
     if not unnamed:
         return ()
     forms = _forms(search, unnamed)
@@ -75,7 +75,7 @@ def _forms_on(
         size = float(np.sqrt(np.mean(weights[k] ** 2)))
         if size > 0.0:
             index = (len(probes) - len(forms) + k,)
-            added = Columns(index, np.zeros(1), np.array([(size / 10.0) ** 2]))
+            added = PriorColumns(index, np.zeros(1), np.array([(size / 10.0) ** 2]))
             out.append((form, _judged(statistics, stay, added, held, values, form, on)))
     return out
 
@@ -91,15 +91,15 @@ def _equations(search: Search, unnamed: Sequence[int]) -> list[str]:
 def _probes(search: Search, on: str, weights: Sequence[FloatArray]) -> list[Probe]:
     time = search.setup.drive.time_s
     ends = (float(time[0]), float(time[-1]))
-    raised = Unknown(knots=ends, heights=(_RAISED, _RAISED), on=on, over="time")
+    raised = DynamicsUnknown(knots=ends, heights=(_RAISED, _RAISED), on=on, over="time")
     moved = (*search.theta, raised)
     return [Probe(moved, _RAISED, one) for one in weights]
 
 
 def _judged(
     statistics: Statistics,
-    stay: Columns,
-    added: Columns,
+    stay: PriorColumns,
+    added: PriorColumns,
     held: tuple[int, ...],
     values: tuple[float, ...],
     form: Expression,

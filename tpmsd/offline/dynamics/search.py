@@ -17,7 +17,7 @@ import numpy as np
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.look import Look, fold_blocks
 from tpmsd.offline.dynamics.noise import Noise, first_guess, least
 from tpmsd.offline.dynamics.path import Linear, Setup, covariates_of, fitted_noise, smoothed, subset
@@ -110,7 +110,7 @@ class Search:
             columns, probes = self.own(0)
             statistics = Statistics(gram(self.setup, self.theta, self.at, self.noise, probes))
             everything = joined(columns)
-            ratio = statistics.addition(Columns((), np.zeros(0), np.zeros(0)), everything).overdispersion
+            ratio = statistics.addition(PriorColumns((), np.zeros(0), np.zeros(0)), everything).overdispersion
             step, _ = statistics.fit(replace(everything, precision=everything.precision * ratio))
             self._move(step)
             self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
@@ -154,14 +154,14 @@ class Search:
         self.noise = replace(old, white=np.concatenate([old.white[:basic], white[basic:]]))
         return np.concatenate([path[:, :basic], extra, path[:, have:]], axis=1)
 
-    def own(self, first: int) -> tuple[list[Columns], list[Probe]]:
+    def own(self, first: int) -> tuple[list[PriorColumns], list[Probe]]:
         """Return the columns of the model's own terms, counted from `first`, and their probes."""
         columns, probes = [], []
         covariates = self.covariates if self.terms else {}
         for k, term in enumerate(self.terms):
             own = term.probes(self.without(k), covariates)
             offset, precision = term.prior()
-            columns.append(Columns(tuple(range(first, first + len(own))), offset, precision))
+            columns.append(PriorColumns(tuple(range(first, first + len(own))), offset, precision))
             probes += own
             first += len(own)
         return columns, probes
@@ -191,7 +191,7 @@ class Search:
         for term in offered:
             own = term.probes(theta, covariates)
             offset, precision = term.prior()
-            added.append(Columns(tuple(range(len(probes), len(probes) + len(own))), offset, precision))
+            added.append(PriorColumns(tuple(range(len(probes), len(probes) + len(own))), offset, precision))
             probes += own
         return Look(
             Statistics(gram(self.setup, self.theta, self.at, self.noise, probes)),

@@ -11,7 +11,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class AccelerometerBias(DynamicsEffect):
+class DynamicsAccelerometerBias(DynamicsEffect):
     """reading = truth + (long_mps2, lat_mps2).
 
     Source: zero-g level of automotive accelerometers, 10 to 50 mg over temperature and life (data sheets).

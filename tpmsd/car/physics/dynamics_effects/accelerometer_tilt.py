@@ -10,7 +10,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class AccelerometerTilt(DynamicsEffect):
+class DynamicsAccelerometerTilt(DynamicsEffect):
     """a_y reads a_y - yaw_rad * a_x, a_x reads a_x + yaw_rad * a_y; pitch and roll of the mount read as a
     bias.
 

@@ -12,7 +12,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class ComplianceSteer(DynamicsEffect):
+class DynamicsComplianceSteer(DynamicsEffect):
     """The front wheels turn out of the bend by k * F_f, k = c l / (m b): by c * a_y in steady bends.
 
     With a linear tyre the axle has C / (1 + k C) instead of C. Source: 1 to 3 degrees per g with rack and

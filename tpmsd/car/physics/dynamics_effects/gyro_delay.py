@@ -10,7 +10,7 @@ from tpmsd.car.physics.dynamics_parameters import READING_DELAY
 
 
 @dataclass(frozen=True)
-class GyroDelay(DynamicsEffect):
+class DynamicsGyroDelay(DynamicsEffect):
     """reading(t) = yaw rate(t - delay_s).
 
     Source: filters of automotive gyros, 10 to 50 Hz corner: 3 to 30 ms; buses and loggers add 5 to 50 ms.

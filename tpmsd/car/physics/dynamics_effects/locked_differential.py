@@ -10,7 +10,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class LockedDifferential(DynamicsEffect):
+class DynamicsLockedDifferential(DynamicsEffect):
     """M_z = -c * C_sigma * t^2 / 2 * r / u, t the track of the driven axle, c = 1 for a locked axle.
 
     A wheel that must turn with its axle's mean slips by t r / (2 u). Source: kinematics of an axle;

@@ -10,7 +10,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class SteeringOffset(DynamicsEffect):
+class DynamicsSteeringOffset(DynamicsEffect):
     """reading = truth + offset_rad, of the angle that is recorded: the steering wheel's, or the road wheels'.
 
     Source: zeros of steering angle sensors, 1 to 5 degrees at the steering wheel; a fifteenth at the wheels.

@@ -10,7 +10,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class SteeringRatioError(DynamicsEffect):
+class DynamicsSteeringRatioError(DynamicsEffect):
     """Road-wheel angle = configured angle / ratio.
 
     Source: makers state ratios of 12 to 20 for one model by engine and steering.

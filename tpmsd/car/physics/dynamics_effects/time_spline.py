@@ -1,6 +1,7 @@
 """Slopes of the road as splines over time, and terms without a name as splines over a covariate.
 
-In: knots and values. Out: `RoadGrade`, `RoadBank` and `Unknown`, effects that know nothing but their shape.
+In: knots and values. Out: `DynamicsRoadGrade`, `DynamicsRoadBank` and `DynamicsUnknown`, effects that are a
+spline and nothing else.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def _vectors(unit: str) -> tuple[VectorParameter, VectorParameter]:
 
 
 @dataclass(frozen=True)
-class RoadGrade(_Spline):
+class DynamicsRoadGrade(_Spline):
     """du/dt gains -g * sin(grade), grade a spline over time, positive uphill.
 
     Source: gravity along an inclined plane.
@@ -70,7 +71,7 @@ class RoadGrade(_Spline):
 
 
 @dataclass(frozen=True)
-class RoadBank(_Spline):
+class DynamicsRoadBank(_Spline):
     """dv/dt gains -g * sin(bank), bank a spline over time, positive where the left side is higher.
 
     Source: gravity along an inclined plane.
@@ -90,7 +91,7 @@ class RoadBank(_Spline):
 
 
 @dataclass(frozen=True)
-class Unknown(_Spline):
+class DynamicsUnknown(_Spline):
     """A spline over a covariate, added to an equation per mass or inertia, or to an output."""
 
     name = "unknown"

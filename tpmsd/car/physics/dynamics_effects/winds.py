@@ -1,6 +1,6 @@
 """Wind from the side and from ahead, over a span of time.
 
-In: speed, onset, duration. Out: `SideWind`, `HeadWind`.
+In: speed, onset, duration. Out: `SideWind`, `DynamicsHeadWind`.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class SideWind(DynamicsEffect):
 
 
 @dataclass(frozen=True)
-class HeadWind(DynamicsEffect):
+class DynamicsHeadWind(DynamicsEffect):
     """F_x = -rho / 2 * A * ((u + speed)^2 - u^2), from onset_s for duration_s; A is the car's drag area.
 
     Source: dynamic pressure of the relative wind.
@@ -93,7 +93,7 @@ class HeadWind(DynamicsEffect):
         frame.force_x = frame.force_x - 0.5 * AIR_KGPM3 * area * press * _within(self, frame)
 
 
-def _within(wind: SideWind | HeadWind, frame: Frame) -> FloatArray:
+def _within(wind: SideWind | DynamicsHeadWind, frame: Frame) -> FloatArray:
     """Return 1 in the span, 0 outside."""
     since = frame.inputs.time_s - wind.onset_s
     return np.asarray((since >= 0.0) & (since < wind.duration_s), dtype=np.float64)

@@ -10,7 +10,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class YawRateBias(DynamicsEffect):
+class DynamicsYawRateBias(DynamicsEffect):
     """reading = truth + bias.
 
     Source: data sheets of automotive gyros, 1e-3 to 1e-2 rad/s uncalibrated.

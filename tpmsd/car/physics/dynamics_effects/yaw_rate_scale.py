@@ -10,7 +10,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
-class YawRateScale(DynamicsEffect):
+class DynamicsYawRateScale(DynamicsEffect):
     """reading = scale * truth.
 
     Source: data sheets of automotive gyros, 1 to 3 % over temperature.

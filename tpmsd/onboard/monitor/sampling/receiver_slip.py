@@ -1,6 +1,6 @@
 """Slip of all wheels against the receiver's speed, where all are driven (a part of `slip_slope`).
 
-In: ticks. Out: a `Point` of each second in which all wheels and the receiver's speed are known.
+In: ticks. Out: a `SlipSecond` of each second in which all wheels and the receiver's speed are known.
 
 A receiver tells its speed at an instant. So the wheels' speed and acceleration are those about that instant,
 from the way that they rolled in the seconds before and after.
@@ -14,7 +14,7 @@ from collections import deque
 import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
-from tpmsd.onboard.monitor.sampling.slip_sums import Point
+from tpmsd.onboard.monitor.sampling.slip_sums import SlipSecond
 from tpmsd.onboard.monitor.settings import SLIP_SLOPE
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
@@ -29,10 +29,10 @@ class ReceiverSlip:
         """Time, way of the mean of all wheels and of right minus left at the rear, since an interruption."""
         self._fixes: deque[tuple[float, Fix]] = deque()
         """Time and fix, of those whose way is not complete yet."""
-        self._second: list[Point] = []
+        self._second: list[SlipSecond] = []
         self._second_from_s = -math.inf
 
-    def update(self, tick: Tick) -> list[Point]:
+    def update(self, tick: Tick) -> list[SlipSecond]:
         """Take a tick; the points of seconds that are complete."""
         fl, fr, rl, rr = (
             turn * radius for turn, radius in zip(tick.rotation_rad.tolist(), self._radius_m, strict=True)
@@ -62,7 +62,7 @@ class ReceiverSlip:
                 self._second.append(point)
         return out
 
-    def _point(self, at_s: float, fix: Fix) -> Point | None:
+    def _point(self, at_s: float, fix: Fix) -> SlipSecond | None:
         times, distances, aparts = zip(*self._distances, strict=True)
         span_s = SLIP_SLOPE.span_s
         if at_s - span_s < times[0]:
@@ -80,9 +80,9 @@ class ReceiverSlip:
             return None
         # In a bend the front wheels, half of all, roll further than the rear ones.
         slip = math.log(speed_mps / fix.speed_mps) - 0.25 * math.log1p(bend * bend)
-        return Point(accel_mps2, slip, accel_mps2 / speed_mps)
+        return SlipSecond(accel_mps2, slip, accel_mps2 / speed_mps)
 
-    def _end_second(self, at_s: float) -> list[Point]:
+    def _end_second(self, at_s: float) -> list[SlipSecond]:
         """Return the mean of the points before, once they are a second old: those of fast receivers are
         alike.
         """
@@ -91,4 +91,4 @@ class ReceiverSlip:
         points, self._second, self._second_from_s = self._second, [], at_s
         if not points:
             return []
-        return [Point(*(sum(values) / len(points) for values in zip(*points, strict=True)))]
+        return [SlipSecond(*(sum(values) / len(points) for values in zip(*points, strict=True)))]

@@ -20,7 +20,7 @@ import math
 
 from tpmsd.car.config.model import VehicleConfig
 from tpmsd.onboard.monitor.sampling.receiver_slip import ReceiverSlip
-from tpmsd.onboard.monitor.sampling.slip_sums import Point, SlopeSums
+from tpmsd.onboard.monitor.sampling.slip_sums import SlipSecond, SlopeSums
 from tpmsd.onboard.monitor.settings import SLIP_SLOPE
 from tpmsd.onboard.timeline.tick import Tick
 
@@ -38,7 +38,7 @@ class SlipSlope:
         self._elapsed_s = 0.0
         self._seconds: list[tuple[float, float]] = []
         """Speed of the axle that is not driven, and slip, of each second in a row; the last two at least."""
-        self._points: list[Point] = []
+        self._points: list[SlipSecond] = []
         self._window_s = 0.0
 
     def update(self, tick: Tick) -> SlopeSums | None:
@@ -91,5 +91,5 @@ class SlipSlope:
         accel = (after - before) / (2.0 * elapsed_s)
         least, most = SLIP_SLOPE.accel_mps2
         if least < accel < most:
-            self._points.append(Point(accel, slip))
+            self._points.append(SlipSecond(accel, slip))
         self._seconds.pop(0)

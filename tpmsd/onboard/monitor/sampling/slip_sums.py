@@ -16,8 +16,8 @@ MOST_SLIP_S2PM = DRIVE_SLIP_S2PM.mean + DRIVE_SLIP_S2PM.std
 """Per m/s2, of most cars on a dry road."""
 
 
-class Point(NamedTuple):
-    """One second."""
+class SlipSecond(NamedTuple):
+    """Longitudinal acceleration and slip of the driven wheels (1), means over one second."""
 
     accel_mps2: float
     slip: float
@@ -51,7 +51,7 @@ class SlopeSums:
     """Sum of accelerations times slips per second of age, m/s3."""
 
     @classmethod
-    def of(cls, points: Sequence[Point]) -> SlopeSums:
+    def of(cls, points: Sequence[SlipSecond]) -> SlopeSums:
         """Return the sums of one window."""
         if len(points) < 2:
             return cls()

@@ -47,7 +47,7 @@ LEAST_CHANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Hypotheses:
+class LeakHypotheses:
     """n change hypotheses of the days so far."""
 
     log_weight: FloatArray
@@ -67,9 +67,9 @@ class Hypotheses:
     days: FloatArray
     """(n,) with readings since then, or all"""
 
-    def take(self, index: IntArray) -> Hypotheses:
+    def take(self, index: IntArray) -> LeakHypotheses:
         """Return the hypotheses of these indices."""
-        return Hypotheses(*(getattr(self, field.name)[index] for field in fields(self)))
+        return LeakHypotheses(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +111,7 @@ class LeakFilter:
                 mean[k, RATE.start + one] += rate
                 covariance[k, RATE.start + one, RATE.start + one] += std**2
         n = len(wheel)
-        self.hypotheses = Hypotheses(
+        self.hypotheses = LeakHypotheses(
             np.full(n, -math.log(n)),
             mean,
             covariance,
@@ -153,7 +153,7 @@ class LeakFilter:
         self._take(replace(kept, days=kept.days + 1.0), value, variance)
         self.day = day
 
-    def _take(self, every: Hypotheses, value: FloatArray, variance: FloatArray) -> None:
+    def _take(self, every: LeakHypotheses, value: FloatArray, variance: FloatArray) -> None:
         """Update these hypotheses, weights included, by the reading."""
         believed = Believed(every.mean, every.covariance, every.noise)
         after, likelihood = taken(believed, SEEN, value, variance, self._levels)
@@ -167,7 +167,7 @@ class LeakFilter:
             noise=noise,
         )
 
-    def _split(self, every: Hypotheses, days: float, known_step: bool) -> Splits:
+    def _split(self, every: LeakHypotheses, days: float, known_step: bool) -> Splits:
         """Return the branches of each hypothesis: no step, a refill, changed wheels, the onset of a leak."""
         s = self._settings
         n = len(every.wheel)
@@ -229,8 +229,8 @@ class LeakFilter:
         return refilled, changed
 
     def _made(
-        self, every: Hypotheses, splits: Splits, index: IntArray, day: float, days: float
-    ) -> Hypotheses:
+        self, every: LeakHypotheses, splits: Splits, index: IntArray, day: float, days: float
+    ) -> LeakHypotheses:
         """Return the hypotheses of these splits, before the reading."""
         s = self._settings
         out = every.take(splits.parent[index])  # a copy

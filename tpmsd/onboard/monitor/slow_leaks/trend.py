@@ -15,7 +15,7 @@ import numpy as np
 from tpmsd.foundation.wheels import AXLES, FloatArray
 from tpmsd.onboard.monitor.evidence.probability import normal_cdf
 from tpmsd.onboard.monitor.settings import TREND
-from tpmsd.onboard.monitor.slow_leaks.filter import NO_WHEEL, Hypotheses, LeakFilter
+from tpmsd.onboard.monitor.slow_leaks.filter import NO_WHEEL, LeakFilter, LeakHypotheses
 from tpmsd.onboard.monitor.slow_leaks.settings import TrendSettings
 from tpmsd.onboard.monitor.slow_leaks.state import LOST, RATE, SIZE, WEEK_D
 
@@ -67,7 +67,7 @@ class Leaks:
     days: FloatArray
 
     @classmethod
-    def of(cls, every: Hypotheses, wheel: int) -> Leaks:
+    def of(cls, every: LeakHypotheses, wheel: int) -> Leaks:
         """Return the leaks of this tyre."""
         chosen = every.take(np.flatnonzero(every.wheel == wheel))
         pair = next(axle for axle in AXLES if wheel in axle)
