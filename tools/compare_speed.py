@@ -51,8 +51,8 @@ def compared(pythons: tuple[str, str], words: list[str], runs: int) -> tuple[flo
 def main() -> int:
     """Compare and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
-    parser.add_argument("first", help="Python of the environment in question")
-    parser.add_argument("second", help="Python of the one that it is held against")
+    parser.add_argument("first", type=os.path.abspath, help="Python of the environment in question")
+    parser.add_argument("second", type=os.path.abspath, help="Python of the one that it is held against")
     parser.add_argument("drive", type=os.path.abspath, help="drive folder")
     parser.add_argument("--runs", type=int, default=5, help="runs of each command in either (default: 5)")
     parser.add_argument("--within", type=float, default=0.05, help="share of time beyond (default: 0.05)")
