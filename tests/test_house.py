@@ -436,7 +436,7 @@ def test_the_watch_over_branches_sees() -> None:
 
 
 _SHARED_TWICE = """
-    Baseline Diagnosis Drive Finding Fit Noise NotDetectable Part Proposal Quantity Reference Stage
+    Baseline Diagnosis Drive Finding Fit Noise NotDetectable Proposal Quantity Reference Stage
     Step Term
     """
 SHARED_CLASS_NAMES = dict.fromkeys(_SHARED_TWICE.split(), 2)

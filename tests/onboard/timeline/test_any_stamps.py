@@ -23,7 +23,7 @@ from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.sources.can.block import FrameBlock
-from tpmsd.onboard.sources.drive import Part, Sentence
+from tpmsd.onboard.sources.drive import FrameSlice, Sentence
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick_source import TickSource
 
@@ -48,7 +48,9 @@ def log(kind: str, route: str) -> Log:
         config = load_config(folder)
         stream, database = FolderRecording(folder).open(config)
         items = list(stream.parts())
-    frames = [item.block.taken(slice(item.start, item.stop)) for item in items if isinstance(item, Part)]
+    frames = [
+        item.block.taken(slice(item.start, item.stop)) for item in items if isinstance(item, FrameSlice)
+    ]
     fields = [field.name for field in dataclasses.fields(FrameBlock) if field.name != "channels"]
     columns = [np.concatenate([getattr(block, name) for block in frames]) for name in fields]
     block = FrameBlock(*columns, frames[0].channels)
@@ -139,10 +141,10 @@ def changed(block: FrameBlock, change: Change) -> FrameBlock:
     return dataclasses.replace(block, time_s=np.where(mine, block.time_s + change.seconds, block.time_s))
 
 
-def in_order(block: FrameBlock, sentences: tuple[Sentence, ...]) -> list[Part | Sentence]:
+def in_order(block: FrameBlock, sentences: tuple[Sentence, ...]) -> list[FrameSlice | Sentence]:
     """A sentence stands before the first frame by which time has passed its own stamp."""
     latest_s = np.maximum.accumulate(block.time_s)
-    items: list[Part | Sentence] = []
+    items: list[FrameSlice | Sentence] = []
     at = 0
     for sentence, place in zip(
         sentences,
@@ -150,13 +152,13 @@ def in_order(block: FrameBlock, sentences: tuple[Sentence, ...]) -> list[Part | 
         strict=True,
     ):
         if place > at:
-            items.append(Part(block, at, place))
+            items.append(FrameSlice(block, at, place))
             at = place
         items.append(sentence)
-    return [*items, Part(block, at, len(block))] if at < len(block) else items
+    return [*items, FrameSlice(block, at, len(block))] if at < len(block) else items
 
 
-def told(drive: Log, items: list[Part | Sentence], in_blocks: bool) -> dict[str, Any]:
+def told(drive: Log, items: list[FrameSlice | Sentence], in_blocks: bool) -> dict[str, Any]:
     """All that a pass over a log tells: ticks with their faults, samples, counts."""
     source = TickSource(drive.config, drive.database)
     samples: list[Any] = []

@@ -31,7 +31,7 @@ from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import read_can_blocks
 from tpmsd.onboard.sources.can.signal_plan import compile_plans, signal_steps
 from tpmsd.onboard.sources.drive import Drive as FolderStream
-from tpmsd.onboard.sources.drive import Part, Sentence
+from tpmsd.onboard.sources.drive import FrameSlice, Sentence
 from tpmsd.onboard.sources.gnss.plain_nmea import clock_offset
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick import Tick
@@ -96,7 +96,7 @@ class Stream(Protocol):
         """File that an error about the frames names."""
         ...
 
-    def parts(self) -> Iterator[Part | CanFrame | Sentence]:
+    def parts(self) -> Iterator[FrameSlice | CanFrame | Sentence]:
         """Frames (also some together) and sentences in the order of their stamps."""
         ...
 
@@ -195,7 +195,7 @@ def play(
     start, next_report, done = None, 0, 0
     of, bus = None, np.zeros(0, dtype=np.intp)
     for item in stream.parts():
-        if isinstance(item, Part):
+        if isinstance(item, FrameSlice):
             block = item.block
             if block is not of:
                 of, bus = block, np.array([stream.buses.get(name, 0) for name in block.channels], np.intp)

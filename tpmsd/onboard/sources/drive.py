@@ -55,7 +55,7 @@ class Sentence(NamedTuple):
     number: int
 
 
-class Part(NamedTuple):
+class FrameSlice(NamedTuple):
     """The frames `start` to before `stop` of a block."""
 
     block: FrameBlock
@@ -85,12 +85,12 @@ class Drive:
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
         """Yield frames and sentences, oldest first."""
         for part in self.parts():
-            if isinstance(part, Part):
+            if isinstance(part, FrameSlice):
                 yield from part.block.frames(part.start, part.stop)
             else:
                 yield part
 
-    def parts(self) -> Iterator[Part | Sentence]:
+    def parts(self) -> Iterator[FrameSlice | Sentence]:
         """Yield frames and sentences, with the frames between two sentences together."""
         can, gnss = _FrameStream(self._undamaged_frames()), _SentenceStream(self._undamaged_sentences())
         while can.head_s is not None or gnss.head_s is not None:
@@ -241,7 +241,7 @@ class _FrameStream:
             self._rises = bool(np.all(time_s[1:] >= before[1:]))
             self._backward += np.flatnonzero(time_s < before - BACKWARD_STEP_S).tolist()
 
-    def up_to(self, limit_s: float) -> Iterator[Part]:
+    def up_to(self, limit_s: float) -> Iterator[FrameSlice]:
         """Yield the next frame and those behind it up to a time, but none behind a backward step of the
         clock."""
         last_s = math.nan
@@ -253,7 +253,7 @@ class _FrameStream:
             )
             stop = min(step, self._first_behind(limit_s, start + head))
             if stop > start:
-                yield Part(block, start, stop)
+                yield FrameSlice(block, start, stop)
                 last_s = self._time_s[stop - 1]
             self._at, head = stop, 0
             if stop < len(block):
