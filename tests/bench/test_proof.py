@@ -47,7 +47,7 @@ def test_swapped_truths_change_the_score_and_not_the_report(tmp_path: Path) -> N
     rows: list[Row] = []
     for truth in (right, swapped):
         kept = seal(truth.plain(), "00", sealed)
-        answer, _ = answered(drive, 1, False)
+        answer, _ = answered(drive, drive.with_suffix(".svg"), 1, False)
         documents.append(answer)
         rows.append(scored(case, made, Truth.of(opened(kept)), answer, {}, kept.sha256))
     assert documents[0].document["findings"] == documents[1].document["findings"]
@@ -65,7 +65,7 @@ def test_an_age_that_all_counts_share_makes_no_wrong_name(tmp_path: Path) -> Non
     assert case.spec.latch_period_s == pytest.approx(0.0165, rel=0.01)
     made, drive = make(case, tmp_path), tmp_path / "drive"
     write_folder(made.drive, drive)
-    answer, _ = answered(drive, 1, False)
+    answer, _ = answered(drive, drive.with_suffix(".svg"), 1, False)
     row = scored(case, made, whole_truth(case, made), answer, {}, "")
     assert (row.hit, row.wrong) == (True, False)
     assert "warming up" in row.said

@@ -14,14 +14,11 @@ from __future__ import annotations
 
 import argparse
 import concurrent.futures
-import json
-import os
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
@@ -37,7 +34,7 @@ from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
 from bench.campaigns.offline.proof.oracle import bounds, can_tell
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import headline, page
-from bench.campaigns.offline.proof.seal import opened, seal
+from bench.campaigns.offline.proof.seal import Seal, opened, seal
 from bench.places import OUT, RECORDINGS, REPO
 from bench.worlds import real_drives, receiver_residuals
 from bench.worlds.folder import write_folder
@@ -220,43 +217,94 @@ def compared(said: Said, wanted: Sequence[Concealed]) -> str:
     return f"{judged}: {said.residual} = {said.formula} ({100 * said.explained:.0f} % explained)"
 
 
-def worlds(seed: int, folder: Path, jobs: int, with_others: bool = True) -> list[Row]:
-    """Seal all truths, diagnose all drives, then open and score."""
-    cases, made, seals, drives = drawn(seed, RECORDINGS), [], [], []
+@dataclass(frozen=True)
+class World:
+    """A drive of a world: its case, what was made, its folder and its sealed truth."""
+
+    case: Case
+    made: Made
+    drive: Path
+    sealed: Seal
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording of which a name is known, or into which an effect was injected under seal."""
+
+    name: str
+    concealed: str
+    drive: Path
+    right: frozenset[str]
+    """Names of effects that answer it."""
+    options: tuple[str, ...] = ("--certify", "0")
+    sealed: Seal | None = None
+
+
+def worlds(seed: int, folder: Path) -> list[World]:
+    """Make the drives of a seed and seal their truths; each hash is printed at once."""
+    made_drives = []
     nonce = np.random.default_rng([seed, 46])
-    for number, case in enumerate(cases, 1):
-        made.append(make(case, folder / "memory"))
-        drives.append(folder / f"drive-{number}")
-        write_folder(made[-1].drive, drives[-1])
-        truth = whole_truth(case, made[-1]).plain()
-        sealed = folder / f"sealed-{number}.json"
-        seals.append(seal(truth, nonce.bytes(16).hex(), sealed))
-        print(f"drive {number} ({case.world}): truth sealed, SHA-256 {seals[-1].sha256}", flush=True)
-    reports = both(drives, seed, jobs, with_others)
-    rows = [
-        scored(case, drive, Truth.of(opened(sealed)), answer, said, sealed.sha256)
-        for case, drive, sealed, (answer, said) in zip(cases, made, seals, reports, strict=True)
-    ]
-    for row, drive in zip(rows, drives, strict=True):
-        picture = drive.with_suffix(".svg")
-        row.picture = picture.read_text(encoding="utf-8") if picture.exists() else ""
-    return rows
+    for number, case in enumerate(drawn(seed, RECORDINGS), 1):
+        made, drive = make(case, folder / "memory"), folder / f"drive-{number}"
+        write_folder(made.drive, drive)
+        truth = whole_truth(case, made).plain()
+        sealed = seal(truth, nonce.bytes(16).hex(), folder / f"sealed-{number}.json")
+        print(f"drive {number} ({case.world}): truth sealed, SHA-256 {sealed.sha256}", flush=True)
+        made_drives.append(World(case, made, drive, sealed))
+    return made_drives
 
 
-def answered(drive: Path, seed: int, with_others: bool) -> tuple[Answer, dict[str, Said]]:
+def recordings(seed: int, folder: Path) -> list[Recording]:
+    """Return the recordings that are at hand; into one of them an effect is injected and sealed."""
+    at_hand = []
+    for name in ("van-mountain-a", "van-mountain-b"):
+        drive = RECORDINGS / name
+        if drive.is_dir():
+            at_hand.append(
+                Recording(name, "road_grade (a mountain road)", drive.resolve(), frozenset({"road_grade"}))
+            )
+    signals = RECORDINGS.parent / "dynamics" / "ferrari-250lm"
+    if signals.is_dir():
+        options = ("--baseline", "single-track")
+        at_hand.append(Recording("ferrari-250lm", "tyres on the limit", signals.resolve(), TYRES, options))
+    source = RECORDINGS / "van-motorway-a"
+    if source.is_dir():
+        rng = np.random.default_rng([seed, 47])
+        effect = str(rng.choice(("centrifugal_growth", "gnss_latency", "radius_change")))
+        target = folder / "injected"
+        real_drives.cut(source, target, rng)
+        sealed = seal(real_drives.inject(target, effect, rng), rng.bytes(16).hex(), folder / "sealed-i.json")
+        print(f"van-motorway-a: an effect injected and sealed, SHA-256 {sealed.sha256}", flush=True)
+        names = frozenset({effect})
+        at_hand.append(Recording(source.name, f"{effect} (injected)", target, names, sealed=sealed))
+    return at_hand
+
+
+def answered(
+    drive: Path, picture: Path, seed: int, with_others: bool, options: tuple[str, ...] = ("--certify", "0")
+) -> tuple[Answer, dict[str, Said]]:
     """Return what the diagnosis and the other methods say of a folder; they are given nothing else."""
-    drawn_too = ("--plot", str(drive.with_suffix(".svg"))) if find_spec("matplotlib") else ()
-    answer = asked(drive, REPO, "--certify", "0", *drawn_too)
+    drawn_too = ("--plot", str(picture)) if find_spec("matplotlib") else ()
+    answer = asked(drive, REPO, *options, *drawn_too)
     return answer, others(drive, seed) if with_others else {}
 
 
-def both(
-    drives: Sequence[Path], seed: int, jobs: int, with_others: bool
+def all_answers(
+    made: Sequence[World], at_hand: Sequence[Recording], folder: Path, args: argparse.Namespace
 ) -> list[tuple[Answer, dict[str, Said]]]:
-    """Return the answers of all drives, in order; each that is done is told on standard error."""
-    begun = time.monotonic()
-    with concurrent.futures.ProcessPoolExecutor(jobs) as pool:
-        work = [pool.submit(answered, drive, seed, with_others) for drive in drives]
+    """Return the answers to worlds, then to recordings, in order, with progress on standard error.
+
+    Recordings are begun first, since they are longer: so no core waits for the last of them."""
+    begun, with_others = time.monotonic(), not args.no_others
+    with concurrent.futures.ProcessPoolExecutor(args.jobs) as pool:
+        of_recordings = [
+            pool.submit(answered, one.drive, picture_of(one, folder), args.seed, False, one.options)
+            for one in at_hand
+        ]
+        of_worlds = [
+            pool.submit(answered, one.drive, picture_of(one, folder), args.seed, with_others) for one in made
+        ]
+        work = [*of_worlds, *of_recordings]
         for done, one in enumerate(concurrent.futures.as_completed(work), 1):
             one.result()
             spent = time.monotonic() - begun
@@ -269,53 +317,45 @@ def both(
         return [one.result() for one in work]
 
 
-def recorded(seed: int, folder: Path) -> list[Row]:
-    """Return the rows of recordings that are at hand: what is known of them, or an effect injected."""
-    rows: list[Row] = []
-    for name in ("van-mountain-a", "van-mountain-b"):
-        drive = RECORDINGS / name
-        if drive.is_dir():
-            rows.append(known(name, "road_grade (a mountain road)", drive, lambda n: n == "road_grade"))
-    signals = RECORDINGS.parent / "dynamics" / "ferrari-250lm"
-    if signals.is_dir():
-        passed = ("--baseline", "single-track")
-        rows.append(known("ferrari-250lm", "tyres on the limit", signals, TYRES.__contains__, *passed))
-    source = RECORDINGS / "van-motorway-a"
-    if source.is_dir():
-        rng = np.random.default_rng([seed, 47])
-        effect = str(rng.choice(("centrifugal_growth", "gnss_latency", "radius_change")))
-        target = folder / "injected"
-        real_drives.cut(source, target, rng)
-        sealed = seal(real_drives.inject(target, effect, rng), rng.bytes(16).hex(), folder / "sealed-i.json")
-        print(f"van-motorway-a: an effect injected and sealed, SHA-256 {sealed.sha256}", flush=True)
-        row = known("van-motorway-a", f"{effect} (injected)", target, lambda n: n == effect)
-        row.sha256 = sealed.sha256
-        row.truth = listed(opened(sealed))
-        row.known = False
-        rows.append(row)
-    return rows
+def picture_of(one: World | Recording, folder: Path) -> Path:
+    """Where the residual's picture of a drive is written."""
+    name = one.name if isinstance(one, Recording) else one.drive.name
+    return folder / f"{name}.svg"
 
 
-def known(name: str, concealed: str, drive: Path, right: Callable[[str], bool], *passed: str) -> Row:
+def known(one: Recording, answer: Answer) -> Row:
     """Return the row of a recording of which a name is known; other findings are not judged."""
-    with tempfile.TemporaryDirectory() as made:
-        out = Path(made) / "report.json"
-        command = [sys.executable, "-m", "tpmsd", "diagnose", str(drive), "--json", str(out), *passed]
-        command += [] if passed else ["--certify", "0"]
-        environment = os.environ | {"PYTHONPATH": str(REPO)}
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            return Row(name, concealed, known=True, named=done.stderr.strip().splitlines()[-1])
-        document = json.loads(out.read_text(encoding="utf-8"))
+    row = Row(one.name, one.concealed, truth="not known in number", known=one.sealed is None)
+    if one.sealed is not None:
+        row.truth, row.sha256 = listed(opened(one.sealed)), one.sealed.sha256
+    if answer.error or answer.document.get("reason"):
+        row.named = answer.error or str(answer.document["reason"])
+        return row
+    document = answer.document
     findings = document["findings"]
-    row = Row(name, concealed, truth="not known in number", known=True)
-    row.named = names_of(findings)
-    row.hit = any(right(each["effect"]) for each in findings)
-    of_interest = [each for each in findings if right(each["effect"])]
+    row.named, row.said = names_of(findings), str(document.get("summary", ""))
+    row.hit = any(each["effect"] in one.right for each in findings)
+    of_interest = [each for each in findings if each["effect"] in one.right]
     row.located, row.value = places(of_interest), numbers(of_interest)
     if "heldout_rms" in document.get("baseline", {}) and "heldout_rms" in document.get("model", {}):
         row.residual = measured(document)
     return row
+
+
+def proven(seed: int, folder: Path, args: argparse.Namespace) -> list[Row]:
+    """Seal all truths, diagnose all drives, then open and score."""
+    made = worlds(seed, folder)
+    at_hand = [] if args.no_recordings else recordings(seed, folder)
+    answers = all_answers(made, at_hand, folder, args)
+    rows = [
+        scored(one.case, one.made, Truth.of(opened(one.sealed)), answer, said, one.sealed.sha256)
+        for one, (answer, said) in zip(made, answers[: len(made)], strict=True)
+    ]
+    rows += [known(one, answer) for one, (answer, _) in zip(at_hand, answers[len(made) :], strict=True)]
+    pictures = [picture_of(each, folder) for each in (*made, *at_hand)]
+    for row, picture in zip(rows, pictures, strict=True):
+        row.picture = picture.read_text(encoding="utf-8") if picture.exists() else ""
+    return rows
 
 
 def printed(rows: Sequence[Row]) -> str:
@@ -356,9 +396,7 @@ def main(args: argparse.Namespace) -> int:
     """Run and print; 1 where a name is wrong."""
     folder = Path(tempfile.mkdtemp(prefix="proof-"))
     try:
-        rows = worlds(args.seed, folder, args.jobs, not args.no_others)
-        if not args.no_recordings:
-            rows += recorded(args.seed, folder)
+        rows = proven(args.seed, folder, args)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     print(printed(rows))
