@@ -24,4 +24,19 @@ static void release(Py_buffer *views, int count)
         PyBuffer_Release(&views[count]);
 }
 
+/* 0 where no array that is written to, of which the first `writable` are, shares memory with another; else -1
+ * with an exception. The code after it is compiled as if they were apart. */
+static int apart(const Py_buffer *views, int count, int writable)
+{
+    for (int i = 0; i < writable; i++)
+        for (int j = i + 1; j < count; j++) {
+            const char *one = views[i].buf, *other = views[j].buf;
+            if (one < other + views[j].len && other < one + views[i].len) {
+                PyErr_SetString(PyExc_ValueError, "an array that is written to shares memory with another");
+                return -1;
+            }
+        }
+    return 0;
+}
+
 #endif

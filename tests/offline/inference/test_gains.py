@@ -123,3 +123,12 @@ def test_more_states_than_the_compiled_code_has_room_for() -> None:
     with pytest.raises(ValueError, match="do not belong together"):
         compiled_gains(*given, True)
     assert_alike(array_gains(*given, True), gains.gains(*given, True))
+
+
+def test_arrays_that_share_memory_are_refused() -> None:
+    """A sum that would be written over what it adds is refused before it is begun."""
+    assert gains.compiled is not None
+    step, added = np.full((3, 4, 4), 0.1), np.ones((3, 4, 2))
+    with pytest.raises(ValueError, match="shares memory"):
+        gains.compiled.chain(added, np.empty((4, 2)), step, added)
+    assert (added == 1.0).all()

@@ -318,3 +318,30 @@ def test_arrays_of_another_layout_are_refused(fast: BankKernel) -> None:
         with pytest.raises((ValueError, BufferError)):
             fast.update(odd, measurements.Scalar(np.zeros(40), np.zeros(18), 1.0), None, square_weights)
         np.testing.assert_array_equal(odd.mean, before)
+
+
+@pytest.mark.parametrize("frozen_from", [float("nan"), -1.0, 1e300, float("inf")])
+@pytest.mark.usefixtures("fast")
+def test_a_row_that_is_no_row_is_refused(frozen_from: float) -> None:
+    """A first frozen state that is no index of the state, NaN included, raises ValueError."""
+    assert compiled is not None
+    bank = some_bank(40, 4, 1)
+    before = bank.mean.copy()
+    mean, covariance = bank.state, bank.spread
+    given = (mean, covariance, bank.log_weights, np.zeros(40), np.zeros(len(mean)))
+    for update in (compiled.update, compiled.update_half):
+        with pytest.raises(ValueError, match="do not belong together"):
+            update(*given, 1.0, frozen_from, 1e9, 4.0)
+    np.testing.assert_array_equal(bank.mean, before)
+
+
+@pytest.mark.usefixtures("fast")
+def test_arrays_that_share_memory_are_refused() -> None:
+    """An array that is written to while another of the call reads it raises ValueError."""
+    assert compiled is not None
+    bank = some_bank(40, 4, 1)
+    mean, covariance = bank.state, bank.spread
+    for innovation, row in ((bank.log_weights, np.zeros(len(mean))), (np.zeros(40), mean)):
+        given = (mean, covariance, bank.log_weights, innovation, row)
+        with pytest.raises(ValueError, match="shares memory"):
+            compiled.update(*given, 1.0, float(len(mean)), 1e9, 4.0)

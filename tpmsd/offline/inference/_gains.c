@@ -24,6 +24,10 @@ static int get_all(PyObject *const *objects, Py_ssize_t given, Py_buffer *views,
             release(views, i);
             return -1;
         }
+    if (apart(views, count, writable) < 0) {
+        release(views, count);
+        return -1;
+    }
     return 0;
 }
 

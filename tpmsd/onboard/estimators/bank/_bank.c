@@ -35,6 +35,10 @@ static int get_all(PyObject *const *objects, Py_buffer *views, const int *dimens
             release(views, i);
             return -1;
         }
+    if (apart(views, count, writable) < 0) {
+        release(views, count);
+        return -1;
+    }
     return 0;
 }
 
@@ -454,12 +458,18 @@ static PyObject *update_by(update_of_tile measured, PyObject *const *args, Py_ss
             return NULL;
         }
     }
-    Py_ssize_t n = views[0].shape[0], count = views[0].shape[1], frozen_from = (Py_ssize_t)values[1];
+    if (apart(views, 5, 3) < 0) {
+        release(views, 5);
+        return NULL;
+    }
+    Py_ssize_t n = views[0].shape[0], count = views[0].shape[1];
     if (!is_bank(&views[0], &views[1]) || views[2].shape[0] != count || views[3].shape[0] != count ||
-        views[4].shape[0] != n || (row_each && views[4].shape[1] != count) || frozen_from < 0 || frozen_from > n) {
+        views[4].shape[0] != n || (row_each && views[4].shape[1] != count) ||
+        !(values[1] >= 0.0 && values[1] <= (double)n)) { /* also what is no number, which has no integer */
         release(views, 5);
         return odd("the arrays do not belong together");
     }
+    Py_ssize_t frozen_from = (Py_ssize_t)values[1];
     struct scalar s = {values[0], values[2], values[3]};
     for (Py_ssize_t from = 0; from < count; from += TILE)
         measured(&s, views[0].buf, views[1].buf, views[2].buf, views[3].buf, views[4].buf, row_each ? count : 1,
