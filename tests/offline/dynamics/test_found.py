@@ -234,6 +234,23 @@ def test_a_finished_model_stands_still(root: str) -> None:
     assert before == pytest.approx(0.03, abs=1.5e-3)
 
 
+def test_a_model_whose_fit_runs_away_is_left_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A matrix that a runaway fit leaves singular ends the step and not the diagnosis."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=20.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
+    before = (search.at, search.noise, search.error)
+    term = term_of(make_dynamics_effect("yaw_inertia_error", relative=0.1), baseline)
+
+    def away(rounds: int = 3) -> None:
+        raise np.linalg.LinAlgError("not positive definite")
+
+    monkeypatch.setattr(search, "fit", away)
+    assert not search.attempt([term])
+    assert search.terms == [] and (search.at, search.noise, search.error) == before
+
+
 def test_a_name_is_no_surer_than_the_part_of_the_error_that_it_explains() -> None:
     """An error of 3 variances beyond the noise falls to 1: odds of 1 to 2; noise alone takes nothing off."""
     rng = np.random.default_rng(4)

@@ -247,12 +247,18 @@ class Search:
         return False
 
     def attempt(self, terms: list[Term]) -> bool:
-        """Take these terms, fitted, as the model if it predicts no worse; else leave the model as it is."""
+        """Take these terms, fitted, as the model if it predicts no worse; else leave the model as it is.
+
+        A model without a path, such as one whose fit ran away, is no model."""
         before = (self.terms, self.at, self.noise, self.floor, self.error)
         self.terms = [_inside(term) for term in terms]
-        self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
-        self.fit()
-        self.error = self.prediction_error()
+        try:
+            self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
+            self.fit()
+        except np.linalg.LinAlgError:
+            self.error = np.inf
+        else:
+            self.error = self.prediction_error()
         if self.error <= before[-1] + SETTINGS.most_worse:
             return True
         self.terms, self.at, self.noise, self.floor, self.error = before

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import concurrent.futures
+import itertools
 import shutil
 import sys
 import tempfile
@@ -42,6 +43,8 @@ from bench.worlds.folder import write_folder
 ORIGINS = ("kinematic", "receiver", "mems", "latched")
 """Worlds that need no package beyond the program's own."""
 DRIVES = 6
+LAP_S = 100.0
+"""Of the car on the race track: hard driving in several bends."""
 SURE = 0.9
 """Confidence above which a wrong name is wrong whatever stands beside it."""
 TYRES = frozenset(
@@ -266,7 +269,8 @@ def recordings(seed: int, folder: Path) -> list[Recording]:
     signals = RECORDINGS.parent / "dynamics" / "ferrari-250lm"
     if signals.is_dir():
         options = ("--baseline", "single-track")
-        at_hand.append(Recording("ferrari-250lm", "tyres on the limit", signals.resolve(), TYRES, options))
+        piece = begun(signals, folder / signals.name)
+        at_hand.append(Recording(signals.name, "tyres on the limit", piece, TYRES, options))
     source = RECORDINGS / "van-motorway-a"
     if source.is_dir():
         rng = np.random.default_rng([seed, 47])
@@ -278,6 +282,17 @@ def recordings(seed: int, folder: Path) -> list[Recording]:
         names = frozenset({effect})
         at_hand.append(Recording(source.name, f"{effect} (injected)", target, names, sealed=sealed))
     return at_hand
+
+
+def begun(signals: Path, folder: Path) -> Path:
+    """Copy the first `LAP_S` of a drive of vehicle dynamics, as much as is diagnosed in half a minute."""
+    folder.mkdir()
+    shutil.copy(signals / "vehicle.toml", folder)
+    with (signals / "signals.csv").open(encoding="utf-8") as whole:
+        head = next(whole)
+        rows = itertools.takewhile(lambda row: float(row.partition(",")[0]) < LAP_S, whole)
+        (folder / "signals.csv").write_text(head + "".join(rows), encoding="utf-8")
+    return folder
 
 
 def answered(
