@@ -33,7 +33,7 @@ _MOST_NOTES = 8
 
 @dataclass(frozen=True, slots=True)
 class CheckResult:
-    """All that was found."""
+    """Problems and warnings of a configuration file, and the plan that follows from it."""
 
     file: Path
     problems: tuple[Problem, ...]

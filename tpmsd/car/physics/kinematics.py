@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 
 @dataclass(frozen=True, slots=True)
 class WheelPositions:
-    """Positions of the wheels."""
+    """Tracks and wheelbase of a car, m."""
 
     track_front_m: float
     track_rear_m: float

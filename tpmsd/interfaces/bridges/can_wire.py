@@ -57,7 +57,7 @@ def _attributes(data: bytes) -> dict[int, bytes]:
 
 
 class CanWire:
-    """One bus."""
+    """Open CAN bus on which a bridge sends frames."""
 
     def __init__(self, interface: str, channel: str, log: logging.Logger) -> None:
         """ConfigError for a SocketCAN interface that is not virtual. A bus that is not there may come."""

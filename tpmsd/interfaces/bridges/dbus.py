@@ -42,7 +42,7 @@ INTROSPECTION = f"""<!DOCTYPE node PUBLIC "-//freedesktop//DTD D-BUS Object Intr
 
 
 class DbusBridge:
-    """One bus, one daemon."""
+    """Bridge from the status of one daemon to the signals and properties of one D-Bus."""
 
     def __init__(self, bus: str, log: logging.Logger) -> None:
         """`bus`: 'system', 'session' or an address such as 'unix:path=/run/bus'.

@@ -66,7 +66,7 @@ def tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> 
 
 
 class MqttBridge:
-    """One broker, one daemon."""
+    """Bridge from the status of one daemon to the topics of one MQTT broker."""
 
     def __init__(self, settings: MqttSettings, log: logging.Logger) -> None:
         """ConfigError where paho-mqtt is not installed."""

@@ -68,7 +68,7 @@ class Topics:
 
 
 class Announcer:
-    """Turns summaries into messages."""
+    """Retained state and single events as MQTT messages, from one summary after the other."""
 
     def __init__(self, topics: Topics, period_s: float) -> None:
         """`period_s`: period at which numbers are sent while nothing else changes."""

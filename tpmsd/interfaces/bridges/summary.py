@@ -19,7 +19,7 @@ NOT_WELL = ("down", "silent", "waiting")
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One alarm that stands."""
+    """Standing alarm of the status document, with its wheel, host time (s) and deviation (mm)."""
 
     kind: str
     wheel: str | None
@@ -37,7 +37,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class WheelSummary:
-    """One wheel."""
+    """State of one wheel in the status document, with deviation and change of its radius (mm)."""
 
     name: str
     state: str

@@ -38,7 +38,7 @@ def pressure_low(summary: DaemonSummary) -> dict[str, bool | None]:
 
 
 class VssBridge:
-    """One databroker, one daemon."""
+    """Bridge from the status of one daemon to the VSS signals of one databroker."""
 
     def __init__(self, settings: DatabrokerSettings, log: logging.Logger, period_s: float = 10.0) -> None:
         """Send all values again every `period_s`. ConfigError as `DatabrokerConnection` has it."""

@@ -31,7 +31,7 @@ ORDINARY = frozenset({NotSent.NO_VALUE, NotSent.NOT_RENEWED})
 
 
 class VssInput:
-    """One databroker, one bus."""
+    """Bridge from the VSS signals of one databroker to frames on one CAN bus."""
 
     def __init__(self, settings: DatabrokerSettings, wire: CanWire, log: logging.Logger) -> None:
         """ConfigError as `DatabrokerConnection` has it."""

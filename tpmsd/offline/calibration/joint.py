@@ -79,7 +79,7 @@ SLANT = 0.01
 
 @dataclass(frozen=True)
 class WhitenedEquations:
-    """One drive's whitened equations."""
+    """Equations of one drive, whitened: k blocks of nine for p parameters, with the noise they assume."""
 
     y: FloatArray
     """(k, 9)"""
@@ -93,7 +93,7 @@ class WhitenedEquations:
 
 @dataclass(frozen=True)
 class JointFit:
-    """Result of the iteration."""
+    """Parameters and covariance that the iteration over all drives ended with, and why it stopped."""
 
     vehicle: Vehicle
     names: tuple[str, ...]

@@ -48,7 +48,7 @@ class PaperSettings:
 
 @dataclass(frozen=True)
 class PaperFit:
-    """Result of the iteration."""
+    """Radii of the published iteration (m), their jackknife deviations, and why it stopped."""
 
     vehicle: Vehicle
     std_m: FloatArray

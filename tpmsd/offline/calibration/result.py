@@ -13,7 +13,7 @@ from tpmsd.foundation.plain import brief
 
 @dataclass(frozen=True, slots=True)
 class WheelResult:
-    """One wheel."""
+    """Rolling radius of one wheel and its standard deviation, m."""
 
     radius_m: float
     radius_std_m: float

@@ -35,7 +35,7 @@ class Role:
 @brief
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """The wheels."""
+    """Signals that are the wheels, with the probabilities of sides and axles."""
 
     kind: str
     """'counts' or 'speeds'."""

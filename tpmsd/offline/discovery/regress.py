@@ -17,7 +17,7 @@ _ROUNDS = 6
 
 @dataclass(frozen=True, slots=True)
 class RegressionFit:
-    """One regression."""
+    """Coefficients (k,) of a linear regression with covariance (k, k), rms residual and number of rows."""
 
     value: FloatArray
     """(k,)"""

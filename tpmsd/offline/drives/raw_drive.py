@@ -26,7 +26,7 @@ _WANTED = "a drive is one folder, or two files, its CAN log and its NMEA log"
 
 @dataclass(frozen=True)
 class RawDrive:
-    """Contents of a drive."""
+    """Frames and fixes of a drive as recorded, before a configuration says what they mean."""
 
     can_log: Path
     nmea_log: Path

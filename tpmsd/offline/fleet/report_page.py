@@ -28,7 +28,7 @@ _ORDER = {"now": 0, "soon": 1, "look": 2}
 
 @dataclass(frozen=True)
 class ModelView:
-    """Findings for one model."""
+    """Tables of the report's page about one model of car."""
 
     title: str
     findings: HtmlTable

@@ -28,7 +28,7 @@ from tpmsd.offline.tables.extras import need
 
 @dataclass(frozen=True)
 class Tally:
-    """Progress of a run."""
+    """Drives done and to do of a run, its seconds so far, and how many drives had which outcome."""
 
     done: int
     total: int

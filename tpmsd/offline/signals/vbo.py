@@ -103,7 +103,7 @@ _ALIKE = {"latitude": _LATITUDE, "longitude": _LONGITUDE, "lon": _LONGITUDE, "sa
 
 @dataclass(frozen=True)
 class VboTable:
-    """Contents of a file."""
+    """Columns of a Racelogic VBO file in SI units, and their names in the file."""
 
     columns: dict[str, FloatArray]
     """(n,) each, NaN where there is no value; rows in the order of time."""

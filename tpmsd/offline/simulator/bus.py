@@ -43,7 +43,7 @@ _BRAKE_PA_PER_MPS2 = 8e5
 
 @dataclass(frozen=True)
 class BusSpec:
-    """The bus's qualities."""
+    """Kind of wheel signal on the simulated bus, how many wheels it has, and its errors in time."""
 
     kind: str = "counts16"
     wheels: int = 4

@@ -38,7 +38,7 @@ LIMITS = {
 
 @dataclass(frozen=True, slots=True)
 class ManoeuvrePart:
-    """Part of a manoeuvre."""
+    """Seconds of driving with a constant curvature and slope towards a speed."""
 
     duration_s: float
     speed_mps: float

@@ -25,7 +25,7 @@ _LANE_M = 3.5
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """Style of driving."""
+    """Accelerations (m/s2) that a simulated driver uses along, and across in bends."""
 
     accel_mps2: float = 1.8
     """Acceleration from standstill; falls with speed as an engine's power demands."""

@@ -13,7 +13,7 @@ from tpmsd.foundation.wheels import WHEELS
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """One column."""
+    """Name, unit and meaning of one column of the table of ticks."""
 
     name: str
     """Name with the unit as suffix."""

@@ -28,7 +28,7 @@ _POSITIONS = (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north"))
 
 @dataclass
 class GuessedColumn:
-    """A role's column."""
+    """Column of a table that a role is probably read from, with unit, scale and the reason."""
 
     name: str
     why: str

@@ -36,7 +36,7 @@ _TABLE_KEYS = ("time", "time_unit")
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """One role's column."""
+    """Column that a role is read from, and how its numbers become SI values."""
 
     column: str
     unit: str | None = None

@@ -36,7 +36,7 @@ class RecordingError(TpmsdError):
 
 @dataclass(slots=True)
 class RecordingProgress:
-    """Data recorded so far."""
+    """Frames, identifiers, sentences and bytes recorded so far, with the last speed and fix quality."""
 
     frames: int = 0
     identifiers: set[int] = field(default_factory=set)

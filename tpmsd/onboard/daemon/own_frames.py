@@ -21,7 +21,7 @@ from tpmsd.onboard.sources.can.frame import CanFrame
 
 
 class OwnFrames:
-    """Both, for one daemon."""
+    """Frames that the daemon sends: its configured outputs, and its questions by OBD."""
 
     def __init__(self, config: Config, database: Database, log: logging.Logger) -> None:
         """ConfigError for an output that does not fit."""

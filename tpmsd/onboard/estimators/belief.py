@@ -95,7 +95,7 @@ class Moment(NamedTuple):
 
 
 class RolledTick(NamedTuple):
-    """The rear wheels turned."""
+    """Rotation of the wheels within a tick, and the motion that nominal radii make of it."""
 
     moment: Moment
     angle_rad: FloatArray

@@ -37,7 +37,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One filter."""
+    """Pieces and gates that make one filter of the table."""
 
     pieces: SampledPieces | GaussianPieces | MixturePieces | MarginalPieces
     gates: Gates = GATED

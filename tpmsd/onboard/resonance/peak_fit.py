@@ -46,7 +46,7 @@ BINS_ABOVE = 3
 
 @dataclass(frozen=True, slots=True)
 class Peak:
-    """Resonance in a spectrum."""
+    """Likelihoods of a torsional resonance in one spectrum, by frequency (Hz) and damping."""
 
     log_likelihood: FloatArray
     """(len(FREQUENCY_HZ), len(DAMPING)) log likelihood against that of a spectrum without resonance."""

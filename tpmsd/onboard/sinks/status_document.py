@@ -32,7 +32,7 @@ from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 
 
 class SourceState(StrEnum):
-    """State of an input."""
+    """State of an input in the status document: the bus, or the receiver."""
 
     OFF = "off"
     """Input that is not configured."""
@@ -65,7 +65,7 @@ class SourceHealth:
 
 @dataclass(frozen=True, slots=True)
 class LoopHealth:
-    """The event loop."""
+    """Seconds, ticks and late ticks of the daemon's event loop since it started."""
 
     uptime_s: float
     ticks: int

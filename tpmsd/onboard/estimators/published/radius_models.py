@@ -200,7 +200,7 @@ def keep_apart(state: NormalInverseWishart, floor: float) -> None:
 
 @dataclass(slots=True)
 class Walkers:
-    """State of `WalkingRadii`."""
+    """Mean and variance (m, m2) of both rear radii in each of N particles of `WalkingRadii`."""
 
     mu: FloatArray
     """(2, N) m."""

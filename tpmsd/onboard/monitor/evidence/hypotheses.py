@@ -88,7 +88,7 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result of the comparison."""
+    """Posterior probabilities of d wheels' losses and of s sets of wheels of another size."""
 
     deflated: FloatArray
     """(d,) probability that the wheel is deflated: a loss from the threshold on counts in full, a smaller one

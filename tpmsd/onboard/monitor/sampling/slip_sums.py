@@ -26,7 +26,7 @@ class SlipSecond(NamedTuple):
 
 
 class Slope(NamedTuple):
-    """Slip slope by windows."""
+    """Slip per acceleration (s2/m) with its variance, from sums over windows of driving."""
 
     slip_s2pm: float
     """Slip per m/s2, and ..."""

@@ -30,7 +30,7 @@ _MERGED = 9
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One drive."""
+    """Differences between radii (m) that one drive measured, with their variances and its day."""
 
     day: float
     """Days since the epoch of the host's clock."""

@@ -25,7 +25,7 @@ CLOCK_STEP_S = 1.0
 
 
 class FrameVerdict(IntEnum):
-    """Treatment of a frame."""
+    """Treatment of a frame by its time stamp: used, or the reason why not."""
 
     USE = 0
     LATE = 1

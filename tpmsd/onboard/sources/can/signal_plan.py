@@ -70,7 +70,7 @@ class BitField:
 
 @dataclass(frozen=True, slots=True)
 class SignalPlan:
-    """One needed signal."""
+    """Bits of a frame that a role is read from, and how they become an SI value."""
 
     role: str
     signal: str
