@@ -158,6 +158,8 @@ class RefinementSettings:
     """Splines over covariates that are held, on their best knots, against what is best over time."""
     rounds: int = 4
     """Grids of trial values, each two and a half times finer."""
+    drift_rounds: int = 4
+    """Rounds in which ramps and radius drift are fitted in turn: after three the likelihood rises no more."""
     best: int = 3
     """Candidates among which a spline is looked for."""
     levels: tuple[int, ...] = (1, 2, 4)
@@ -192,6 +194,11 @@ class AssessmentSettings:
     """Prior standard deviations of a column's value that are tried, as powers of ten of its own noise."""
     interval_nats: float = 1.92
     """Fall of the log-likelihood at the ends of a 95 % interval (Wilks 1938)."""
+    ramp_reach_s: tuple[float, float] = (0.5, 120.0)
+    """Least and greatest change of a ramp's begin or end at which its likelihood is taken: half a window, and
+    beyond what any drive with a finding left open."""
+    ramp_nodes: int = 18
+    """Number of such changes to either side, each 1.4 times the one before."""
     halvings: int = 4
     """Fraction of the span in which an onset's interval ends: to a sixteenth of it."""
     firsts: int = 19

@@ -18,6 +18,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
+from tpmsd.offline.diagnosis.refinement.with_drift import with_drift
 from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.drifting import drifting
@@ -124,6 +125,16 @@ def move_origin(state: State) -> State:
     return replace(state, study=relinearised(state.study, state.chosen))
 
 
+def ramps_and_drift(state: State) -> State:
+    """Fit the changes of radii that were chosen and the radius drift jointly, where one drive shows any."""
+    if state.study.simulation:
+        return state
+    study, terms = with_drift(state.study, [one.term for one in state.chosen.chosen])
+    evidence = study.evidence()
+    design = Selector(evidence, study.hypotheses).design(terms)
+    return replace(state, study=study, design=design, evidence=evidence)
+
+
 def verdict(state: State) -> State:
     """Choose for the last time, by the rules of a verdict."""
     study, evidence = state.study.copied(), _present(state)
@@ -163,7 +174,7 @@ ALTERNATIVES: tuple[Alternative, ...] = (
 STAGES: tuple[Callable[[State], State], ...] = (
     *(first_noise, plain_shapes, choose, down_weight, move_origin),
     *(second_noise, choose, down_weight, move_origin),
-    *(last_noise, verdict, other_noise),
+    *(last_noise, ramps_and_drift, verdict, other_noise),
 )
 
 

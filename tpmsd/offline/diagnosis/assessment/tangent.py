@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.ramp_interval import is_linear_ramp, ramp_stds
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, refined
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -47,7 +48,10 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
         out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
     start = study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
-        if any(owned == k for owned, *_ in owner):
+        if is_linear_ramp(one.term):
+            beside = [slope for slope, (owned, *_) in zip(tangents, owner, strict=True) if owned != k]
+            out[k] = ramp_stds(study, selection, k, beside)
+        elif any(owned == k for owned, *_ in owner):
             out[k][one.term.parameters[0]] = float(std[start])
         start += one.term.design.shape[1]
     return out

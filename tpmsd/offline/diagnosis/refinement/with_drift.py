@@ -1,0 +1,76 @@
+"""Refines changes of radii and the radius drift jointly.
+
+In: a study of one drive and terms. Out: the study with exact ramps and the drift that is likeliest beside
+them, and the terms.
+
+A ramp that is some seconds off leaves a residual that passes for drift, and beside much drift its likeliest
+course is another one: single steps between the two end at a local maximum. So both are fitted in turn until
+the likelihood rises no more, from the drift that was estimated and from the usual one, and the likelier
+end counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tpmsd.offline.diagnosis.assessment.simulated import widened
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.refine import exact
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.noise import PRIORS, Noise
+from tpmsd.offline.inference.noise_fit import NEAR_NATS, WANDER, log_posterior, refit
+
+
+def with_drift(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
+    """Return the study with its ramps exact under the likeliest drift, and the terms; both as they are where
+    there is no ramp, or not one drive alone.
+    """
+    if len(study.drives) > 1 or not any(term.ramp for term in terms):
+        return study, list(terms)
+    noise = study.drives[0].noise
+    usual = replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
+    ends = [_in_turn(study, terms, start) for start in (noise, usual)]
+    _, found, refined = max(ends, key=lambda end: end[0])
+    return found, refined
+
+
+def _in_turn(study: Study, terms: Sequence[Term], start: Noise) -> tuple[float, Study, list[Term]]:
+    """Return the log posterior, the study and the terms where ramps and drift are fitted in turn from a
+    noise."""
+    study, now, before = study.copied().under({0: start}), list(terms), -math.inf
+    best = (-math.inf, study, now)
+    for _ in range(SETTINGS.refinement.drift_rounds):
+        study, now = _exact_ramps(study, now)
+        drive = study.drives[0]
+        windows = drive.reader.windows
+        columns = drive.believed(Selector(study.evidence(), study.hypotheses).design(now))
+        noise = refit(windows, columns, drive.noise, drive.inflate, WANDER)
+        score = log_posterior(windows, columns, noise, drive.inflate)
+        study = study.under({0: noise})
+        if score > best[0]:
+            best = (score, study, now)
+        if score - before < NEAR_NATS:
+            break
+        before = score
+    return (best[0], best[1], [_wide(term, best[1]) for term in best[2]])
+
+
+def _exact_ramps(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
+    """Return the study with a column for each ramp at its likeliest course under the present noise, one after
+    the other."""
+    now, study = list(terms), study.copied()
+    for k, term in enumerate(now):
+        if term.ramp:
+            evidence = study.evidence()
+            others = Selector(evidence, study.hypotheses).design([*now[:k], *now[k + 1 :]])
+            now[k] = exact(study, evidence, others, term)
+            now = [_wide(one, study) for one in now]
+    return study, now
+
+
+def _wide(term: Term, study: Study) -> Term:
+    return replace(term, design=widened(term.design, study.hypotheses.width))
