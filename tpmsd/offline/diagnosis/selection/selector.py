@@ -295,7 +295,7 @@ class Selector(Candidates):
                 better = [
                     terms
                     for net, terms in self.candidates(rest)[:4]
-                    if net > now + SETTINGS.selection.exchange_nats
+                    if self._is_better(rest, (net, terms[0]), (now, chosen[k]))
                 ]
                 better = [terms for terms in better if self._stays([*rest, *terms])]
                 if better:
@@ -305,6 +305,19 @@ class Selector(Candidates):
             if not improved:
                 break
         return chosen
+
+    def _is_better(self, rest: list[Term], other: tuple[float, Term], one: tuple[float, Term]) -> bool:
+        """Return whether another term is better than one in its place beside the rest; penalised gains (nats)
+        and terms.
+
+        A description and an effect of the catalogue are compared as either is added: by what is left of their
+        gains where they are divided by their block-wise variance.
+        """
+        if one[1].free != other[1].free:
+            now, then = (self.studentised(rest, term, net) for net, term in (one, other))
+            better = then > now + SETTINGS.selection.exchange_nats
+            return better and (one[1].free or other[0] > one[0] + SETTINGS.selection.exchange_nats)
+        return other[0] > one[0] + SETTINGS.selection.exchange_nats
 
     def _stays(self, terms: list[Term]) -> bool:
         """Return whether the last of some terms may stand beside the others and a backward step keeps it.

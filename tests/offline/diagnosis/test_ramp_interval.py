@@ -1,0 +1,73 @@
+"""Intervals of a change of a radius by the joint likelihood of its onset, duration and size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.offline.diagnosis.test_accounts import drifting
+from tpmsd.offline.diagnosis.assessment.ramp_interval import _pairs, ramp_stds
+from tpmsd.offline.diagnosis.hypotheses.response import ramp_column
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.drive_study import Refined
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.with_drift import with_drift
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.inference.noise_fit import log_posterior, refit_wander
+
+
+def test_a_ramp_is_the_weighted_sum_of_ramps_between_neighbours() -> None:
+    """Ramp and step between any two nodes, at any time."""
+    nodes = np.array([0.0, 2.0, 3.0, 7.0])
+    pairs = _pairs(nodes, 2.0, 7.0)
+    times = np.linspace(-1.0, 9.0, 41)
+    steps = (times[:, None] >= nodes).astype(float)
+    ramps = np.clip((times[:, None] - nodes[:-1]) / np.diff(nodes), 0.0, 1.0)
+
+    assert (2.0, 7.0) == (pairs.begin_s[0], pairs.end_s[0])
+    for begin, end, weights in zip(pairs.begin_s, pairs.end_s, pairs.weights, strict=True):
+        ramp = (times - begin) / max(end - begin, 1e-9)
+        expected = np.clip(ramp, 0.0, 1.0) if end > begin else (times >= begin).astype(float)
+        assert np.concatenate([steps, ramps], axis=1) @ weights == pytest.approx(expected)
+
+
+def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() -> None:
+    """-3 mm from 100 to 160 s, first taken for a step, beside a drift of 0.4 mm.
+
+    Ramp and drift fitted in turn are likelier than the step by far, and the interval of each of the three
+    values holds the true one.
+    """
+    study = Study(admitted([drifting(-3e-3)])[0])
+    drive = study.drives[0]
+    windows = drive.reader.windows
+    step = ramp_column(drive.reader, 2, (122.0, 0.0))
+    place = study.append([(_step(122.0), {0: step})])[0]
+    study.hypotheses.add_ramp("rl", (122.0, 122.0), place)
+    term = study.hypotheses.catalogue[-1]
+    plain = drive.believed(Selector(study.evidence(), study.hypotheses).design([term]))
+    noise = refit_wander(windows, plain, replace(drive.noise, wander=1e-3), None)
+    before = log_posterior(windows, plain, noise, None)
+
+    found, terms = with_drift(study.under({0: noise}), [term])
+    evidence = found.evidence()
+    selector = Selector(evidence, found.hypotheses, last=True)
+    here = found.drives[0]
+    after = log_posterior(windows, here.believed(selector.design(terms)), here.noise, None)
+    selection = selector.judged(terms)
+    stds = ramp_stds(found, selection, 0, [])
+
+    one = selection.chosen[0]
+    begin, end = one.term.span_s
+    assert after > before + 10.0
+    assert begin == pytest.approx(100.0, abs=1.96 * stds["onset_s"])
+    assert end - begin == pytest.approx(60.0, abs=1.96 * stds["duration_s"])
+    assert one.values[0] == pytest.approx(-3e-3, abs=1.96 * stds["deviation_m"])
+    assert stds["onset_s"] > 3.0
+    assert 60.0 > stds["duration_s"] > 3.0
+    assert stds["deviation_m"] >= one.stds[0]
+
+
+def _step(at: float) -> Refined:
+    return Refined((2,), at)
