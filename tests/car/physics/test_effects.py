@@ -79,6 +79,14 @@ def test_the_outer_wheels_shrink_in_a_bend(yaw_rate: float, outer: tuple[int, in
     assert pytest.approx(expected) == change
 
 
+def test_the_stiffer_axle_in_roll_takes_the_greater_share_of_the_load() -> None:
+    """With d = c / 4 in front the wheels there change by 5 / 4 of c * a_y, those at the rear by 3 / 4."""
+    made = make_effect("load_transfer_lateral", coefficient=4e-5, front_more=1e-5)
+    change = made.radius_change_m(steady(20.0, 0.1), car())[0]
+
+    assert pytest.approx(np.array([1e-4, -1e-4, 6e-5, -6e-5])) == change
+
+
 @pytest.mark.parametrize(
     ("driven", "wheels"), [("front", (FL, FR)), ("rear", (RL, RR)), ("all", (FL, FR, RL, RR))]
 )
