@@ -5,7 +5,9 @@
 In: drive folders. Out: a line per case and the shares. Each case is what a stranger does: `tpmsd simulate`
 with `--onto --conceal`, `diagnose`, `unseal --untouched`. The program draws what the drive can show by its
 own noise (twice the size that `not_detectable` of the untouched drive states, or more), and not what the
-diagnosis finds. A drive that can show nothing is no case.
+diagnosis finds. A drive that can show nothing is no case. A name above 0.9 that nobody concealed, and that
+the report of the untouched recording does not hold, is fitted to that recording at its own place: `of the
+recording` is what stands there beyond chance and with the same value.
 """
 
 from __future__ import annotations
@@ -18,8 +20,10 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from bench.campaigns.offline.of_the_recording import examined, paired
 from bench.places import RECORDINGS
 from bench.statistics import percent, share
+from tpmsd.interfaces.cli.diagnose import read_recording
 from tpmsd.interfaces.cli.main import main as tpmsd
 
 NAMES = (
@@ -50,7 +54,17 @@ def case(drive: Path, count: int, seed: int, untouched: Path, folder: Path) -> d
     if quietly("unseal", out, "--with", report, "--untouched", untouched, "--json", score) != 0:
         raise RuntimeError(f"{out} cannot be unsealed")
     document: dict[str, Any] = json.loads(score.read_text(encoding="utf-8"))
-    return {"drive": drive.name, "case_seed": seed, **document}
+    own = of_the_recording(drive, out, document) if document["wrong"] else []
+    return {"drive": drive.name, "case_seed": seed, **document, "of_the_recording": own}
+
+
+def of_the_recording(drive: Path, out: Path, document: dict[str, Any]) -> list[str]:
+    """Those of the wrong names that the untouched recording holds with the same value."""
+    found = [examined(read_recording(folder)) for folder in (drive, out)]
+    concealed = document["concealed"][0]
+    wheel = str(concealed["parameters"].get("wheel", {}).get("concealed", ""))
+    held = {one.effect for one in paired(found[0], found[1], concealed["effect"], wheel) if one.own}
+    return [one["effect"] for one in document["others"] if one["wrong"] and one["effect"] in held]
 
 
 def line_of(row: dict[str, Any]) -> str:
@@ -65,8 +79,9 @@ def line_of(row: dict[str, Any]) -> str:
         place = f"place {one['rank']}" if one["named"] else "missed"
         parts.append(f"{one['effect']} ({values}): {place}")
     wrong = [one["effect"] for one in row["others"] if one["wrong"]]
+    own = f" (of the recording: {' '.join(row['of_the_recording'])})" if row["of_the_recording"] else ""
     return f"{row['drive']} seed {row['case_seed']}: {'; '.join(parts)}" + (
-        f"; wrong: {' '.join(wrong)}" if wrong else ""
+        f"; wrong: {' '.join(wrong)}{own}" if wrong else ""
     )
 
 
@@ -95,10 +110,11 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     effects = sum(len(row["concealed"]) for row in rows)
     named, wrong = sum(row["named"] for row in rows), sum(row["wrong"] for row in rows)
     first = sum(row["named_first"] for row in rows)
+    held = sum(len(row["of_the_recording"]) for row in rows)
     values, within = (sum(row[key] for row in rows) for key in ("values", "values_within"))
     print(
         f"{len(rows)} cases: named first {percent(share(first, len(rows)))}, named"
-        f" {percent(share(named, effects))}, wrong above 0.9: {wrong},"
+        f" {percent(share(named, effects))}, wrong above 0.9: {wrong}, of these of the recording {held},"
         f" values in their 95 % interval {percent(share(within, values))}"
     )
     return {"cases": rows}

@@ -25,8 +25,6 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
-_RIDGE = 1e-7
-
 
 def is_linear_ramp(term: Term) -> bool:
     """Return whether a term is a change of a radius at a constant rate, or a step."""
@@ -129,7 +127,7 @@ def _profiled(
         flat = rows.reshape(-1, len(gram))
         gram += flat.T @ flat
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[1:known], 1e-300))
-    inner = gram[1:known, 1:known] * np.outer(scale, scale) + _RIDGE * np.eye(known - 1)
+    inner = gram[1:known, 1:known] * np.outer(scale, scale) + 1e-9 * np.eye(known - 1)
     cross = gram[1:known] * scale[:, None]
     solved = np.linalg.solve(inner, cross[:, known:])
     left = gram[known:, known:] - cross[:, known:].T @ solved
