@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -23,7 +24,13 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
-from tpmsd.offline.diagnosis.robustness.chance import chance, discoveries, tail_probability
+from tpmsd.offline.diagnosis.robustness.chance import (
+    chance,
+    discoveries,
+    enough,
+    p_value,
+    tail_probability,
+)
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.verdict import without
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
@@ -206,6 +213,35 @@ def test_p_values_are_no_smaller_than_replicates_support() -> None:
     assert values.min() == pytest.approx(0.1)
     for level in (0.1, 0.2, 0.3):
         assert np.mean(values <= level + 1e-9) < level + 0.02
+
+
+@pytest.mark.parametrize("most", [19, 199])
+def test_p_values_with_early_stopping_are_those_of_ranks(most: int) -> None:
+    """Of a null value and its replicates every order is as likely, and drawing ends with the third beyond it.
+
+    Each p-value that this can give is then exactly the probability of that p-value or less, whatever the
+    distribution: k + 1 of m + 2 ranks put the next replicate beyond the value.
+    """
+    orders, at = {0: Fraction(1)}, dict[Fraction, Fraction]()
+    for drawn in range(most):
+        further = dict[int, Fraction]()
+        for k, chances in orders.items():
+            beyond = Fraction(k + 1, drawn + 2)
+            for reached, share in ((k + 1, beyond), (k, 1 - beyond)):
+                maxima = [1.0] * reached + [-1.0] * (drawn + 1 - reached)
+                if (enough(0.0, maxima) and reached > k) or drawn + 1 == most:
+                    told = Fraction(p_value(0.0, maxima)[0]).limit_denominator(1000)
+                    at[told] = at.get(told, Fraction(0)) + chances * share
+                else:
+                    further[reached] = further.get(reached, Fraction(0)) + chances * share
+        orders = further
+
+    total = Fraction(0)
+    for told in sorted(at):
+        total += at[told]
+        assert total == told
+    assert min(at) == Fraction(1, most + 1)
+    assert total == 1
 
 
 def test_a_value_that_chance_often_reaches_is_no_discovery() -> None:

@@ -216,6 +216,9 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
     here = column(onset, duration)
 
     def reach(at: float, long: float, most: float) -> float:
+        if is_linear_ramp(term):  # `ramp_stds` takes both ends together
+            return 0.0
+
         def fall(h: float) -> float:
             change = size * (column(onset + at * h, duration + long * h) - here)
             return 0.5 * float(np.sum(drive.whitened(change[:, :, None]) ** 2))

@@ -32,8 +32,10 @@ def with_drift(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
     if len(study.drives) > 1 or not any(term.ramp for term in terms):
         return study, list(terms)
     noise = study.drives[0].noise
-    usual = replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
-    ends = [_in_turn(study, terms, start) for start in (noise, usual)]
+    starts = [noise]
+    if noise.wander >= SETTINGS.robustness.drifts_from:
+        starts.append(replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0]))
+    ends = [_in_turn(study, terms, start) for start in starts]
     _, found, refined = max(ends, key=lambda end: end[0])
     return found, refined
 
