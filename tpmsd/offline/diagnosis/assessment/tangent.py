@@ -48,12 +48,22 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
         out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
     start = study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
-        if is_linear_ramp(one.term):
-            beside = [slope for slope, (owned, *_) in zip(tangents, owner, strict=True) if owned != k]
-            out[k] = ramp_stds(study, selection, k, beside)
-        elif any(owned == k for owned, *_ in owner):
+        if any(owned == k for owned, *_ in owner):
             out[k][one.term.parameters[0]] = float(std[start])
         start += one.term.design.shape[1]
+    return out | _of_ramps(study, selection, tangents, [owned for owned, *_ in owner])
+
+
+def _of_ramps(
+    study: Study, selection: Selection, tangents: list[dict[int, FloatArray]], owners: list[int]
+) -> dict[int, dict[str, float]]:
+    """Return, by index in the selection, standard deviations of linear ramps; each beside the tangents (by
+    drive) of the others."""
+    out = {}
+    for k, one in enumerate(selection.chosen):
+        if is_linear_ramp(one.term):
+            beside = [slope for slope, owned in zip(tangents, owners, strict=True) if owned != k]
+            out[k] = ramp_stds(study, selection, k, beside)
     return out
 
 
