@@ -18,7 +18,7 @@ COSINE, NATS = 0.85, 47.0
 def test_a_description_takes_an_effects_place_by_what_its_scatter_leaves(
     monkeypatch: pytest.MonkeyPatch, scatter: float, name: str
 ) -> None:
-    """It gains 4 nats more for its price; at 1.5 times the variance from block to block it keeps 10 less.
+    """It gains 4 nats more than its penalty; at 1.5 times the variance from block to block it keeps 10 less.
 
     Whichever of the two stands there first, the same one stays.
     """

@@ -13,7 +13,7 @@ from tpmsd.offline.diagnosis.hypotheses.response import ramp_column
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import Refined
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.refinement.with_drift import with_drift
+from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.noise_fit import log_posterior, refit_wander
 

@@ -33,19 +33,6 @@ def test_an_arm_is_as_uncertain_as_the_side_slip_that_looks_like_it(one_speed: b
     assert abs(found.values[0] - ARM_M) < found.stds[0]
 
 
-def test_a_low_pass_is_as_uncertain_as_the_usual_age_of_fixes() -> None:
-    """Both delay the speed: a constant beside fixes of unknown usual age is no better known than that age."""
-    u, true_s = directions(1)[:, :1], 0.66
-    low_pass = Term("gnss_smoothing", columns(1, width=3), ("time_constant_s",), 3.5)
-    age = Term("gnss_latency", columns(2, width=3), ("latency_s",), 3.5)
-    responses = 300.0 * u @ np.ones((1, 2))
-    made = noiseless(responses @ np.array([true_s, 0.06]), responses)
-    (found,) = Selector(made, Given(3, [low_pass, age], [])).judged([low_pass]).chosen
-
-    assert found.stds[0] == pytest.approx(usual_size(EFFECTS["gnss_latency"], "latency_s"), rel=0.05)
-    assert abs(found.values[0] - true_s) < found.stds[0]
-
-
 def test_what_is_known_beforehand_is_a_reading_more() -> None:
     """Values and covariance are those of least squares with a row that reads one value as zero."""
     rng = np.random.default_rng(2)

@@ -18,13 +18,13 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
-from tpmsd.offline.diagnosis.refinement.with_drift import with_drift
 from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.drifting import drifting
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.robustness.outlying import lasting
 from tpmsd.offline.diagnosis.robustness.together import together
+from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS

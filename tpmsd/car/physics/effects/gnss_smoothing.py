@@ -33,7 +33,6 @@ class GnssSmoothing(Effect):
     shows_in = ("gnss_speed", "accel_long")
     needs = ("gnss_speed",)
     beside = ("velocity_lag",)
-    beside_value = ("gnss_latency", "velocity_lag")
     one_sign = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (

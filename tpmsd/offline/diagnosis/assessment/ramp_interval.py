@@ -51,8 +51,12 @@ def ramp_stds(
     def reach(values: FloatArray, found: float) -> float:
         return float(np.abs(values - found).max()) / 1.96
 
-    # The fit's own standard deviation is that at the best onset and duration.
-    spread = reach(sizes[inside], float(sizes[0]))
+    # The fit's own standard deviation is that at the best onset and duration. A ramp that hardly acts within
+    # the drive may have any size, so sizes are weighted by the likelihood.
+    apart = np.abs(sizes[inside] - sizes[0])
+    order = np.argsort(apart)
+    weight = np.cumsum(np.exp((gains[inside][order] - gains.max()) / ratio))
+    spread = float(apart[order][np.searchsorted(weight, 0.95 * weight[-1])]) / 1.96
     return {
         one.term.parameters[0]: math.hypot(float(one.stds[0]), spread),
         "onset_s": reach(onset, begin),

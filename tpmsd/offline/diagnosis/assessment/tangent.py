@@ -46,12 +46,12 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
         # A slope that lets an onset be outside the drive says nothing: there the likelihood alone does.
         by_slope = float(std[first + j])
         out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
-    start = study.hypotheses.nuisance.shape[1]
+    owners, start = [owned for owned, *_ in owner], study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
-        if any(owned == k for owned, *_ in owner):
+        if k in owners:
             out[k][one.term.parameters[0]] = float(std[start])
         start += one.term.design.shape[1]
-    return out | _of_ramps(study, selection, tangents, [owned for owned, *_ in owner])
+    return out | _of_ramps(study, selection, tangents, owners)
 
 
 def _of_ramps(
