@@ -16,7 +16,7 @@ ROOMS = {path.parent.name: path.parent for path in PACKAGE.glob("*/*/__init__.py
 SETTLED = ("diagnosis", "fleet", "monitor")
 """Packages whose numbers are all in their settings."""
 STRUCTURE = {
-    "monitor.slow_leaks.filter.LEAST_CHANCE": "keeps a logarithm finite",
+    "monitor.slow_leaks.filter.LEAST_PROBABILITY": "keeps a logarithm finite",
     "monitor.slow_leaks.filter.NO_EVENT": "stands for none",
     "monitor.slow_leaks.filter.NO_WHEEL": "stands for none",
     "monitor.slow_leaks.history._FIRST": "how an earlier state is known",

@@ -98,7 +98,7 @@ def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> 
     dask = need("dask", "fleet", "fleets")
     # A worker's own threads take the interpreter from the drive in work: the profile looks at its stack 100
     # times a second, its ticks at the event loop 50 times, its monitor at the system twice.
-    lean = {
+    low_overhead = {
         "distributed.logging": {"distributed": "error"},
         "distributed.admin.log-length": 100,
         "distributed.admin.tick.interval": "1s",
@@ -108,7 +108,7 @@ def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> 
         "distributed.scheduler.http.routes": [],
         "distributed.worker.http.routes": [],
     }
-    with dask.config.set(lean):
+    with dask.config.set(low_overhead):
         if scheduler is not None:
             try:
                 client = distributed.Client(scheduler, timeout=SETTINGS.connect_s)

@@ -292,7 +292,9 @@ class Explanation:
             "wheels": wheels,
             "witnesses": {**witnesses, "resonance_log_ratio": heard},
             "judged_over": finding.over,
-            "drive_models": {name: _number(chance) for name, chance in judgement.drive_models.items()},
+            "drive_models": {
+                name: _number(probability) for name, probability in judgement.drive_models.items()
+            },
         }
 
     def _alternatives(self) -> list[dict[str, Any]]:
@@ -339,9 +341,9 @@ class Explanation:
         judgement, bank = self._judged.judgement, self._judged.judgement.posterior
         lead = self._alternatives()[:2]
         out = [f"{lead[1]['what']}: evidence of {lead[1]['nats_to_lead']:.1f} nats more for it"]
-        chance = float(np.nan_to_num(judgement.deflated).max())
-        if self._settings.clear_probability < chance < self._settings.raise_probability:
-            short = _logit(self._settings.raise_probability) - _logit(chance)
+        probability = float(np.nan_to_num(judgement.deflated).max())
+        if self._settings.clear_probability < probability < self._settings.raise_probability:
+            short = _logit(self._settings.raise_probability) - _logit(probability)
             out.append(f"an alarm: evidence of {short:.1f} nats more for a loss")
         if not judgement.drive_models:
             out.append(

@@ -97,10 +97,10 @@ class JumpHypotheses:
 
     def kinds(self, wheels: int) -> list[tuple[FloatArray, float]]:
         """Level (d,) of each wheel and prior probability of each kind of hypothesis."""
-        out = [(np.full(wheels, level), chance) for level, chance in self.levels]
+        out = [(np.full(wheels, level), probability) for level, probability in self.levels]
         if self.alone is not None and wheels == 4:
-            own, rest, chance = self.alone
-            out += [(np.where(np.arange(wheels) == wheel, own, rest), chance) for wheel in range(wheels)]
+            own, rest, probability = self.alone
+            out += [(np.where(np.arange(wheels) == wheel, own, rest), probability) for wheel in range(wheels)]
         return out
 
     def begin(self, count: int, nominal_m: FloatArray) -> Bank:
@@ -110,8 +110,8 @@ class JumpHypotheses:
         bank = Bank(mean, covariance, np.full(count, UNUSED), level, kind)
         kinds = self.kinds(nominal_m.size)
         for index in range(min(len(kinds), max(count // 4, 1)) if count >= 8 else 1):
-            bank.kind[index], (bank.level[index], chance) = index, kinds[index]
-            bank.log_weights[index] = math.log(chance)
+            bank.kind[index], (bank.level[index], probability) = index, kinds[index]
+            bank.log_weights[index] = math.log(probability)
         return bank
 
     def keep_levels(self, bank: Bank, duration_s: float) -> None:
@@ -130,11 +130,13 @@ class JumpHypotheses:
             return
         best = int(bank.ascending()[-1])
         best_log = float(bank.log_weights[best] - bank.raised[best])
-        for kind, (level, chance) in enumerate(kinds):
+        for kind, (level, probability) in enumerate(kinds):
             if kind in in_play:
                 continue
             evidence = np.max((bank.log_weights - bank.raised)[bank.kind == kind], initial=-np.inf)
-            honest = max(float(evidence), best_log + math.log(chance * duration_s / SETTINGS.level_tau_s))
+            honest = max(
+                float(evidence), best_log + math.log(probability * duration_s / SETTINGS.level_tau_s)
+            )
             child = int(bank.ascending()[0])
             bank.copy(child, best)
             bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
@@ -150,7 +152,7 @@ class JumpHypotheses:
         """
         order = bank.ascending()
         best = int(order[-1])
-        chance = math.log(self.rate_per_s * duration_s)
+        log_probability = math.log(self.rate_per_s * duration_s)
         wheels = nominal_m.size
         for child in order[: min(wheels, order.size // 4)].tolist():
             bank.copy(child, best)
@@ -158,7 +160,7 @@ class JumpHypotheses:
             bank.covariance[child, index, index] += (self.std * nominal_m[next_wheel]) ** 2
             bank.covariance[child, PSI, PSI] += self.heading_std_rad**2
             bank.since_s[child] = 0.0
-            bank.log_weights[child] = bank.log_weights[best] + chance
+            bank.log_weights[child] = bank.log_weights[best] + log_probability
             next_wheel = (next_wheel + 1) % wheels
         return next_wheel
 
@@ -172,8 +174,8 @@ def stated(bank: Bank) -> Stated:
     weights = np.exp(log_weights - np.maximum.reduce(log_weights))
     weights /= np.add.reduce(weights)
     recent = bank.since_s <= SETTINGS.recent_change_s
-    chance = float(weights @ recent)
-    weights *= recent if chance > 0.5 else ~recent
+    probability = float(weights @ recent)
+    weights *= recent if probability > 0.5 else ~recent
     weights /= np.add.reduce(weights)
     radii, spread = bank.state[MU:], bank.spread[MU:, MU:]
     mean = radii @ weights
@@ -182,7 +184,7 @@ def stated(bank: Bank) -> Stated:
     within = (spread.reshape(wheels * wheels, -1) @ weights).reshape(wheels, wheels)
     upper = np.triu(within, 1)  # a kernel may keep this triangle alone
     covariance = upper + upper.T + np.diag(np.diag(within)) + (off * weights) @ off.T
-    return Stated(mean, covariance, chance)
+    return Stated(mean, covariance, probability)
 
 
 @functools.cache

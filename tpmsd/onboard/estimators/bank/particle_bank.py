@@ -129,8 +129,8 @@ class SampledHypotheses:
         parents = systematic(relative / total, rng, indices.size)
         bank.take(indices, parents)
         lineage.copy(indices, parents)
-        chance = self.rate_per_s * duration_s / each
-        bank.log_weights[indices] = best + math.log(total) + math.log(chance)
+        probability = self.rate_per_s * duration_s / each
+        bank.log_weights[indices] = best + math.log(total) + math.log(probability)
         self._widen(bank, indices, np.arange(indices.size) % wheels, nominal_m)
 
     def reopen(

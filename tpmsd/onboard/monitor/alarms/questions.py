@@ -94,12 +94,12 @@ class Questions:
         if found is not None and found.posterior is not None:
             asked = self._of_bank(found.posterior, found, elapsed_s)
         if self._of_first.active and self._first is not None:
-            wheel, chance, words = self._first
-            asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", chance)]
+            wheel, probability, words = self._first
+            asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", probability)]
         since = {one.wheels: one.since_s for one in self.standing}
         self.standing = tuple(
-            Question(wheels, question, chance, since.get(wheels, time_s))
-            for wheels, question, chance in asked
+            Question(wheels, question, probability, since.get(wheels, time_s))
+            for wheels, question, probability in asked
         )
 
     def _of_bank(
@@ -140,18 +140,18 @@ class Questions:
     def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
         """Return the wheels of the likeliest change, and the question with the causes in their order."""
         causes: list[tuple[float, tuple[str, ...], str]] = []
-        for members, chance in zip(self._subsets, found.subsets.tolist(), strict=True):
+        for members, probability in zip(self._subsets, found.subsets.tolist(), strict=True):
             names = self._names(members)
-            causes.append((chance, names, f"{' '.join(names)} soft"))
+            causes.append((probability, names, f"{' '.join(names)} soft"))
         for row in range(1, found.sizes.size):
             names = self._names(tuple(np.flatnonzero(self._sizes.pattern[row]).tolist()))
             other = "other tyres" if self._sizes.mean[row] > 0.0 else "wheels changed front to rear"
             causes.append((float(found.sizes[row]), names, f"{other} ({' '.join(names)} larger)"))
         best = max(causes, key=lambda cause: cause[0])
         usual = DRIVE_EVIDENCE.models[0].name
-        rivals = [(chance, (), name) for name, chance in models.items() if name != usual]
+        rivals = [(probability, (), name) for name, probability in models.items() if name != usual]
         named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[: JUDGE.named_causes]
-        stated = " or ".join(f"{what} ({chance:.2f})" for chance, _, what in named)
+        stated = " or ".join(f"{what} ({probability:.2f})" for probability, _, what in named)
         return best[1], f"{stated}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
 
     def _names(self, members: Sequence[int]) -> tuple[str, ...]:

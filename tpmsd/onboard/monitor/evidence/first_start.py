@@ -197,9 +197,9 @@ class FirstStart:
         index = int(
             np.argmax([0.0 if wheel in changed else verdict.soft[k] for k, wheel in enumerate(self._wheels)])
         )
-        chance = 0.0 if self._wheels[index] in changed else float(verdict.soft[index])
+        probability = 0.0 if self._wheels[index] in changed else float(verdict.soft[index])
         words = self._reason(AlarmKind.DEFLATION, index, "raised", verdict)
-        self.suspected = self._wheels[index], chance, words
+        self.suspected = self._wheels[index], probability, words
         turned = []
         for (kind, wheel), alarm in self._alarms.items():
             k = self._wheels.index(wheel)

@@ -55,7 +55,7 @@ class Grip:
     def uneven(models: dict[str, float]) -> float:
         """Probability that wheels slip by now more, now less."""
         uneven = set(DRIVE_EVIDENCE.slipping) - set(DRIVE_EVIDENCE.by_slope)
-        return sum(chance for name, chance in models.items() if name in uneven)
+        return sum(probability for name, probability in models.items() if name in uneven)
 
     def change_hypotheses(
         self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]

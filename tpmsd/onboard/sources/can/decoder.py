@@ -50,9 +50,9 @@ Tracker = WheelCounter | WheelSpeedIntegrator
 _USE = FrameVerdict.USE
 
 FRESH_S = 0.5
-"""A wheel that was heard of within this time can bear witness against another one."""
+"""A wheel that was heard of within this time can show that another one stands."""
 ALONE_STILL_S = 3.0
-"""Without a witness a constant counter is taken to stand only after this time: no car stops faster. Nor do
+"""Without another wheel a constant counter stands only after this time: no car stops faster. Nor do
 four wheels at once: where all stopped harder than they can, frames were frozen, or the wheels are locked."""
 
 
@@ -96,7 +96,7 @@ class Group:
         """Flags per signal: True if its last reading was rejected for want of a single sender."""
 
 
-class _Witness:
+class _OtherTravel:
     """State of the other wheels when a wheel's value stopped changing."""
 
     __slots__ = ("others", "since_s")
@@ -126,7 +126,7 @@ class CanDecoder:
         self._groups = [group for _, groups in self.plans.values() for group in groups]
         self._wheels = list(self._trackers.values())
         self.heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
-        self._witnesses: dict[int, _Witness] = {}
+        self._other_travel: dict[int, _OtherTravel] = {}
         self.holds: dict[int, bool] = {}
         """State of each condition when its message last came; none before that."""
         self.direction = DirectionKeeper()
@@ -216,13 +216,11 @@ class CanDecoder:
 
     def _alone(self, tracker: WheelCounter) -> bool:
         """Return whether no other wheel has rolled since this one stopped."""
-        witness = self._witnesses.get(tracker.wheel)
+        travel = self._other_travel.get(tracker.wheel)
         return (
-            witness is not None
-            and witness.since_s == tracker.still_since
-            and not any(
-                tracker.has_rolled(other.travel_m - travel_m) for other, travel_m, _ in witness.others
-            )
+            travel is not None
+            and travel.since_s == tracker.still_since
+            and not any(tracker.has_rolled(other.travel_m - travel_m) for other, travel_m, _ in travel.others)
         )
 
     @property
@@ -373,14 +371,14 @@ class CanDecoder:
         """Judge an unchanged value of a wheel: it stands with the car, or it is stuck."""
         since_s = tracker.still_since
         assert since_s is not None
-        witness = self._witnesses.get(tracker.wheel)
-        if witness is None or witness.since_s != since_s:
+        travel = self._other_travel.get(tracker.wheel)
+        if travel is None or travel.since_s != since_s:
             others = self._others(time_s, tracker)
             seen = [(other, other.travel_m, other.speed_mps) for other in others]
-            self._witnesses[tracker.wheel] = _Witness(since_s, seen)
+            self._other_travel[tracker.wheel] = _OtherTravel(since_s, seen)
             return
         # Only those that were heard of then and still are.
-        fresh = [entry for entry in witness.others if time_s - self.heard_s[entry[0].wheel] <= FRESH_S]
+        fresh = [entry for entry in travel.others if time_s - self.heard_s[entry[0].wheel] <= FRESH_S]
         distances_m = [other.travel_m - travel_m for other, travel_m, _ in fresh]
         if isinstance(tracker, WheelCounter):
             stuck = tracker.is_stuck(time_s, distances_m)
