@@ -57,20 +57,23 @@ class Case:
 
 
 OUTSIDE: dict[str, dict[str, float]] = {
-    "rear_steering": {"share": 0.06},
     "steering_play": {"width_rad": 0.006},
-    "variable_ratio": {"per_rad": 4.0},
     "gyro_clipping": {"most_radps": 0.22},
     "stability_control": {"gain_nms": 12.0, "beyond_radps": 0.03},
     "one_sided_grip": {"left": 0.12},
     "speed_moment": {"per_speed2": 6e-4},
     "slip_drag": {"coefficient": 0.8},
+    "column_hysteresis": {"width_rad": 0.003, "lag_s": 0.04},
+    "trailer": {"share": 0.04, "length_m": 4.0},
+    "warming_tyres": {"loss": 0.2, "time_s": 50.0},
+    "active_flap": {"per_speed2": 3e-5, "beyond_mps2": 1.0},
 }
-"""Physics of no name in the catalogue. In order: rear wheels that turn with the front ones; play of the
-steering at the road wheels; a rack whose ratio changes with its angle; a gyro that clips; a yaw moment over
-the yaw inertia against yaw rates that leave the linear car's by more than a threshold; cornering stiffness
-that differs in left and right bends; a yaw moment over the yaw inertia with the square of speed; drag by side
-slip."""
+"""Physics of no name in the catalogue. In order: play of the steering at the road wheels; a gyro that clips;
+a yaw moment over the yaw inertia against yaw rates that leave the linear car's by more than a threshold;
+cornering stiffness that differs in left and right bends; a yaw moment over the yaw inertia with the square of
+speed; drag by side slip; a steering column that twists: play, then a lag; the lateral pull of a trailer at
+its hitch, which follows the car with a length; tyres that soften as they warm up; flaps that turn the car
+with the square of speed from a lateral acceleration on."""
 
 
 @dataclass(frozen=True)
@@ -233,11 +236,14 @@ class _Fleet:
         self.rolling = hidden("rolling_resistance", "coefficient")
         self.wind = [hidden("side_wind", name) for name in ("speed_mps", "onset_s", "duration_s")]
         self.bank = hidden("road_bank", "amplitude_rad")
-        self.rear_share = hidden("rear_steering", "share")
+        self.rear_share = hidden("rear_steering", "coefficient")
         self.control = [hidden("stability_control", name) for name in ("gain_nms", "beyond_radps")]
         self.one_sided = hidden("one_sided_grip", "left")
         self.speed_moment = hidden("speed_moment", "per_speed2")
         self.slip_drag = hidden("slip_drag", "coefficient")
+        self.trailer = hidden("trailer", "share"), hidden("trailer", "length_m", 1.0)
+        self.warm = hidden("warming_tyres", "loss"), hidden("warming_tyres", "time_s", 1.0)
+        self.flap = hidden("active_flap", "per_speed2"), hidden("active_flap", "beyond_mps2")
 
     def run(self, steer: Array, speed: Array) -> dict[str, Array]:
         """Return the truth every step, (n, N) each."""
@@ -246,7 +252,7 @@ class _Fleet:
         names = ("v", "r", "u", "ay", "ax", "r_rate", "drive", "brake")
         out = {name: np.zeros((n, count)) for name in names}
         wanted = np.gradient(speed, STEP_S, axis=0)
-        x = np.zeros((5, count))
+        x = np.zeros((6, count))
         x[2] = speed[0]
         for k in range(n):
             ahead = min(k + 1, n - 1)
@@ -267,17 +273,25 @@ class _Fleet:
         out = (out - self.hidden("steering_offset", "road_rad")) / self.hidden(
             "steering_ratio_error", "ratio", 1.0
         )
-        out = out * (1.0 + self.hidden("variable_ratio", "per_rad") * np.abs(out))
-        half = 0.5 * self.hidden("steering_play", "width_rad")
+        out = out * (1.0 + self.hidden("variable_steering_ratio", "coefficient") * np.abs(out))
+        half = 0.5 * (
+            self.hidden("steering_play", "width_rad") + self.hidden("column_hysteresis", "width_rad")
+        )
         if np.any(half > 0.0):
             followed = out[0].copy()
             for k in range(len(out)):
                 followed = np.clip(followed, out[k] - half, out[k] + half)
                 out[k] = followed
+        lag = self.hidden("column_hysteresis", "lag_s")
+        if np.any(lag > 0.0):
+            share = np.where(lag > 0.0, 1.0 - np.exp(-STEP_S / np.maximum(lag, 1e-6)), 1.0)
+            for k in range(1, len(out)):
+                out[k] = out[k - 1] + share * (out[k] - out[k - 1])
         return np.asarray(out)
 
     def _rates(self, t: float, x: Array, delta: Array, ask: Array) -> tuple[Array, tuple[Array, Array]]:
-        """Return the rates of v, r, u and both axles' slip angles, and a_y and a_x of the specific force."""
+        """Return the rates of v, r, u, both axles' slip angles and a trailer's yaw rate, and specific forces
+        across and along."""
         v, r, u = x[0], x[1], np.maximum(x[2], 2.0)
         lat = u * r
         angle_f = delta - np.arctan((v + self.a * r) / u)
@@ -293,7 +307,9 @@ class _Fleet:
         side_f, side_r = self._side_forces(
             np.stack([angle_f, angle_r]), np.stack([pull, ask - pull]), lat, ask
         )
-        side_f, side_r = (side * np.where(r > 0.0, 1.0 - self.one_sided, 1.0) for side in (side_f, side_r))
+        grip = np.where(r > 0.0, 1.0 - self.one_sided, 1.0)
+        grip = grip * (1.0 - self.warm[0] * (1.0 - np.exp(-t / self.warm[1])))
+        side_f, side_r = side_f * grip, side_r * grip
         lean = self.camber * lat / G
         side_f = side_f - lean * self.m * G * self.b / (self.a + self.b)
         side_r = side_r - lean * self.m * G * self.a / (self.a + self.b)
@@ -304,16 +320,20 @@ class _Fleet:
         moment = moment + self.iz * (
             self.speed_moment * u * u * np.tanh(20.0 * r) - self._control(delta, u, r)
         )
+        # the hitch is a wheelbase behind the centre of gravity
+        hitch = -self.trailer[0] * self.m * u * x[5]
+        force_y, moment = force_y + hitch, moment - (self.a + self.b) * hitch
+        turned = np.sign(lat) * np.maximum(np.abs(lat) - self.flap[1], 0.0)
+        moment = moment + self.iz * self.flap[0] * u * u * turned
         force_x = (
             ask - side_f * np.sin(delta) - 0.5 * RHO * self.drag * u * np.abs(u) - self.rolling * self.m * G
         )
         force_x = force_x - self.slip_drag * self.m * G * np.abs(v / u)
         ay, ax = force_y / self.m, force_x / self.m
         slope = self.bank * np.sin(2.0 * math.pi * t / 65.0)
-        return np.stack([ay - lat - G * np.sin(slope), moment / self.iz, ax + v * r, rate_f, rate_r]), (
-            ay,
-            ax,
-        )
+        follows = (r - x[5]) * u / self.trailer[1]
+        rates = (ay - lat - G * np.sin(slope), moment / self.iz, ax + v * r, rate_f, rate_r, follows)
+        return np.stack(rates), (ay, ax)
 
     def _control(self, delta: Array, u: Array, r: Array) -> Array:
         """Return the yaw acceleration of a stability control against what leaves the linear car's."""

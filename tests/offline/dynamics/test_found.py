@@ -12,7 +12,9 @@ from scipy.special import fdtrc, stdtr
 
 from bench.worlds.varied_cars import Case, Sensors, drives
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
-from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS, make_dynamics_effect
+from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
+from tpmsd.offline.dynamics.certify import replicate
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.document import dynamics_document
@@ -21,8 +23,9 @@ from tpmsd.offline.dynamics.look import p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.stages import marginal, prior_precision
 from tpmsd.offline.dynamics.summary import summary_sentences
-from tpmsd.offline.dynamics.terms import term_of
+from tpmsd.offline.dynamics.terms import spline_term, term_of
 from tpmsd.offline.signals.write import signals_text
 
 SINGLE = {
@@ -105,6 +108,38 @@ def test_what_no_effect_describes_is_located(root: str) -> None:
     assert found.verdict == MISMATCH
     assert "unknown" in [one.effect for one in found.findings]
     assert [] == [one.effect for one in found.findings if one.confidence > 0.9 and one.effect != "unknown"]
+
+
+def test_the_odds_of_a_selection_integrate_its_priors(tmp_path: Path) -> None:
+    """A spline's constant, slope and deviations have variances 1, 1 and w^2 of its size; a value of unit
+    information about 0 with gradient g and prior precision p has g^2 / 2 (1 + p) - log((1 + p) / p) / 2."""
+    spline = spline_term(DynamicsUnknown(knots=(-1.0, 0.0, 1.0), heights=(0.0, 0.0, 0.0)), 2.0)
+    covariance = np.linalg.inv(prior_precision(spline, 0.5))
+    assert covariance[0] == pytest.approx([4.0 * (1.0 + 1.0 + 0.25), 4.0, 0.0])
+
+    baseline, _ = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
+    term = term_of(make_dynamics_effect("yaw_rate_scale", scale=1.0), baseline)
+    (precision,) = term.prior()[1]
+    value = 0.5 * 9.0 / (1.0 + precision) - 0.5 * math.log((1.0 + precision) / precision)
+    assert marginal([term], np.ones((1, 1)), np.full(1, 3.0)) == pytest.approx(value)
+
+
+def test_several_names_do_not_stand_in_for_one_cause_without_a_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Steered rear wheels, taken from the catalogue, are told as the rear axle's side force over steering;
+    no stiffness, centre of gravity or ratio is named for them."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=40.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    steered = (make_dynamics_effect("rear_steering", coefficient=0.06),)
+    drive = replicate(search, steered, np.random.default_rng(2))
+    monkeypatch.delitem(DYNAMICS_EFFECTS, "rear_steering")
+
+    found = diagnose_dynamics(baseline, drive)
+
+    assert [(one.effect, one.acts_on) for one in found.findings] == [("unknown", "force_rear")]
+    assert found.findings[0].where.covariate == "steering"
+    assert "side force of the rear axle over steering" in " ".join(summary_sentences(found))
 
 
 def test_a_model_found_before_leaves_nothing(root: str, tmp_path: Path) -> None:

@@ -55,7 +55,7 @@ def test_where_all_has_a_name_there_is_nothing_to_propose(tmp_path: Path) -> Non
     assert proposals(Search(Setup(baseline, drive, ("yaw_rate",)))) == ()
 
 
-@pytest.mark.parametrize("on", ["moment", "force_y", "force_x", "yaw_rate"])
+@pytest.mark.parametrize("on", ["moment", "force_y", "force_x", "force_front", "force_rear", "yaw_rate"])
 def test_the_file_of_a_proposal_is_an_effect(tmp_path: Path, on: str) -> None:
     """It is read as a module, passes the trial of an own effect and adds what the formula says."""
     proposal = Proposal(

@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
-from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
+from tpmsd.car.physics.dynamics_effects.time_spline import EQUATIONS, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.look import Look, Slot
 from tpmsd.offline.dynamics.path import Setup
@@ -102,6 +102,8 @@ def _finding(
     against += odds_of_nothing(slot.evidence, slot.distance)
     with_nameless_term = search.stand_in and term.name != "unknown"
     against += math.exp(min(term.stand_in_nats, 50.0))
+    if search.rival is not None and term.key not in search.rival.keys:
+        against += math.exp(min(search.rival.nats, 50.0))
     if term.name != "unknown":
         against += left_over(readings, without, with_all, search.noise.outputs)
     confidence = 1.0 / (1.0 + against)
@@ -201,7 +203,7 @@ def _quantities(slot: Slot) -> dict[str, Quantity]:
 def unit_of(effect: DynamicsEffect) -> str:
     """Return the unit of a spline's values."""
     if isinstance(effect, DynamicsUnknown):
-        return {"force_x": "m/s2", "force_y": "m/s2", "moment": "rad/s2"}.get(effect.on) or UNITS[effect.on]
+        return EQUATIONS.get(effect.on) or UNITS[effect.on]
     return effect.unit_of("heights")
 
 

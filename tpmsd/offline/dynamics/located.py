@@ -29,8 +29,8 @@ from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import Term, hats, spaced, spline_term
 
-SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6}
-"""Prior standard deviations of a term without a name on an equation: m/s2, m/s2, rad/s2."""
+SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6, "force_front": 0.6, "force_rear": 0.6}
+"""Prior standard deviations of a term without a name on an equation: m/s2, of the moment rad/s2."""
 OUTPUT_SIZES = 5.0
 """Value on an output, in standard deviations of a reading."""
 
@@ -221,7 +221,7 @@ def nameless(search: Search) -> list[LocatedTerm]:
                 flat = DynamicsUnknown(knots=knots, heights=(0.0,) * len(knots), on=on, over=over)
                 terms.append(spline_term(flat, size))
     penalty = nameless_penalty(search)
-    found = []
+    found: list[tuple[float, float, int]] = []
     scores: dict[str, FloatArray] = {}
     for k, term in enumerate(terms):
         effect = term.effect
@@ -231,18 +231,19 @@ def nameless(search: Search) -> list[LocatedTerm]:
             scores[effect.on] = row_scores(search, Probe((*search.theta, raised), 1e-3))
         if effect.over == "time":
             slow = slow_share(search, scores[effect.on], SETTINGS.time_knot_s)
-            p_value = 1.0 if slow < SETTINGS.slow_share else 1e-4 / slow
+            p_value, gain = (1.0 if slow < SETTINGS.slow_share else 1e-4 / slow), 0.0
         else:
-            p_value = block_test(search, scores[effect.on], hats(values[effect.over], effect.knots))
-        found.append((p_value, k))
+            p_value, gain = block_test(search, scores[effect.on], hats(values[effect.over], effect.knots))
+        found.append((p_value, -gain, k))
     found.sort()
-    likely = [terms[k] for p_value, k in found[:3] if p_value < SETTINGS.screen_p]
+    likely = [terms[k] for p_value, _, k in found[: SETTINGS.nameless_looked] if p_value < SETTINGS.screen_p]
     return sorted(_scored(search, likely, penalty), key=lambda located: -located.evidence)
 
 
 def _sizes(search: Search) -> dict[str, float]:
     """Return the prior standard deviation of a term without a name, by equation and output."""
-    equations = ("force_y", "moment", *(("force_x",) if search.setup.baseline.forces else ()))
+    lateral = ("force_y", "moment", "force_front", "force_rear")
+    equations = (*lateral, *(("force_x",) if search.setup.baseline.forces else ()))
     noise = zip(search.setup.channels, search.noise.outputs, strict=True)
     return {on: SIZES[on] for on in equations} | {on: OUTPUT_SIZES * std for on, std in noise}
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import UNITS
-from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, DynamicsUnknown
+from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, EQUATIONS, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.dynamics.arrays import IntArray
@@ -27,8 +27,7 @@ MOST = 3
 """Proposals, each over other covariates than those before it."""
 NATS_PER_COVARIATE = 3.0
 """Gain that one more covariate has to bring: odds of twenty."""
-EQUATIONS = {"force_x": "m/s2", "force_y": "m/s2", "moment": "rad/s2"}
-"""Equations, per mass or inertia, with the unit of what is added."""
+LATERAL = {"force_y", "moment", "force_front", "force_rear"}
 _RAISED = 1e-3
 
 
@@ -81,10 +80,10 @@ def _forms_on(
 
 
 def _equations(search: Search, unnamed: Sequence[int]) -> list[str]:
-    """Return the outputs that are named, and both lateral equations where one of them is."""
+    """Return the outputs that are named, and every lateral equation where one of them is."""
     named = {str(getattr(search.terms[k].effect, "on", "")) for k in unnamed}
-    if named & {"force_y", "moment"}:
-        named |= {"force_y", "moment"}
+    if named & LATERAL:
+        named |= LATERAL
     return sorted(named)
 
 
@@ -194,7 +193,12 @@ def dynamics_effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
     if on in EQUATIONS:
         size = "inertia" if on == "moment" else "mass"
         what, hook, result = f"{on} / {size}", "add_forces", f"frame.{on} = frame.{on} + frame.{size} * value"
-        channel = {"force_x": "speed", "force_y": "accel_lat", "moment": "yaw_rate"}[on]
+        channel = {"force_x": "speed", "force_y": "accel_lat"}.get(on, "yaw_rate")
+        if lever := {"force_front": "frame.front", "force_rear": "-frame.rear"}.get(on):
+            result = (
+                "frame.force_y = frame.force_y + frame.mass * value\n"
+                f"        frame.moment = frame.moment + {lever} * frame.mass * value"
+            )
     else:
         what, hook, channel = f"error of {on}", "read", on
         result = (

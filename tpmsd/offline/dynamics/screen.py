@@ -56,15 +56,17 @@ def largest_span(search: Search, scores: FloatArray, box_s: float, boxes: int = 
     return best / max(float(size), 1e-300)
 
 
-def block_test(search: Search, scores: FloatArray, basis: list[FloatArray]) -> float:
-    """Return the p-value of a term's mean score over pieces (Hotelling), for basis functions (n,)."""
+def block_test(search: Search, scores: FloatArray, basis: list[FloatArray]) -> tuple[float, float]:
+    """Return the p-value of a term's mean score over pieces (Hotelling), for basis functions (n,), and the
+    log-likelihood ratio, which orders p-values that are too small for a number."""
     time = search.setup.drive.time_s
     piece = ((time - time[0]) // PIECE_S).astype(int)
     table = np.stack([np.bincount(piece, scores * one) for one in basis], axis=1)
     count, size = table.shape
     if count <= size + 2:
-        return 0.0
+        return 0.0, 0.0
     mean = table.mean(axis=0)
     spread = np.cov(table.T) + 1e-12 * np.eye(size) * max(float(np.trace(np.cov(table.T))), 1e-300)
     squared = count * mean @ np.linalg.solve(spread, mean)
-    return float(fdtrc(size, count - size, squared * (count - size) / (size * (count - 1))))
+    p_value = float(fdtrc(size, count - size, squared * (count - size) / (size * (count - 1))))
+    return p_value, 0.5 * count * float(np.log1p(max(squared, 0.0) / (count - 1)))

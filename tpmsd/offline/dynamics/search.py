@@ -38,6 +38,16 @@ class Stage:
     states: int
 
 
+@dataclass(frozen=True)
+class RivalSelection:
+    """Another selection that explains the drive."""
+
+    nats: float
+    """Its log posterior odds against this one."""
+    keys: frozenset[str]
+    """Its terms."""
+
+
 @dataclass
 class Search:
     """The state of the selection."""
@@ -55,6 +65,10 @@ class Search:
     error: float = field(init=False)
     stand_in: bool = False
     """True if the effects of the catalogue may stand in for one that is not in it."""
+    kept: str = ""
+    """Key of a term that is the hypothesis of this selection: no step takes it out."""
+    rival: RivalSelection | None = None
+    """The selection that begins with a term without a name, or the one that does not."""
     rejected: dict[str, float] = field(default_factory=dict)
     """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
 
@@ -165,6 +179,12 @@ class Search:
             probes += own
             first += len(own)
         return columns, probes
+
+    def copied(self) -> Search:
+        """Return the selection as it stands, which takes its own steps from there."""
+        out = copy(self)
+        out.terms, out.stages = list(self.terms), list(self.stages)
+        return out
 
     def part(self) -> Search:
         """Return the same model on a part of the blocks, as it stands."""
@@ -280,12 +300,14 @@ class Search:
         """Take one exchange or backward step where it helps; True if it took one."""
         look = self.look(self.offered())
         for k in range(len(self.terms)):
+            if self.terms[k].key == self.kept:
+                continue
             rest = [term for j, term in enumerate(self.terms) if j != k]
             least = 0.0 if self.terms[k].nuisance else 0.5 * threshold
             if look.evidence(k) < least and self.attempt(rest):
                 return True
         for k, term in enumerate(self.terms):
-            if term.nuisance:
+            if term.nuisance or term.key == self.kept:
                 continue
             rivals = look.rivals(k)
             better = rivals and rivals[0][1] > look.evidence(k) + SETTINGS.twin_nats

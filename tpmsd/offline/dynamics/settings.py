@@ -83,6 +83,11 @@ class DynamicsSettings:
     """Alternatives whose log evidence is within this are listed as confounded: odds of twenty."""
     spline_knots: int = 6
     """Knots of a term without a name: a shape with two bends."""
+    wiggle_shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01)
+    """Deviations of a term without a name from a straight line, over its size: alternatives of one prior."""
+    plain_odds_nats: float = 6.0
+    """Log odds of the only effect found against the best term without a name, in a part of the blocks, beyond
+    which no selection begins with the latter: odds of four hundred."""
     time_knot_s: float = 12.0
     """Between knots of a spline over time: shorter than a bend of a road takes is told by its forces."""
     bank_std_rad: float = 0.03
@@ -100,6 +105,9 @@ class DynamicsSettings:
     """Largest sum of scores over spans, in standard deviations, from which wind is looked at."""
     screen_p: float = 0.003
     """p-value over blocks below which a term without a name is looked at: some forty are asked."""
+    nameless_looked: int = 8
+    """Terms without a name that get a proper look, the most significant first: neighbours among equations and
+    covariates are alike in the cheap one."""
     rating_samples: int = 1000
     """Most samples of a curve whose rating is computed: the work grows with their square."""
     least_s: float = 8.0

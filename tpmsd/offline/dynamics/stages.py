@@ -6,55 +6,66 @@ In: a setup, effects that belong to the baseline. Out: the selection.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
+from scipy.special import logsumexp
 
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.offline.dynamics.located import located_terms, nameless, refined, slopes
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.columns import gram
+from tpmsd.offline.dynamics.evidence import Statistics
+from tpmsd.offline.dynamics.located import located_terms, nameless, nameless_penalty, refined, slopes
 from tpmsd.offline.dynamics.look import threshold_of
 from tpmsd.offline.dynamics.noise import Noise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
-from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.search import RivalSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
+from tpmsd.offline.dynamics.terms import Term
 
 Say = Callable[[float], None]
 
 
 def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Search:
-    """Return the selection once no step helps any more."""
+    """Return the likelier of two selections, each grown until no step helps any more: that of the catalogue,
+    and the one that begins with a term without a name."""
     search = Search(setup, fixed)
     threshold = threshold_of(len({term.name for term in search.offered()}))
     search.keep_stage()
+    search.admit()
+    plain = search.copied()
     _grow(search, threshold, SETTINGS.most_effects, say)
     named = [term for term in search.named if term.name != "unknown"]
-    if len(named) < 2:
+    if not named:
         return search
-    plain = Search(setup, fixed)
-    plain.admit()
-    other = _nameless_first(setup, fixed, threshold)
+    if len(search.named) == 1 and (nats := _odds_in_part(plain, named[0].name)) < -SETTINGS.plain_odds_nats:
+        search.rival = RivalSelection(nats, frozenset())
+        return search
+    other = _nameless_first(plain, threshold)
     if other is None:
         return search
-    base, first, best = (total(one, search) for one in (plain, other, search))
-    predicts = other.error <= search.error + SETTINGS.most_worse
-    if first > best + SETTINGS.twin_nats and predicts:
-        return other
-    nameless_there = len(named) < len(search.named)
-    search.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * (best - base)
-    return search
+    base, first, best = (log_marginal(one, search) for one in (plain, other, search))
+    for one, against, nats in ((search, other, first - best), (other, search, best - first)):
+        one.rival = RivalSelection(nats, frozenset(term.key for term in against.terms))
+    chosen = other if first > best and other.error <= search.error + SETTINGS.most_worse else search
+    nameless_there = any(term.name == "unknown" for term in chosen.named)
+    explained = max(first, best) - base
+    chosen.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * explained
+    return chosen
 
 
 def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
-    """Take steps until none helps, or so many terms are there."""
+    """Take steps until none helps, or so many terms are there; nuisances are admitted before."""
     while len(search.named) < most:
         say(0.1 + 0.6 * len(search.named) / SETTINGS.most_effects)
-        search.admit()
         if not (_sloped(search, threshold) or search.forward(threshold) or _locate(search, threshold)):
             break
         for _ in range(3):
             if not (len(search.terms) > 1 and search.tidy(threshold)):
                 break
         search.keep_stage()
+        search.admit()
     if not search.terms:
         return
     search.settle()
@@ -63,35 +74,94 @@ def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
     search.keep_stage()
 
 
-def _nameless_first(setup: Setup, fixed: tuple[DynamicsEffect, ...], threshold: float) -> Search | None:
+def _nameless_first(plain: Search, threshold: float) -> Search | None:
     """Return the selection that begins with the best term without a name; None where there is no such term.
 
     Several effects of the catalogue may stand in for one that is not in it; one term that explains more than
     all of them is the better answer.
     """
-    search = Search(setup, fixed)
-    search.keep_stage()
-    search.admit()
+    search = plain.copied()
     for located in nameless(search)[: SETTINGS.tried]:
         if located.evidence > threshold and search.attempt([*search.terms, refined(search, located)]):
+            search.kept = located.term.key
             search.keep_stage()
+            search.admit()
             _grow(search, threshold, 4, lambda share: None)
             return search
     return None
 
 
-def total(search: Search, judge: Search) -> float:
-    """Return the log-likelihood of a selection under another one's noise with the priors of its values, less
-    half log n per free value."""
+def _odds_in_part(plain: Search, name: str) -> float:
+    """Return the log posterior odds of the best term without a name against the only effect that was found,
+    in a part of the blocks and in the effect's place.
+
+    Slopes and winds were found beside the terms without a name, and are likelier.
+    """
+    part = plain.part()
+    offered = part.offered()
+    own = [term for term in offered if term.name == name]
+    nameless_terms = [located.term for located in nameless(part)]
+    if not own or not nameless_terms:
+        return -math.inf
+    look = part.look([*own, *nameless_terms])
+    named = max(look.score(k) for k in range(len(own)))
+    additions = [look.addition(k) for k in range(len(own), len(look.offered))]
+    free = [
+        marginal([term], one.information / one.overdispersion, one.gradient / one.overdispersion)
+        for term, one in zip(nameless_terms, additions, strict=True)
+    ]
+    return max(free) - nameless_penalty(part) - named + math.log(len({term.name for term in offered}))
+
+
+def log_marginal(search: Search, judge: Search) -> float:
+    """Return the log of a selection's posterior, up to what all selections share, under another one's noise.
+
+    Values are integrated out over their priors by Laplace's method. Each effect of the catalogue counts as
+    one of its alternatives, each term without a name as one of its own. The heights of such a term are a line
+    with deviations from it whose scale is unknown.
+    """
     effects, noise = search.theta, judge.noise
     states = len(search.setup.states(effects))
     white = np.concatenate([noise.white[:states], search.noise.white[len(noise.white) :]])
     noise = Noise(white, noise.disturbance, noise.outputs)
     at = smoothed(search.setup, effects, search.at.path, noise)
-    free = sum(len(term.free) for term in search.terms)
-    count = np.isfinite(at.reading_residual).sum()
-    away = sum(float(term.prior()[0] ** 2 @ term.prior()[1]) for term in search.terms)
-    return -0.5 * (path_cost(search.setup, at, noise) + away + free * math.log(float(count)))
+    likelihood = -0.5 * path_cost(search.setup, at, noise)
+    if not search.terms:
+        return likelihood
+    _, probes = search.own(0)
+    statistics = Statistics(gram(search.setup, effects, at, noise, probes))
+    alternatives = math.log(len(search.offered()) + len(search.named))
+    penalty = sum(
+        nameless_penalty(search) if term.name == "unknown" else alternatives for term in search.named
+    )
+    return likelihood - penalty + marginal(search.terms, statistics.information, statistics.gradient)
+
+
+def marginal(terms: Sequence[Term], information: FloatArray, gradient: FloatArray) -> float:
+    """Return the log of the likelihood's integral over the priors, relative to the values as they are; scales
+    of deviations are averaged over."""
+    logs = [_integral(terms, information, gradient, share) for share in SETTINGS.wiggle_shares]
+    return float(logsumexp(logs)) - math.log(len(logs))
+
+
+def _integral(terms: Sequence[Term], information: FloatArray, gradient: FloatArray, wiggle: float) -> float:
+    """Return the same for one scale."""
+    precision = block_diag(*(prior_precision(term, wiggle) for term in terms))
+    offset = np.concatenate([term.prior()[0] for term in terms])
+    right = gradient + precision @ offset
+    matrix = information + precision
+    gain = 0.5 * float(right @ np.linalg.solve(matrix, right) - offset @ precision @ offset)
+    return gain - 0.5 * float(np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(precision)[1])
+
+
+def prior_precision(term: Term, wiggle: float) -> FloatArray:
+    """Return the inverse covariance of a term's values: of a term without a name a constant, a slope and
+    deviations from both with `wiggle` of the term's size."""
+    if term.name != "unknown":
+        return np.diag(term.prior()[1])
+    position = np.linspace(-1.0, 1.0, len(term.free))
+    shape = 1.0 + np.outer(position, position) + wiggle**2 * np.eye(len(position))
+    return np.asarray(np.linalg.inv(term.prior_std[0] ** 2 * shape))
 
 
 def _sloped(search: Search, threshold: float) -> bool:

@@ -99,7 +99,13 @@ def _numbers(parameters: Mapping[str, Quantity]) -> str:
 
 def _equation(on: str) -> str:
     """Return an equation or an output in words."""
-    acts = {"force_x": "longitudinal force", "force_y": "lateral force", "moment": "yaw moment"}
+    acts = {
+        "force_x": "longitudinal force",
+        "force_y": "lateral force",
+        "moment": "yaw moment",
+        "force_front": "side force of the front axle",
+        "force_rear": "side force of the rear axle",
+    }
     return acts.get(on) or OUTPUT_NAMES.get(on, on)
 
 

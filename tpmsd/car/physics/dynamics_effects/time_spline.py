@@ -17,8 +17,17 @@ from tpmsd.car.physics.parameters import TextParameter, VectorParameter
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FloatArray
 
+EQUATIONS = {
+    "force_x": "m/s2",
+    "force_y": "m/s2",
+    "moment": "rad/s2",
+    "force_front": "m/s2",
+    "force_rear": "m/s2",
+}
+"""Equations, per mass or inertia, with the unit of what is added; the last two are side forces of an axle,
+which act on both lateral equations."""
 ACTS_ON = (
-    *("force_x", "force_y", "moment"),
+    *EQUATIONS,
     *("yaw_rate", "accel_lat", "accel_long", "velocity_lat", "side_slip", "speed", "roll"),
 )
 """Equations (per mass or inertia) and outputs that a term without a name may change."""
@@ -99,7 +108,7 @@ class DynamicsUnknown(_Spline):
     formula = "an equation or an output gains a spline over a covariate"
     sentence = "something that no effect of the catalogue describes"
     parameters = (
-        TextParameter("on", "moment", "equation (force_x force_y moment) or output"),
+        TextParameter("on", "moment", "equation (force_x force_y moment force_front force_rear) or output"),
         TextParameter("over", "speed", "covariate"),
         *_vectors(""),
     )
@@ -113,11 +122,16 @@ class DynamicsUnknown(_Spline):
 
     def add_forces(self, frame: Frame) -> None:
         """Add to an equation."""
-        if self.on not in ("force_x", "force_y", "moment"):
+        if self.on not in EQUATIONS:
             return
         size = frame.inertia if self.on == "moment" else frame.mass
         value = self.at(covariate_of(frame, self.over)) * size
-        setattr(frame, self.on, getattr(frame, self.on) + value)
+        if self.on in ("force_front", "force_rear"):
+            lever = frame.front if self.on == "force_front" else -frame.rear
+            frame.force_y = frame.force_y + value
+            frame.moment = frame.moment + lever * value
+        else:
+            setattr(frame, self.on, getattr(frame, self.on) + value)
 
     def read(self, frame: Frame) -> None:
         """Add to an output."""
