@@ -137,5 +137,9 @@ def _profiled(
     left = gram[known:, known:] - cross[:, known:].T @ solved
     score = pairs.weights @ (gram[known:, 0] - solved.T @ cross[:, 0])
     size = np.einsum("tp,pq,tq->t", pairs.weights, left, pairs.weights, optimize=True)
-    size = np.maximum(size, 1e-300)
-    return 0.5 * score**2 / size, score / size
+    # What the rest explains already, or what begins with the drive's end, tells nothing.
+    whole = np.einsum("tp,pq,tq->t", pairs.weights, gram[known:, known:], pairs.weights, optimize=True)
+    least = SETTINGS.sensors.least_share * max(float(whole.max()), 1e-300)
+    acts = size > least
+    size = np.where(acts, size, least)
+    return np.where(acts, 0.5 * score**2 / size, 0.0), np.where(acts, score / size, 0.0)
