@@ -300,24 +300,29 @@ def document(one: Proof) -> dict[str, Any]:
 def picture(proofs: Sequence[Proof]) -> bytes:
     """Return the errors over the baseline's after each step, a panel for each car and baseline."""
     import io
+    import textwrap
 
     from matplotlib.figure import Figure
 
     from tpmsd.foundation.palette import line_style
 
-    figure = Figure(figsize=(8.0, 3.2 * len(proofs)), layout="constrained")
-    for k, one in enumerate(proofs):
-        axes = figure.add_subplot(len(proofs), 1, k + 1)
+    heights = [1.2 + 0.32 * len(one.models) for one in proofs]
+    figure = Figure(figsize=(8.0, sum(heights)), layout="constrained")
+    panels = figure.subplots(len(proofs), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, one in zip(panels, proofs, strict=True):
+        steps = range(len(one.models))
         for role, name in zip(("fl", "fr", "rl", "rr"), one.errors[0], strict=False):
-            first = one.errors[0][name]
-            shares = [row[name] / first for row in one.errors]
-            axes.plot(shares, marker="o", ms=4, label=WORDS[name], **line_style(role))
-        labels = [model.replace("`", "").replace(", ", "\n") for model in one.models]
-        axes.set_xticks(range(len(labels)), labels, fontsize=7, rotation=20, ha="right")
+            shares = [row[name] / one.errors[0][name] for row in one.errors]
+            axes.plot(shares, steps, marker="o", ms=4, label=WORDS[name], **line_style(role))
+        signed = (model.replace("`", "").replace("+ ", "+\N{NO-BREAK SPACE}") for model in one.models)
+        signed = (label.replace("- ", "-\N{NO-BREAK SPACE}") for label in signed)
+        labels = [textwrap.fill(label, 44, break_on_hyphens=False) for label in signed]
+        axes.set_yticks(steps, labels, fontsize=7)
         axes.set_title(one.title.replace("`", ""), fontsize=9)
-        axes.set(ylim=(0.0, None), ylabel="error over the baseline's")
-        axes.axhline(0.6, lw=0.8, color="0.7")
-        axes.legend(frameon=False, fontsize=8)
+        axes.set(xlim=(0.0, None), xlabel="error over the baseline's")
+        axes.invert_yaxis()
+        axes.axvline(0.6, lw=0.8, color="0.7")
+        axes.legend(frameon=False, fontsize=8, loc="center left", bbox_to_anchor=(1.0, 0.5))
         axes.spines[["top", "right"]].set_visible(False)
     buffer = io.BytesIO()
     figure.savefig(buffer, dpi=110, format="png")
