@@ -14,6 +14,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.robustness import accounts
 from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.found import Found
@@ -55,10 +56,32 @@ def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, last_m: float
     evidence = study.evidence()
     nothing = Selector(evidence, study.hypotheses, last=True).judged([])
 
-    found = changed(Found(study, nothing, evidence))
+    found = changed(Found(study, nothing, evidence), nothing)
 
     assert wheels == [one.term.wheel for one in found.selection.chosen]
     assert () == confirmed(found).selection.chosen
+
+
+def test_a_change_that_was_chosen_earlier_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is added with its own values, where the grid of changes offers none that is as likely."""
+    readers, _ = admitted([drifting(-3e-3)])
+    study = Study(readers)
+    car, windows = study.drives[0], readers[0].windows
+    plain = car.believed(study.hypotheses.nuisance)
+    car.noise = refit_wander(windows, plain, replace(car.noise, wander=1e-3), None)
+    evidence = study.evidence()
+    nothing = Selector(evidence, study.hypotheses, last=True).judged([])
+    first = changed(Found(study, nothing, evidence), nothing)
+    study = first.study.under({0: car.noise})
+    evidence = study.evidence()
+    nothing = Selector(evidence, study.hypotheses, last=True).judged([])
+    monkeypatch.setattr(accounts, "_likeliest", lambda study, terms, drifting: None)
+
+    again = changed(Found(study, nothing, evidence), first.selection).selection
+    none = changed(Found(study, nothing, evidence), nothing).selection
+
+    assert [one.term.key for one in again.chosen] == [one.term.key for one in first.selection.chosen] != []
+    assert none.chosen == ()
 
 
 SPEED_STD_MPS, SPEED_MEMORY = 0.02, 0.95

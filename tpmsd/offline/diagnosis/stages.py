@@ -164,7 +164,7 @@ ALTERNATIVES: tuple[Alternative, ...] = (
     # Usual radius drift, where one group of wheels has nearly all of it to itself.
     together,
     # Radius drift at its likeliest with and without a change of a radius.
-    lambda found, before: changed(found),
+    lambda found, before: changed(found, before),
     # Slow noise of the receiver's speed at its likeliest with and without a constant error of its velocity.
     lambda found, before: erring(found),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.

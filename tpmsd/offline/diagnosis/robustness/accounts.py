@@ -27,6 +27,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
 from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
@@ -41,9 +42,10 @@ class Account:
     noise: Noise
 
 
-def changed(found: Found) -> Found:
+def changed(found: Found, earlier: Selection) -> Found:
     """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
-    radii drift far, what is left beside it is the road's own."""
+    radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
+    with the values that it had."""
     before, drive = found.study, found.study.drives[0]
     if len(before.drives) > 1 or drive.noise.wander < SETTINGS.robustness.drifts_from:
         return found
@@ -52,14 +54,21 @@ def changed(found: Found) -> Found:
     study = before.copied().under({0: drifting.noise})
     drive = study.drives[0]
     noise = found.study.drives[0].noise
+    taken = {term.key for term in terms}
+    likely = [one.term for one in earlier.chosen if one.term.ramp and one.term.key not in taken]
     term = _likeliest(study, terms, drifting)
     if term is not None:
         here = study.evidence()
-        term = exact(study, here, Selector(here, study.hypotheses).design(terms), term)
-        terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in terms]
-        beside = _account(drive, Selector(study.evidence(), study.hypotheses).design([*terms, term]))
-        brings = beside.log_likelihood - drifting.log_likelihood
-        if brings > term.penalty + SETTINGS.selection.admit_nats:
+        likely.append(exact(study, here, Selector(here, study.hypotheses).design(terms), term))
+    terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in terms]
+    likely = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in likely]
+    accounts = [
+        (_account(drive, Selector(study.evidence(), study.hypotheses).design([*terms, one])), one)
+        for one in likely
+    ]
+    if accounts:
+        beside, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
+        if beside.log_likelihood - drifting.log_likelihood > term.penalty + SETTINGS.selection.admit_nats:
             terms, noise = [*terms, term], beside.noise
     study = study.under({0: noise})
     evidence = study.evidence()
