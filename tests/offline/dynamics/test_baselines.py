@@ -110,6 +110,32 @@ def test_a_car_at_walking_pace_is_not_singular() -> None:
     assert model.rates(np.array([[0.0, 0.0]]), held(0.1, LEAST_MPS), ()) == pytest.approx(rates)
 
 
+@pytest.mark.parametrize("delay_s", [0.05, 0.15, -0.15])
+def test_what_tyres_have_forgotten_does_not_show_in_a_delayed_reading(delay_s: float) -> None:
+    """At 50 m/s a relaxation of 0.3 m forgets in 6 ms; over 0.15 s back an error would grow by e^25.
+
+    The reading is that of the earlier path to 1 %, and 1e-6 rad of a relaxed angle do not move it by 1e-4.
+    """
+    model = SingleTrack(CAR)
+    time = np.arange(0.0, 6.0, 0.01)
+    u = make_inputs(time, 0.02 * np.sin(2.0 * time), np.full(len(time), 50.0))
+    relaxed = make_dynamics_effect("tyre_relaxation", length_m=0.3)
+    path = [np.zeros(4)]
+    for k in range(len(time) - 1):
+        span = Span(u.take(slice(k, k + 1)), u.take(slice(k + 1, k + 2)))
+        path.append(model.step(path[-1][None], span, (relaxed,), 0.01)[0])
+    x = np.array(path)
+    theta = (relaxed, make_dynamics_effect("gyro_delay", delay_s=delay_s))
+
+    read = model.read(x, u, theta)["yaw_rate"]
+    moved = model.read(x + np.array([0.0, 0.0, 1e-6, 0.0]), u, theta)["yaw_rate"]
+
+    inside = slice(100, -100)
+    wanted = np.interp(time - delay_s, time, x[:, 1])
+    assert np.max(np.abs(read - wanted)[inside]) < 0.01 * np.max(np.abs(wanted))
+    assert np.max(np.abs(moved - read)) < 1e-4
+
+
 @pytest.mark.parametrize("delay_s", [0.03, 0.09, -0.05])
 def test_a_delayed_reading_is_the_earlier_one(delay_s: float) -> None:
     """Against the undelayed reading of the same run at a tenth of the step, interpolated: to 0.6 %."""

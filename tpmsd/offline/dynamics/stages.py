@@ -56,7 +56,9 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
 
 
 def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
-    """Take steps until none helps, or so many terms are there; nuisances are admitted before."""
+    """Take steps until none helps, so many terms are there or a model comes up again; nuisances are admitted
+    before."""
+    seen: set[frozenset[str]] = set()
     while len(search.named) < most:
         say(0.1 + 0.6 * len(search.named) / SETTINGS.most_effects)
         if not (_sloped(search, threshold) or search.forward(threshold) or _locate(search, threshold)):
@@ -64,6 +66,10 @@ def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
         for _ in range(3):
             if not (len(search.terms) > 1 and search.tidy(threshold)):
                 break
+        keys = frozenset(term.key for term in search.terms)
+        if keys in seen:
+            break
+        seen.add(keys)
         search.keep_stage()
         search.admit()
     if not search.terms:

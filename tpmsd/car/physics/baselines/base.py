@@ -185,17 +185,23 @@ class Baseline(ABC):
         """Return states and inputs a time ago, states by Runge-Kutta's method of fourth order.
 
         Ages below a tenth of the fastest time constant take the midpoint rule, whose error is as small there.
+        States of effects that forget within the age are left out, since an error in them would grow by more
+        than e: there the effects act to first order.
         """
-        longest = float(np.max(np.abs(delay)))
-        count = self.substeps(u, longest, theta)
-        stiff = longest * self._fastest_rate_per_s(u, theta)
+        longest, fastest = float(np.max(np.abs(delay))), float(np.max(u.speed_mps))
+        kept = [effect for effect in theta if longest * effect.fastest_rate_per_s(fastest) <= 1.0]
+        own = {"v", "r", "u", *(name for effect in kept for name in effect.states)}
+        gone = not own.issuperset(state)
+        state = {name: values for name, values in state.items() if name in own}
+        count = self.substeps(u, longest, kept)
+        stiff = longest * self._fastest_rate_per_s(u, kept)
         h = delay / count
 
         def moved(by: FloatArray, rates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             return {key: value - by * rates[key] for key, value in state.items()}
 
         for k in range(count):
-            first = frame.rates if k == 0 else self._moved(state, u.shifted(-k * h), theta).rates
+            first = frame.rates if k == 0 and not gone else self._moved(state, u.shifted(-k * h), theta).rates
             middle = u.shifted(-(k + 0.5) * h)
             second = self._moved(moved(0.5 * h, first), middle, theta).rates
             if stiff < 0.1:
