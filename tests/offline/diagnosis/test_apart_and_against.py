@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.assessment import lost_counts
 from tpmsd.offline.diagnosis.assessment import teeth as of_teeth
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost
 from tpmsd.offline.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
-from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
+from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
@@ -91,8 +91,8 @@ def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[in
     rings[0] = [ripple(2e-3, 3e-5)]
     (large,) = teeth(studied(1), CALIBRATION, SECONDS)
 
-    assert "ring of rr: uneven by 2.0e-04 +- 3.0e-05 rad" in usual_ring(small, speeds=True)
-    assert "" == usual_ring(large, speeds=True)
+    assert "ring of rr: uneven by 2.0e-04 +- 3.0e-05 rad" in ordinary_ring_note(small, speeds=True)
+    assert "" == ordinary_ring_note(large, speeds=True)
 
 
 def test_of_a_simulation_that_holds_the_ring_the_difference_is_left(rings: dict[int, list[Ripple]]) -> None:

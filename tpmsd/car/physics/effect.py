@@ -337,7 +337,7 @@ class Effect:
         return np.zeros(len(motion))
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 2) what the accelerometers (forward, to the left) read more than acts on a level car."""
+        """(n, 2) error of the accelerometers (forward, left): reading less specific force on a level road."""
         return np.zeros((len(motion), 2))
 
     def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:

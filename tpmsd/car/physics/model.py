@@ -105,7 +105,7 @@ class ExtendedModel:
         return out
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 2) sum of what the accelerometers read more."""
+        """(n, 2) sum of the errors of the accelerometers (forward, left) by all effects."""
         out = np.zeros((len(motion), 2))
         for effect in self.effects:
             out += effect.accel_error_mps2(motion, car)

@@ -15,7 +15,7 @@ from tpmsd.interfaces.cli.output import Subparsers, add_json_option, write_json
 from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 if TYPE_CHECKING:
-    from tpmsd.offline.diagnosis.assessment.identifiability import Telling
+    from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiability
 
 _DESCRIPTION = """\
 Lists the effects that `tpmsd diagnose` knows: formula, sign, units, usual size and source. With a drive: what
@@ -76,13 +76,13 @@ def run(args: argparse.Namespace) -> int:
         print(effects_page(), end="")
         return 0
     drive = ""
-    identifiable: tuple[Telling, ...] = ()
+    identifiable: tuple[EffectIdentifiability, ...] = ()
     if args.drive is not None:
         from tpmsd.interfaces.cli.diagnose import read_recording
-        from tpmsd.offline.diagnosis.diagnose import told_by
+        from tpmsd.offline.diagnosis.diagnose import identifiability_on
 
         drive = args.drive.resolve().name
-        identifiable = told_by(read_recording(args.drive, args.config))
+        identifiable = identifiability_on(read_recording(args.drive, args.config))
     if args.json is not None:
         write_json(effects_document(names, drive, identifiable), args.json)
     if args.json != "-":

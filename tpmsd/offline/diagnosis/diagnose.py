@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.offline.diagnosis.assessment.identifiability import Telling, tellings
+from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiability, identifiability
 from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, Diagnosis
 from tpmsd.offline.diagnosis.assessment.simulated import differences
 from tpmsd.offline.diagnosis.prepared.admission import admitted, against, unfit
@@ -99,7 +99,7 @@ def diagnose_against(
     return diagnosis
 
 
-def told_by(recording: Recording) -> tuple[Telling, ...]:
+def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...]:
     """Return what a drive could tell of each effect at its usual size; ConfigError where it cannot be
     examined.
     """
@@ -107,7 +107,7 @@ def told_by(recording: Recording) -> tuple[Telling, ...]:
     if not readers:
         raise ConfigError("; ".join(notes))
     study = Study(readers)
-    return tellings(estimated(study, study.hypotheses.everything, Stage.FIRST))
+    return identifiability(estimated(study, study.hypotheses.everything, Stage.FIRST))
 
 
 def noise_of(recording: Recording) -> Noise:

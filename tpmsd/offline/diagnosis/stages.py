@@ -126,7 +126,7 @@ def move_origin(state: State) -> State:
 
 
 def ramps_and_drift(state: State) -> State:
-    """Fit the changes of radii that were chosen and the radius drift jointly, where one drive shows any."""
+    """Fit the chosen changes of radii jointly with the radius drift, unless a simulation is compared."""
     if state.study.simulation:
         return state
     study, terms = with_drift(state.study, [one.term for one in state.chosen.chosen])

@@ -178,7 +178,7 @@ def _moved(space: Geometry, diagonal: Diagonals) -> FloatArray:
 
 
 def _fresh(space: Geometry, diagonal: Diagonals) -> FloatArray:
-    """(w, c + 9, c + 9) covariance of what a window adds to carried states and channels."""
+    """(w, c + 9, c + 9) covariance of process and measurement noise that a window adds."""
     joint, carry = space.joint, len(space.layout.carried)
     out = (joint * diagonal.fresh[:, None]) @ joint.transpose(0, 2, 1)
     out += space.from_motion

@@ -121,7 +121,7 @@ class Reader:
         self._wheels: tuple[ExtendedModel, Rolling | None] | None = None
 
     def _driven(self) -> np.ndarray:
-        """(d,) numbers of the windows in which all wheels were read and the car moved as one can compare."""
+        """(d,) indices of the windows with all wheels read, fast enough and without a tight bend."""
         count, motion = self._count, self.reference.motion
         whole = self.reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
         fast = self._mean_edges(motion.speed_mps, count) > self.reference.least_mps
@@ -325,7 +325,7 @@ class Reader:
         return design
 
     def _seen(self, model: ExtendedModel, dv: float, dw: float) -> FloatArray:
-        """(w, 7) ways, yaw rate, GNSS speed, course off the heading, of a motion that is off by these."""
+        """(w, 7) predicted distances, yaw rate, GNSS speed and course, speed and yaw rate off by these."""
         motion, car = self.reference.motion, self.reference.car
         speed, yaw = motion.speed_mps + dv, motion.yaw_rate_radps + dw
         moved = replace(motion, speed_mps=speed, yaw_rate_radps=yaw, accel_lat_mps2=speed * yaw)

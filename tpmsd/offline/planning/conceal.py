@@ -23,7 +23,11 @@ from tpmsd.car.physics.reading_change import by_slopes
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.assessment.identifiability import Telling, tellings, usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import (
+    EffectIdentifiability,
+    identifiability,
+    usual_size,
+)
 from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
 from tpmsd.offline.diagnosis.prepared.admission import admitted
@@ -62,7 +66,7 @@ class Showing:
         self._selector = Selector(found.evidence, found.study.hypotheses)
         self._terms = [one.term for one in found.selection.chosen]
         self._recording = readers[0].recording
-        self.tellings: tuple[Telling, ...] = tellings(found.study)
+        self.identifiable: tuple[EffectIdentifiability, ...] = identifiability(found.study)
 
     @property
     def name(self) -> str:
@@ -124,9 +128,9 @@ def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect
     many."""
     alike = {
         one.effect: {other for other, cosine in one.confounded_with if other != one.effect}
-        for one in showing.tellings
+        for one in showing.identifiable
     }
-    names = [one.effect for one in showing.tellings if not _is_ambiguous(one)]
+    names = [one.effect for one in showing.identifiable if not _is_ambiguous(one)]
     candidates = sorted({*filter(_usual, names), FAULT.name} - showing.held)
     drawn: list[Effect] = []
     for index in rng.permutation(len(candidates)):
@@ -144,7 +148,7 @@ def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect
     )
 
 
-def _is_ambiguous(one: Telling) -> bool:
+def _is_ambiguous(one: EffectIdentifiability) -> bool:
     """Return whether another effect is confounded with it, other than one whose limit it is for small
     values."""
     return any(

@@ -16,11 +16,11 @@ from tpmsd.car.physics.catalogue import EFFECTS, probes, sentence_of
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.effect import AnyParameter, Effect, Kind, Parameter, VectorParameter, WheelParameter
-from tpmsd.offline.diagnosis.assessment.identifiability import Telling
+from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiability
 
 
 def effects_document(
-    names: Sequence[str], drive: str = "", identifiable: Sequence[Telling] = ()
+    names: Sequence[str], drive: str = "", identifiable: Sequence[EffectIdentifiability] = ()
 ) -> dict[str, Any]:
     """Return the effects of these names; with a drive also what it tells of each."""
     by_name = {one.effect: one for one in identifiable}
@@ -68,7 +68,7 @@ def _prior(parameter: object) -> dict[str, Any] | None:
     return None if prior is None else {"mean": prior.mean, "std": prior.std, "source": prior.source}
 
 
-def _identifiability(one: Telling) -> dict[str, Any]:
+def _identifiability(one: EffectIdentifiability) -> dict[str, Any]:
     return {
         "expected_gain_nats": one.expected_gain,
         "told": one.told,
@@ -107,7 +107,9 @@ def source_of(effect: type[Effect] | type[DynamicsEffect]) -> str:
     return found[1] if found else ""
 
 
-def effects_summary(names: Sequence[str], drive: str = "", identifiable: Sequence[Telling] = ()) -> str:
+def effects_summary(
+    names: Sequence[str], drive: str = "", identifiable: Sequence[EffectIdentifiability] = ()
+) -> str:
     """For the terminal: one line per effect, or all of one."""
     if drive:
         return _drive_summary(names, drive, identifiable)
@@ -169,7 +171,7 @@ def _usual_text(parameter: AnyParameter) -> str:
     return f"{min(max(parameter.neutral + size, parameter.lower), parameter.upper):.3g}"
 
 
-def _drive_summary(names: Sequence[str], drive: str, identifiable: Sequence[Telling]) -> str:
+def _drive_summary(names: Sequence[str], drive: str, identifiable: Sequence[EffectIdentifiability]) -> str:
     lines = [f"What {drive} tells, at the usual size of each effect (nats of log-likelihood):"]
     for one in identifiable:
         if one.effect not in names:

@@ -177,8 +177,8 @@ def _elsewhere(level: FloatArray, mine: FloatArray, size: int) -> float:
 
 
 def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
-    """Return the variance of normal noise, which an error of the wheel puts into the others as well; zero
-    without others.
+    """Return by how many nats a wheel's own variance is likelier than the mean of the others' as that of
+    normal noise, an error of the wheel being in theirs as well; zero without others.
     """
     if not others:
         return 0.0

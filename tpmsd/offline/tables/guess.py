@@ -339,7 +339,7 @@ class _Guesser:
         turning = by_value.turning_unit(per_mps)
         said = next(iter(named), None)
         if said in ("rad/s", "rpm", "deg/s"):
-            self._turning_radius(said, per_mps)
+            self._rolling_radius(said, per_mps)
         elif unit is not None:
             if said is not None and said != unit:
                 doubts.append(f"wheel speeds: their names say {said}, their values {unit}")
@@ -350,11 +350,11 @@ class _Guesser:
             for one in wheels.values():
                 one.unit = turning[0]
                 one.why += ", unit by the way between positions"
-            self._turning_radius(turning[0], per_mps)
+            self._rolling_radius(turning[0], per_mps)
         else:
             doubts.append(f"wheel speeds: {per_mps:.4g} times the positions' m/s, which is no unit")
 
-    def _turning_radius(self, unit: str, per_mps: float) -> None:
+    def _rolling_radius(self, unit: str, per_mps: float) -> None:
         """Take the rolling radius by the distance per turn, if it is a car's."""
         radius = 1.0 / (per_mps * scale_of("wheel_speed_rl", unit)[0])
         if by_value.RADII_M[0] <= radius <= by_value.RADII_M[1]:

@@ -130,8 +130,8 @@ class PeakFit:
 
 
 def _reach(frequency: FloatArray) -> int:
-    """Return the number of frequencies of the grid that have bins above them; 0 where those that have are too
-    few."""
+    """Return how many frequencies of the grid lie `BINS_ABOVE` bins or more below the spectrum's end; 0 where
+    they end below `MIN_REACH_HZ`."""
     top_hz = frequency[-1 - BINS_ABOVE] if frequency.size > BINS_ABOVE else 0.0
     return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_REACH_HZ else 0
 

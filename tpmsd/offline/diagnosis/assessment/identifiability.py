@@ -1,6 +1,6 @@
 """Identifiability of each effect of the catalogue on a drive, and the effects that it confounds.
 
-In: a `Study`. Out: `Telling`s: per effect the log-likelihood gain to be expected at its usual size, and the
+In: a `Study`. Out: per effect the log-likelihood gain to be expected at its usual size, and the
 effects whose whitened sensitivities lie close to its own, by principal angles (Bjoerck and Golub, Mathematics
 of Computation 27, 1973). Calibration is projected out of both. Nothing is fitted to the data but the noise.
 """
@@ -20,7 +20,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 @dataclass(frozen=True)
-class Telling:
+class EffectIdentifiability:
     """One effect on one drive."""
 
     effect: str
@@ -37,7 +37,7 @@ class Telling:
         return self.expected_gain >= SETTINGS.assessment.tells_nats
 
 
-def tellings(study: Study) -> tuple[Telling, ...]:
+def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
     """Return all effects that the drive has readings for, those that it tells best first."""
     evidence = study.evidence()
     gram, _ = evidence.projected(study.hypotheses.nuisance)
@@ -53,7 +53,7 @@ def tellings(study: Study) -> tuple[Telling, ...]:
             for other, cosine in sorted(near.items(), key=lambda e: -e[1])
             if cosine > SETTINGS.assessment.confounded_cosine
         )
-        out.append(Telling(name, gain, alike, advice(name, tuple(other for other, _ in alike))))
+        out.append(EffectIdentifiability(name, gain, alike, advice(name, tuple(other for other, _ in alike))))
     return tuple(sorted(out, key=lambda one: -one.expected_gain))
 
 

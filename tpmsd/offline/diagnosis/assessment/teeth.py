@@ -54,8 +54,8 @@ def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
     return beyond + [replace(finding, held_by=RECORDING) for finding in miscounted]
 
 
-def usual_ring(finding: Finding, speeds: bool) -> str:
-    """Return what is said of a ring that is no more uneven than rings are; empty: it is a finding.
+def ordinary_ring_note(finding: Finding, speeds: bool) -> str:
+    """Return a note on a tone ring whose pitch errors are within tolerance; empty where it is a finding.
 
     `speeds` says that the bus has wheel speeds and no counts.
     """

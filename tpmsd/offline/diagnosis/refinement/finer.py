@@ -113,7 +113,7 @@ def _finest(study: Study, term: Term) -> FloatArray:
 
 
 def _std(study: Study, term: Term) -> float:
-    """Return the variance of the error of a term's covariate."""
+    """Return the largest standard deviation of the error of a term's covariate, over drives."""
     return max(study.drives[number].stds.get(term.covariate, 0.0) for number in study.acting(term))
 
 

@@ -29,7 +29,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
 )
 from tpmsd.offline.diagnosis.assessment.simulated import Held, compared, simulated_effects, whole_model
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
-from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
+from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -71,7 +71,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
     for finding in [*_apart(study, selection, written.findings), *teeth(study, rings, seconds)]:
-        if note := usual_ring(finding, study.speeds):
+        if note := ordinary_ring_note(finding, study.speeds):
             written.notes.append(note)
         else:
             written.apart(finding)

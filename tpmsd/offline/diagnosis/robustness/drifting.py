@@ -54,7 +54,7 @@ def drifting(found: Found) -> Found:
         sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
         if (
             sure > SETTINGS.selection.admit_nats
-            and _range(selector, others, shape) > SETTINGS.robustness.gyro_far_radps
+            and _peak_to_peak(selector, others, shape) > SETTINGS.robustness.gyro_far_radps
         ):
             judged = selector.judged([*others, shape])
             if any(one.term is shape for one in judged.chosen):
@@ -73,8 +73,8 @@ def _best_shape(selector: Selector, others: list[Term]) -> Term | None:
     return max(found, key=lambda entry: entry[0])[1] if found else None
 
 
-def _range(selector: Selector, others: list[Term], shape: Term) -> float:
-    """Return the covariance of the shape's heights, rad/s."""
+def _peak_to_peak(selector: Selector, others: list[Term], shape: Term) -> float:
+    """Return the greatest less the least value at the spline's knots, rad/s."""
     heights = selector.evidence.fit(selector.design([*others, shape])).values[-shape.design.shape[1] :]
     return float(np.ptp(heights))
 
