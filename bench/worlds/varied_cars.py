@@ -67,13 +67,16 @@ OUTSIDE: dict[str, dict[str, float]] = {
     "trailer": {"share": 0.04, "length_m": 4.0},
     "warming_tyres": {"loss": 0.2, "time_s": 50.0},
     "active_flap": {"per_speed2": 3e-5, "beyond_mps2": 1.0},
+    "rear_steering": {"coefficient": 0.06},
+    "variable_steering_ratio": {"coefficient": 4.0},
 }
 """Physics of no name in the catalogue. In order: play of the steering at the road wheels; a gyro that clips;
 a yaw moment over the yaw inertia against yaw rates that leave the linear car's by more than a threshold;
 cornering stiffness that differs in left and right bends; a yaw moment over the yaw inertia with the square of
 speed; drag by side slip; a steering column that twists: play, then a lag; the lateral pull of a trailer at
 its hitch, which follows the car with a length; tyres that soften as they warm up; flaps that turn the car
-with the square of speed from a lateral acceleration on."""
+with the square of speed from a lateral acceleration on; rear wheels that turn with the front ones; a rack
+whose ratio changes with its angle."""
 
 
 @dataclass(frozen=True)

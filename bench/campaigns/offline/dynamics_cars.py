@@ -49,8 +49,6 @@ SINGLE: dict[str, dict[str, float]] = {
     "accelerometer_tilt": {"yaw_rad": 0.06},
     "side_wind": {"speed_mps": 9.0, "onset_s": 60.0, "duration_s": 15.0},
     "road_bank": {"amplitude_rad": 0.04},
-    "rear_steering": {"coefficient": 0.06},
-    "variable_steering_ratio": {"coefficient": 3.0},
 }
 """Concealed sizes: usual ones."""
 RATES_HZ = (50.0, 20.0, 100.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,9 @@ from scipy.special import fdtrc, stdtr
 
 from bench.worlds.varied_cars import Case, Sensors, drives
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
-from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS, make_dynamics_effect
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
 from tpmsd.offline.dynamics.certify import replicate
 from tpmsd.offline.dynamics.columns import Probe, gram
@@ -124,16 +127,23 @@ def test_the_odds_of_a_selection_integrate_its_priors(tmp_path: Path) -> None:
     assert marginal([term], np.ones((1, 1)), np.full(1, 3.0)) == pytest.approx(value)
 
 
-def test_several_names_do_not_stand_in_for_one_cause_without_a_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Steered rear wheels, taken from the catalogue, are told as the rear axle's side force over steering;
-    no stiffness, centre of gravity or ratio is named for them."""
+@dataclass(frozen=True)
+class SteeredRear(DynamicsEffect):
+    """Rear road-wheel angle = 0.06 times the front one: no effect of the catalogue."""
+
+    name = "steered_rear"
+
+    def adapt_angles(self, frame: Frame) -> None:
+        """Turn the rear axle."""
+        frame.angle = frame.angle + np.stack([np.zeros_like(frame.steer), 0.06 * frame.steer])
+
+
+def test_several_names_do_not_stand_in_for_one_cause_without_a_name(tmp_path: Path) -> None:
+    """Steered rear wheels are the rear axle's side force over steering: no stiffness, centre of gravity
+    or ratio is named for them."""
     baseline, drive = loaded(folder(tmp_path / "d", duration_s=40.0), "single-track")
     search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
-    steered = (make_dynamics_effect("rear_steering", coefficient=0.06),)
-    drive = replicate(search, steered, np.random.default_rng(2))
-    monkeypatch.delitem(DYNAMICS_EFFECTS, "rear_steering")
+    drive = replicate(search, (SteeredRear(),), np.random.default_rng(2))
 
     found = diagnose_dynamics(baseline, drive)
 
