@@ -164,7 +164,7 @@ def test_a_finding_that_nobody_concealed_is_explained() -> None:
     """A drawn receiver's lag is on the page as what the drive holds besides, and text has the page's sign."""
     row = Row("a", "nothing", hit=True, inherent="velocity_lag lag_s 0.09", value="lag_s 0.09 +- 0.01")
     text = page([row], 1)
-    assert "<dt>held besides, not concealed</dt><dd>velocity_lag lag_s 0.09</dd>" in text
+    assert "<dt>also there, part of the receiver, not scored</dt><dd>velocity_lag lag_s 0.09</dd>" in text
     assert "0.09 ± 0.01" in text and "+-" not in text
 
 

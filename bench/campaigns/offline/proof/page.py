@@ -61,10 +61,16 @@ def page(rows: Sequence[Row], seed: int) -> str:
         _best(rows),
         _table(rows),
         "<p>Each drive of a world was made by programs that import nothing of the diagnosis. The truth was"
-        " sealed before the diagnosis began, and opened after it had ended. Of recordings, the name is known"
-        " from how the drive was made, or the effect was injected. An oracle that knows motion, noise and"
-        " the form of every effect says which drives can tell theirs at all:"
-        f" <code>bench/campaigns/offline/proof/oracle.py</code>. <code>make proof SEED={seed}</code></p>",
+        " sealed before the diagnosis began, and opened after it: <code>sha256sum truth-1.json</code>"
+        " gives what was printed first. An oracle, a best-case fit that"
+        " knows motion, noise and the form of every effect, says which drives can tell theirs at all: those"
+        " with 64 nats, and 8 more than the best rival brings. Recordings do not count: of each one name is"
+        " known, from the road, from the driving or since it was injected, and a real car has others beside"
+        " it. Worlds: <i>kinematic</i> has a receiver with drawn errors, <i>receiver</i> one with errors of"
+        " recorded receivers, <i>mems</i> a drawn gyro, <i>latched</i> counts that are read in a rhythm of"
+        " their own.</p><p>Numbers after names are confidences. In sentences ± is one standard deviation, in"
+        " the rows it is a 95 % interval. Residuals are over the size of the fitted noise: 1 is noise"
+        f" alone. <code>make proof SEED={seed}</code></p>",
     ]
     parts += [_article(number, row) for number, row in enumerate(rows, 1)]
     return "".join(parts) + "</html>\n"
@@ -118,15 +124,15 @@ def _article(number: int, row: Row) -> str:
     for title, text in (
         ("concealed", row.concealed),
         ("truth", row.truth),
-        ("held besides, not concealed", row.inherent),
-        ("the oracle", row.oracle),
+        ("also there, part of the receiver, not scored", row.inherent),
+        ("the oracle's evidence", row.oracle),
         ("the diagnosis", row.said),
         ("named", row.named),
         ("located", row.located),
         ("value, 95 %", row.value),
-        ("held-out residual, of its expected size", row.residual),
+        ("held-out residual", row.residual),
         *row.others.items(),
-        ("SHA-256 of the sealed truth", row.sha256),
+        ("SHA-256 of the sealed truth", f"{row.sha256} ({row.file})" if row.file else row.sha256),
     ):
         if text:
             lines.append(f"<dt>{escape(title)}</dt><dd>{_text(text)}</dd>")

@@ -68,7 +68,7 @@ class Row:
     hit: bool = False
     wrong: bool = False
     known: bool = False
-    """A recording of which the name is known: nothing was concealed in it."""
+    """A recording, of which one name is known and other names are not judged; it does not count."""
     tellable: bool = True
     """By the oracle."""
     oracle: str = ""
@@ -77,6 +77,8 @@ class Row:
     picture: str = ""
     """SVG of the residual before and after."""
     sha256: str = ""
+    file: str = ""
+    """The opened truth beside the page, with this SHA-256."""
     others: dict[str, str] = field(default_factory=dict)
 
     @property
@@ -84,8 +86,10 @@ class Row:
         """Hit, miss, wrong name, or what the drive cannot tell."""
         if self.wrong:
             return "WRONG NAME"
+        if self.known:
+            return "found" if self.hit else "not found"
         if self.hit:
-            return "hit"
+            return "hit" if self.tellable else "hit (beyond what the oracle asks)"
         return "miss" if self.tellable else "miss (this drive cannot tell it)"
 
 
@@ -322,10 +326,8 @@ def all_answers(
         work = [*of_worlds, *of_recordings]
         for done, one in enumerate(concurrent.futures.as_completed(work), 1):
             one.result()
-            spent = time.monotonic() - begun
-            left = spent / done * (len(work) - done)
             print(
-                f"diagnosed: {done} of {len(work)} drives, {spent:.0f} s, about {left:.0f} s left",
+                f"diagnosed: {done} of {len(work)} drives, {time.monotonic() - begun:.0f} s",
                 file=sys.stderr,
                 flush=True,
             )
@@ -340,7 +342,7 @@ def picture_of(one: World | Recording, folder: Path) -> Path:
 
 def known(one: Recording, answer: Answer) -> Row:
     """Return the row of a recording of which a name is known; other findings are not judged."""
-    row = Row(one.name, one.concealed, truth="not known in number", known=one.sealed is None)
+    row = Row(one.name, one.concealed, truth="not known in number", known=True)
     if one.sealed is not None:
         row.truth, row.sha256 = listed(opened(one.sealed)), one.sealed.sha256
     if answer.error or answer.document.get("reason"):
@@ -352,7 +354,12 @@ def known(one: Recording, answer: Answer) -> Row:
     row.hit = any(each["effect"] in one.right for each in findings)
     of_interest = [each for each in findings if each["effect"] in one.right]
     row.located, row.value = places(of_interest), numbers(of_interest)
-    if "heldout_rms" in document.get("baseline", {}) and "heldout_rms" in document.get("model", {}):
+    if outputs := document.get("outputs"):
+        row.residual = ", ".join(
+            f"{name} {each['rms_before']:.3g} to {each['rms_after']:.3g} {each['unit']}"
+            for name, each in outputs.items()
+        )
+    elif "heldout_rms" in document.get("baseline", {}) and "heldout_rms" in document.get("model", {}):
         row.residual = measured(document)
     return row
 
@@ -368,6 +375,11 @@ def proven(seed: int, folder: Path, args: argparse.Namespace) -> list[Row]:
     ]
     rows += [known(one, answer) for one, (answer, _) in zip(at_hand, answers[len(made) :], strict=True)]
     pictures = [picture_of(each, folder) for each in (*made, *at_hand)]
+    args.page.parent.mkdir(parents=True, exist_ok=True)
+    for number, (row, one) in enumerate(zip(rows, [*made, *at_hand], strict=True), 1):
+        if one.sealed is not None:
+            row.file = f"truth-{number}.json"
+            shutil.copy(one.sealed.file, args.page.parent / row.file)
     for row, picture in zip(rows, pictures, strict=True):
         row.picture = picture.read_text(encoding="utf-8") if picture.exists() else ""
     return rows
@@ -390,11 +402,14 @@ def printed(rows: Sequence[Row]) -> str:
         ):
             if text:
                 lines.append(f"   {title + ':':20}{text}")
-    lines.append(f"\n{headline(rows)}.")
+    lines.append(f"\nDrives of other programs: {headline(rows)}.")
     for method in dict.fromkeys(name for row in rows for name in row.others):
         asked_of = [row for row in rows if method in row.others and row.concealed != "nothing"]
         located = sum(row.others[method].startswith("located") for row in asked_of)
-        lines.append(f"{method}: {located} of {len(asked_of)} located; it has no names.")
+        lines.append(
+            f"{method}: {located} of {len(asked_of)} located (residual and covariate are among those of the"
+            " effect); it has no names."
+        )
     return "\n".join(lines)
 
 
@@ -415,7 +430,6 @@ def main(args: argparse.Namespace) -> int:
     finally:
         shutil.rmtree(folder, ignore_errors=True)
     print(printed(rows))
-    args.page.parent.mkdir(parents=True, exist_ok=True)
     args.page.write_text(page(rows, args.seed), encoding="utf-8")
     print(f"Page: {args.page}")
     return 1 if any(row.wrong for row in rows) else 0
