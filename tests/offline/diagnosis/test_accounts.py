@@ -40,6 +40,22 @@ def drifting(changed_m: float, last_m: float = 0.0) -> Recording:
     return replace(recording, rotation_rad=recording.rotation_rad / (1.0 + drift + change))
 
 
+def drift_alone(recording: Recording) -> Found:
+    """A recording under the drift that is likeliest without a change, with nothing chosen."""
+    readers, _ = admitted([recording])
+    study = Study(readers)
+    car, windows = study.drives[0], readers[0].windows
+    plain = car.believed(study.hypotheses.nuisance)
+    car.noise = refit_wander(windows, plain, replace(car.noise, wander=1e-3), None)
+    return nothing_chosen(study)
+
+
+def nothing_chosen(study: Study) -> Found:
+    """A study with nothing chosen."""
+    evidence = study.evidence()
+    return Found(study, Selector(evidence, study.hypotheses, last=True).judged([]), evidence)
+
+
 @pytest.mark.parametrize(
     ("changed_m", "last_m", "wheels"), [(-3e-3, 0.0, ["rl"]), (0.0, 0.0, []), (-3e-3, 2e-3, ["rl"])]
 )
@@ -48,15 +64,9 @@ def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, last_m: float
 
     What one block at the end shows does not hide it.
     """
-    readers, _ = admitted([drifting(changed_m, last_m)])
-    study = Study(readers)
-    car, windows = study.drives[0], readers[0].windows
-    plain = car.believed(study.hypotheses.nuisance)
-    car.noise = refit_wander(windows, plain, replace(car.noise, wander=1e-3), None)
-    evidence = study.evidence()
-    nothing = Selector(evidence, study.hypotheses, last=True).judged([])
+    alone = drift_alone(drifting(changed_m, last_m))
 
-    found = changed(Found(study, nothing, evidence), nothing)
+    found = changed(alone, alone.selection)
 
     assert wheels == [one.term.wheel for one in found.selection.chosen]
     assert () == confirmed(found).selection.chosen
@@ -64,21 +74,13 @@ def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, last_m: float
 
 def test_a_change_that_was_chosen_earlier_is_asked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """It is added with its own values, where the grid of changes offers none that is as likely."""
-    readers, _ = admitted([drifting(-3e-3)])
-    study = Study(readers)
-    car, windows = study.drives[0], readers[0].windows
-    plain = car.believed(study.hypotheses.nuisance)
-    car.noise = refit_wander(windows, plain, replace(car.noise, wander=1e-3), None)
-    evidence = study.evidence()
-    nothing = Selector(evidence, study.hypotheses, last=True).judged([])
-    first = changed(Found(study, nothing, evidence), nothing)
-    study = first.study.under({0: car.noise})
-    evidence = study.evidence()
-    nothing = Selector(evidence, study.hypotheses, last=True).judged([])
+    alone = drift_alone(drifting(-3e-3))
+    first = changed(alone, alone.selection)
+    alone = nothing_chosen(first.study.under({0: alone.study.drives[0].noise}))
     monkeypatch.setattr(accounts, "_likeliest", lambda study, terms, drifting: None)
 
-    again = changed(Found(study, nothing, evidence), first.selection).selection
-    none = changed(Found(study, nothing, evidence), nothing).selection
+    again = changed(alone, first.selection).selection
+    none = changed(alone, alone.selection).selection
 
     assert [one.term.key for one in again.chosen] == [one.term.key for one in first.selection.chosen] != []
     assert none.chosen == ()

@@ -26,7 +26,7 @@ from tpmsd.offline.dynamics.look import p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
-from tpmsd.offline.dynamics.stages import marginal, prior_precision
+from tpmsd.offline.dynamics.stages import _grow, marginal, prior_precision
 from tpmsd.offline.dynamics.summary import summary_sentences
 from tpmsd.offline.dynamics.terms import spline_term, term_of
 from tpmsd.offline.signals.write import signals_text
@@ -125,6 +125,31 @@ def test_the_odds_of_a_selection_integrate_its_priors(tmp_path: Path) -> None:
     (precision,) = term.prior()[1]
     value = 0.5 * 9.0 / (1.0 + precision) - 0.5 * math.log((1.0 + precision) / precision)
     assert marginal([term], np.ones((1, 1)), np.full(1, 3.0)) == pytest.approx(value)
+
+
+def test_a_selection_that_comes_round_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where each term that is added makes the one before superfluous, models would repeat for ever."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=20.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
+    search.keep_stage()
+    scaled, biased = (
+        term_of(make_dynamics_effect(name), baseline) for name in ("yaw_rate_scale", "yaw_rate_bias")
+    )
+    steps = 0
+
+    def forward(threshold: float) -> bool:
+        nonlocal steps
+        steps += 1
+        assert steps < 10, "the selection goes round"
+        search.terms = [biased if search.terms == [scaled] else scaled]
+        return True
+
+    monkeypatch.setattr(search, "forward", forward)
+    monkeypatch.setattr(search, "settle", lambda: None)
+    monkeypatch.setattr(search, "keep_stage", lambda: None)
+    _grow(search, 10.0, 10, lambda share: None)
+
+    assert steps == 3
 
 
 @dataclass(frozen=True)

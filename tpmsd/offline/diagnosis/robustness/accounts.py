@@ -19,7 +19,6 @@ from dataclasses import dataclass, replace
 
 from tpmsd.car.physics.effect import NoiseResemblance
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
@@ -27,6 +26,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
 from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.with_drift import as_wide_as
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -60,8 +60,7 @@ def changed(found: Found, earlier: Selection) -> Found:
     if term is not None:
         here = study.evidence()
         likely.append(exact(study, here, Selector(here, study.hypotheses).design(terms), term))
-    terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in terms]
-    likely = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in likely]
+    terms, likely = ([as_wide_as(study, one) for one in some] for some in (terms, likely))
     accounts = [
         (_account(drive, Selector(study.evidence(), study.hypotheses).design([*terms, one])), one)
         for one in likely

@@ -58,7 +58,7 @@ def _in_turn(study: Study, terms: Sequence[Term], start: Noise) -> tuple[float, 
         if score - before < NEAR_NATS:
             break
         before = score
-    return (best[0], best[1], [_wide(term, best[1]) for term in best[2]])
+    return (best[0], best[1], [as_wide_as(best[1], term) for term in best[2]])
 
 
 def _exact_ramps(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
@@ -70,9 +70,10 @@ def _exact_ramps(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]
             evidence = study.evidence()
             others = Selector(evidence, study.hypotheses).design([*now[:k], *now[k + 1 :]])
             now[k] = exact(study, evidence, others, term)
-            now = [_wide(one, study) for one in now]
+            now = [as_wide_as(study, one) for one in now]
     return study, now
 
 
-def _wide(term: Term, study: Study) -> Term:
+def as_wide_as(study: Study, term: Term) -> Term:
+    """Return the term with a row for each of a study's columns, those that it has not at zero."""
     return replace(term, design=widened(term.design, study.hypotheses.width))
