@@ -59,8 +59,8 @@ demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.interfaces.cli.demo $(DEMO_ARGS)
 
 proof: $(RUNTIME)  ## concealed effects sealed, found, opened, scored; a page in build/proof (SEED=1)
-	@$(PY) -c 'import pysindy, gplearn' 2>/dev/null || $(PIP) install -e '.[proof]' || \
-		echo "Without the other methods, which need the network: $(PIP) install -e '.[proof]'"
+	@$(PY) -c 'import pysindy, gplearn, matplotlib' 2>/dev/null || $(PIP) install -e '.[proof]' || \
+		echo "Without the other methods and pictures, which need the network: $(PIP) install -e '.[proof]'"
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run proof --seed $(SEED) --page build/proof/index.html
 
 ##@ Work on it
