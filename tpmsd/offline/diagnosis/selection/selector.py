@@ -310,14 +310,15 @@ class Selector(Candidates):
         """Return whether another term is better than one in its place beside the rest; penalised gains (nats)
         and terms.
 
-        A description and an effect of the catalogue are compared as either is added: by what is left of their
-        gains where they are divided by their block-wise variance.
+        Of a description and an effect of the catalogue, gains are compared as well where they are divided by
+        their block-wise variance, as either is added: a description must be better by both, an effect by one.
         """
-        if one[1].free != other[1].free:
-            now, then = (self.studentised(rest, term, net) for net, term in (one, other))
-            better = then > now + SETTINGS.selection.exchange_nats
-            return better and (one[1].free or other[0] > one[0] + SETTINGS.selection.exchange_nats)
-        return other[0] > one[0] + SETTINGS.selection.exchange_nats
+        by_gain = other[0] > one[0] + SETTINGS.selection.exchange_nats
+        if one[1].free == other[1].free:
+            return by_gain
+        now, then = (self.studentised(rest, term, net) for net, term in (one, other))
+        by_scatter = then > now + SETTINGS.selection.exchange_nats
+        return by_gain or by_scatter if one[1].free else by_gain and by_scatter
 
     def _stays(self, terms: list[Term]) -> bool:
         """Return whether the last of some terms may stand beside the others and a backward step keeps it.
