@@ -435,11 +435,7 @@ def test_the_watch_over_branches_sees() -> None:
     assert [{}, {"m.f": 16}] == [branchy("m", source) for source in sources]
 
 
-_SHARED_TWICE = """
-    Baseline Diagnosis Drive Finding Fit Noise NotDetectable Proposal Quantity Reference Stage
-    Step Term
-    """
-SHARED_CLASS_NAMES = dict.fromkeys(_SHARED_TWICE.split(), 2)
+SHARED_CLASS_NAMES: dict[str, int] = {}
 """Public class names that two or more modules of the program define, with their number; only shrinks."""
 
 

@@ -52,7 +52,10 @@ load_database = found(
     "load_database", "onboard.sources.can.decoder", "onboard.sources.can_decoder", "sources.can_decoder"
 )
 CanFrame = found("CanFrame", "onboard.sources.can.frame", "onboard.sources.can_frame", "sources.can_frame")
-Drive = found("Drive", "onboard.sources.drive", "sources.drive")
+try:
+    Drive = found("FolderStream", "onboard.sources.drive")
+except (ImportError, AttributeError):
+    Drive = found("Drive", "onboard.sources.drive", "sources.drive")
 config = load_config(Path(sys.argv[1]))
 pipeline = Pipeline(config, load_database(config.can.dbc))
 spent, ticks, inner = 0.0, 0, pipeline._run

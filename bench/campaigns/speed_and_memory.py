@@ -50,7 +50,7 @@ from tpmsd.onboard.estimators.build import build_estimator
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 from tpmsd.onboard.timeline.tick import Tick
 
 DRIVE_S = 600.0
@@ -95,7 +95,7 @@ def ticks_of(folder: Path, config: Config) -> list[Tick]:
     """The ticks of a drive, made without an estimate."""
     pipeline = Pipeline(config, load_database(config.can.dbc))
     ticks: list[Tick] = []
-    for item in Drive(folder):
+    for item in FolderStream(folder):
         if isinstance(item, CanFrame):
             events = pipeline.decoder.decode(item.time_s, item.arbitration_id, item.is_extended, item.data)
         else:
@@ -168,7 +168,7 @@ def figures(runs: int, drive_s: float, say: Callable[[Figure], None], only: str 
         fault = Fault("puncture", 2.0, "percent", "rl", drive_s / 2, 30.0)
         write_drive(folder, simulate_drive(DriveSpec(duration_s=drive_s, seed=1, faults=(fault,))))
         config = load_config(folder)
-        frames_per_real_s = sum(1 for item in Drive(folder) if isinstance(item, CanFrame)) / drive_s
+        frames_per_real_s = sum(1 for item in FolderStream(folder) if isinstance(item, CanFrame)) / drive_s
         take("CAN decoding", "frames/s", frames_per_second, lambda rate: rate / frames_per_real_s)
         period_ms = 1e3 / config.filter.rate_hz
         ticks = cache(lambda: ticks_of(folder, config))

@@ -38,7 +38,7 @@ from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.signal_plan import compile_plans
-from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, Sentence
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
 
@@ -65,7 +65,7 @@ def attacked(route: str = ROUTE) -> tuple[Config, tuple[Item, ...], tuple[Tick, 
     )
     database = load_database(config.can.dbc)
     keys = compile_plans(config, database)
-    items = tuple(i for i in Drive(folder) if isinstance(i, Sentence) or i.arbitration_id in keys)
+    items = tuple(i for i in FolderStream(folder) if isinstance(i, Sentence) or i.arbitration_id in keys)
     source = TickSource(config, database)
     ticks: list[Tick] = []
     for item in items:

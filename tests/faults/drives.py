@@ -27,7 +27,7 @@ from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.signal_plan import compile_plans
-from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, Sentence
 from tpmsd.onboard.sources.events import SourceFault
 
 DURATION_S = 150.0
@@ -120,7 +120,7 @@ def drive(kind: str = "counts16", duration_s: float = DURATION_S) -> tuple[Confi
     plans = compile_plans(config, load_database(config.can.dbc))
     wheels = {key for key, plan in plans.items() for group in plan.groups for s in group.signals if s.wheel}
     items: list[Item] = []
-    for number, item in enumerate(Drive(folder)):
+    for number, item in enumerate(FolderStream(folder)):
         if isinstance(item, Sentence) or item.arbitration_id in wheels:
             items.append(item)
         elif item.arbitration_id in plans and number % 4 == 0:

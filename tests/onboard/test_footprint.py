@@ -27,12 +27,12 @@ from tpmsd.onboard.daemon.loop import Daemon
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.databases import load_database
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 folder = Path(sys.argv[1])
 config = load_config(folder)
 pipeline = Pipeline(config, load_database(config.can.dbc))
 alarms = []
-for item in Drive(folder):
+for item in FolderStream(folder):
     if isinstance(item, CanFrame):
         steps = pipeline.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
     else:

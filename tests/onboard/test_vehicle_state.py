@@ -29,7 +29,7 @@ from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, Sentence
 
 LOG = logging.getLogger("tests.vehicle_state")
 Items = list[CanFrame | Sentence]
@@ -46,7 +46,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Items]:
         filter=dataclasses.replace(config.filter, particles=10),
         dynamics=DynamicsConfig(1500.0, 2500.0, 1.2, 1.5, 0.5, 110e3, 130e3),
         vehicle_state=VehicleStateConfig("arupf", 30),
-    ), list(Drive(folder))
+    ), list(FolderStream(folder))
 
 
 def test_being_told_the_time_changes_no_state(played: tuple[Config, Items]) -> None:

@@ -19,10 +19,10 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.inference.covariate_errors import covariate_errors, covariate_jacobians
-from tpmsd.offline.inference.fit import Fit, Gram, Prior, gram, read_only, solved
+from tpmsd.offline.inference.fit import Gram, ParameterFit, Prior, gram, read_only, solved
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.inference.trajectory import Reference, reference
+from tpmsd.offline.inference.trajectory import ReferenceTrajectory, reference
 from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import MAX_WINDOWS, Reader, Windows
 
@@ -48,7 +48,7 @@ class Prepared:
 
     recording: Recording
     """Of the given car."""
-    reference: Reference
+    reference: ReferenceTrajectory
     """Motion and calibrated radii about which all is linear."""
     windows: Windows
     """`design` (w, 9, 3) is what the channels see of the motion's errors."""
@@ -154,7 +154,7 @@ def fit(
     model: Sequence[Design],
     noise: Sequence[DriveNoise],
     prior: Prior | None = None,
-) -> Fit:
+) -> ParameterFit:
     """Fit a model to drives under their noise. ValueError where the three do not go together, or where the
     drives do not determine a value."""
     grams = [gram_of(drive, design, one) for drive, design, one in zip(drives, model, noise, strict=True)]

@@ -32,9 +32,9 @@ from bench.worlds.spec import Spec
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.inference.fit import Fit
+from tpmsd.offline.inference.fit import ParameterFit
 from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.inference.noise_fit import Stage, fit_noise
+from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
 from tpmsd.offline.inference.recording import INERTIAL, Recording
 from tpmsd.offline.inference.replicate import replicate
 from tpmsd.offline.inference.windows import Reader
@@ -51,7 +51,7 @@ class Fitted:
     model: ExtendedModel
     design: Design
     noise: DriveNoise
-    fit: Fit
+    fit: ParameterFit
 
 
 def fitted(minutes: float) -> Fitted:
@@ -63,7 +63,7 @@ def fitted(minutes: float) -> Fitted:
     columns = design(prepared, {EFFECT: model})
     data = np.concatenate([prepared.y[:, :, None], columns.columns], axis=2)
     first = Noise.first(recording.quantum_rad, prepared.reference.car.radius_m)
-    noise = DriveNoise(fit_noise(prepared.windows, data, first, Stage.SECOND))
+    noise = DriveNoise(fit_noise(prepared.windows, data, first, SearchStage.SECOND))
     return Fitted(prepared, model, columns, noise, fit([prepared], [columns], [noise]))
 
 

@@ -24,7 +24,7 @@ from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.inference.noise_fit import Stage, fit_noise
+from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
 from tpmsd.offline.inference.recording import Recording, record
 
 CARS = ("Escort, dry", "BMW, dry", "Vanagon, dry")
@@ -100,7 +100,7 @@ def main(args: argparse.Namespace) -> int:
             one = study.drives[0]
             windows = one.reader.windows
             one.noise = fit_noise(
-                windows, one.believed(study.hypotheses.everything), one.noise, Stage.FIRST, one.inflate
+                windows, one.believed(study.hypotheses.everything), one.noise, SearchStage.FIRST, one.inflate
             )
             print(f"\n{name}, {'hurried' if hard else 'calm'}: {len(windows)} windows")
             for label, number, gained in compared(one):

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.car.config.locate import KeyPath, Step, line_of, locate
+from tpmsd.car.config.locate import KeyPath, PathStep, line_of, locate
 
 TRICKY = '''\
 # [vehicle] is not here
@@ -206,9 +206,9 @@ def test_any_text(text: str) -> None:
     assert _paths(data) == set(lines)
 
 
-def _paths(value: object, path: tuple[Step, ...] = ()) -> set[KeyPath]:
+def _paths(value: object, path: tuple[PathStep, ...] = ()) -> set[KeyPath]:
     found: set[KeyPath] = {path} if path else set()
-    inner: list[tuple[Step, object]] = []
+    inner: list[tuple[PathStep, object]] = []
     if isinstance(value, dict):
         inner = list(value.items())
     elif isinstance(value, list):

@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.beyond_linear import beyond_linear, needed_exactly
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
-from tpmsd.offline.inference.noise_fit import Stage
+from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
 
 LAG, SMOOTHING = "velocity_lag", "gnss_smoothing"
@@ -34,7 +34,7 @@ def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
 def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float, stay: set[str]) -> None:
     """Linearised, a lag of 0.4 s looks like one of 0.26 s with a low-pass; one of 1 s is there."""
     study = Study(admitted([late(0.4, time_constant_s)])[0])
-    study = estimated(study, study.hypotheses.everything, Stage.FIRST)
+    study = estimated(study, study.hypotheses.everything, SearchStage.FIRST)
     evidence = study.evidence()
     both = [term for term in study.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
     linear = Selector(evidence, study.hypotheses).judged(both)
@@ -59,7 +59,7 @@ def test_a_long_lag_is_told_with_its_size() -> None:
 def test_what_is_beyond_the_linear_is_what_the_forward_model_says() -> None:
     """Of a lag that acts, its shift explains what its slope leaves; of a low-pass in its place, less."""
     study = Study(admitted([late(0.4)])[0])
-    study = estimated(study, study.hypotheses.everything, Stage.FIRST)
+    study = estimated(study, study.hypotheses.everything, SearchStage.FIRST)
     evidence = study.evidence()
     lag, smoothing = (
         next(term for term in study.hypotheses.catalogue if term.effect == name) for name in (LAG, SMOOTHING)

@@ -14,7 +14,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Quantity
+from tpmsd.offline.diagnosis.assessment.result import Quantity, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, examine
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
@@ -50,18 +50,18 @@ def recording() -> Recording:
 
 
 @pytest.fixture(scope="module")
-def diagnosis(recording: Recording) -> Diagnosis:
+def diagnosis(recording: Recording) -> RollingDiagnosis:
     """With a certificate."""
     return diagnose([recording], certify=Certification(9, np.random.default_rng(1)))
 
 
 @pytest.fixture(scope="module")
-def plain(recording: Recording) -> Diagnosis:
+def plain(recording: Recording) -> RollingDiagnosis:
     """Without one."""
     return diagnose([recording])
 
 
-def test_a_strong_effect_is_certified(diagnosis: Diagnosis) -> None:
+def test_a_strong_effect_is_certified(diagnosis: RollingDiagnosis) -> None:
     """No replicate reaches it, it is a finding, and drawing stops before the most that was allowed."""
     finding = diagnosis.findings[0]
 
@@ -140,14 +140,16 @@ def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPa
     assert ["gnss_latency"] == [effect.name for effect in models[0]]
 
 
-def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:
+def test_without_a_certificate_there_is_no_p_value(plain: RollingDiagnosis) -> None:
     """None asked for, or no replicates: a finding stays one."""
     finding = plain.findings[0]
 
     assert (None, "finding") == (finding.p_value, finding.status)
 
 
-def test_what_was_not_chosen_is_compared_with_chance_too(diagnosis: Diagnosis, plain: Diagnosis) -> None:
+def test_what_was_not_chosen_is_compared_with_chance_too(
+    diagnosis: RollingDiagnosis, plain: RollingDiagnosis
+) -> None:
     """Beside the effect that acts, the best of all others is what replicates make as well."""
     assert plain.remaining is None
     assert diagnosis.remaining is not None
@@ -274,7 +276,7 @@ def test_false_discoveries_are_held_as_benjamini_and_hochberg_do() -> None:
     assert [False, True] == discoveries([0.2, 0.001], 0.05)
 
 
-def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: Diagnosis) -> None:
+def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: RollingDiagnosis) -> None:
     """A chosen effect whose gain noise reaches in most replicates makes no mismatch and leaves the model."""
     reader = Reader(recording, reference(recording))
     study, selection, evidence = examine(Study([reader]), lambda share: None)
@@ -285,7 +287,7 @@ def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: Di
     assert ("suspicion", "consistent", 0) == (out.findings[0].status, out.verdict, len(out.model))
 
 
-def test_covariates_that_cannot_act_gain_nothing(diagnosis: Diagnosis) -> None:
+def test_covariates_that_cannot_act_gain_nothing(diagnosis: RollingDiagnosis) -> None:
     """Reversed in time they bring less than they cost."""
     assert diagnosis.control is not None
     assert diagnosis.control < 0.0
@@ -308,7 +310,7 @@ def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: R
     assert calm < 0.0 < negative_control(found.study.under({0: small}), found.selection)
 
 
-def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: Diagnosis) -> None:
+def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: RollingDiagnosis) -> None:
     """Effects of the model are found by name and values, however many findings have none of their own."""
     model = ExtendedModel(
         (make_effect("load_transfer_lateral", coefficient=2e-4), make_effect("gnss_latency", latency_s=0.1))

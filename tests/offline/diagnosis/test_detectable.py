@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
-from tpmsd.offline.diagnosis.assessment.result import FINDING, Diagnosis
+from tpmsd.offline.diagnosis.assessment.result import FINDING, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.reporting import detectable
 
@@ -20,12 +20,12 @@ SHORT_S = 400.0
 
 
 @functools.cache
-def plain(seed: int) -> Diagnosis:
+def plain(seed: int) -> RollingDiagnosis:
     """The diagnosis of a drive in which nothing is concealed."""
     return concealed(seed, {})
 
 
-def concealed(seed: int, physics: dict[str, dict[str, float]]) -> Diagnosis:
+def concealed(seed: int, physics: dict[str, dict[str, float]]) -> RollingDiagnosis:
     """The diagnosis of the same drive with physics concealed by the world's own equations."""
     return diagnose([recording_of(drive(Spec(duration_s=SHORT_S, physics=dict(physics)), seed))])
 

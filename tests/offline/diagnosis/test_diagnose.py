@@ -6,17 +6,17 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding
+from tpmsd.offline.diagnosis.assessment.result import Finding, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.inference.recording import Recording
 
 
-def diagnosed(seed: int, duration_s: float = 700.0, **physics: dict[str, object]) -> Diagnosis:
+def diagnosed(seed: int, duration_s: float = 700.0, **physics: dict[str, object]) -> RollingDiagnosis:
     """The diagnosis of a drive that conceals this physics."""
     return diagnose([recording_of(drive(Spec(duration_s=duration_s, physics=physics), seed))])
 
 
-def only(diagnosis: Diagnosis) -> Finding:
+def only(diagnosis: RollingDiagnosis) -> Finding:
     """Its only finding."""
     assert 1 == len(diagnosis.findings), [finding.effect for finding in diagnosis.findings]
     return diagnosis.findings[0]

@@ -12,7 +12,7 @@ import pytest
 from bench.worlds.kinematic import STEP_S, Spec, drive
 from tests.offline.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis
+from tpmsd.offline.diagnosis.assessment.result import RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import catalogue_columns, radius_columns
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
@@ -26,7 +26,7 @@ SILENT = {"position_slow_m": 1e-9, "position_white_m": 1e-9, "doppler_mps": 1e-9
 """A receiver without errors."""
 
 
-def diagnosed(seed: int, spec: Spec) -> Diagnosis:
+def diagnosed(seed: int, spec: Spec) -> RollingDiagnosis:
     """The diagnosis of a drive in memory."""
     return diagnose([recording_of(drive(spec, seed))])
 

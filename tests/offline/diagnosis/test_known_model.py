@@ -19,9 +19,9 @@ from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     MISMATCH,
-    Diagnosis,
     Finding,
     Quantity,
+    RollingDiagnosis,
     Where,
 )
 from tpmsd.offline.diagnosis.reporting.beside_known import beside
@@ -128,7 +128,7 @@ def test_a_known_ripple_is_no_finding_whatever_its_phase(amplitude_rad: float, w
     """The ripple of the model's size on the model's wheel; a larger one and another wheel's are findings."""
     known = ExtendedModel((make_effect("tone_ring_error", wheel="rl", amplitude_rad=5.1e-3),))
     found = make_effect("tone_ring_error", wheel=wheel, amplitude_rad=amplitude_rad)
-    rest = Diagnosis(
+    rest = RollingDiagnosis(
         MISMATCH, "", (ripple(amplitude_rad, wheel),), 100.0, 1.0, 0.0, 1.0, None, ExtendedModel((found,))
     )
 

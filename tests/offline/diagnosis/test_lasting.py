@@ -19,7 +19,7 @@ from tpmsd.offline.diagnosis.robustness.outlying import jump_evidence, lasting
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
 from tpmsd.offline.inference.least_squares import Evidence
-from tpmsd.offline.inference.noise_fit import Stage
+from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
 
 BEGIN_S = 120.0
@@ -58,7 +58,7 @@ def erring(recording: Recording) -> Recording:
 def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Study, Evidence, Term]:
     """A drive under the noise that it has without what happens, and the event that shows most."""
     usual, study = (Study(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
-    usual = estimated(usual, usual.hypotheses.nuisance, Stage.SECOND)
+    usual = estimated(usual, usual.hypotheses.nuisance, SearchStage.SECOND)
     study = study.under({0: usual.drives[0].noise})
     evidence = study.evidence()
     gram, b = evidence.projected(study.hypotheses.nuisance)

@@ -16,7 +16,7 @@ from bench.worlds.course import Course
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec, course
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Proposal
+from tpmsd.offline.diagnosis.assessment.result import Proposal, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
@@ -51,7 +51,7 @@ FORMS = {"product": "speed * ", "step": "np.tanh((speed - ", "threshold": "np.ma
 """Part of the formula that is wanted; a logistic step is a tanh of half the argument."""
 
 
-def diagnosed(law: Law, seed: int, propose: bool) -> Diagnosis:
+def diagnosed(law: Law, seed: int, propose: bool) -> RollingDiagnosis:
     """A drive of the independent world in which the law acts."""
     spec = Spec(duration_s=300.0, road="mixed", driven="front", stops=True)
     rng = np.random.default_rng(seed)

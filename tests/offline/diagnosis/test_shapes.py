@@ -10,7 +10,7 @@ import pytest
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec, course, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis
+from tpmsd.offline.diagnosis.assessment.result import RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import finer_knots, hat_functions
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -20,7 +20,7 @@ from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
 
 
-def diagnosed(seed: int, spec: Spec) -> Diagnosis:
+def diagnosed(seed: int, spec: Spec) -> RollingDiagnosis:
     """The diagnosis of a drive of the tests' own world."""
     return diagnose([recording_of(drive(spec, seed))])
 

@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.robustness.verdict import outweighed
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
-from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.rings.miscount import all_recounted, one_recounted, wrong_teeth
 
@@ -126,7 +126,7 @@ def test_an_instruments_effect_must_gain_more_than_a_spline_on_its_wheels(
         return Chosen(of, brings, brings, brings, 1.0, (), np.ones(1), np.ones(1))
 
     both = chosen(one, gain), chosen(shape, 500.0)
-    selection = Selection(both, cast(Fit, None), np.zeros(1), np.zeros(1))
+    selection = Selection(both, cast(LeastSquaresFit, None), np.zeros(1), np.zeros(1))
 
     assert doubtful is outweighed(both[0], selection)
 

@@ -10,7 +10,7 @@ from tpmsd.car.physics.catalogue import EFFECTS, usual_size
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.inference.least_squares import LeastSquaresFit
 
 ARM_M, SLIP, SPEED2 = -0.6, 3e-3, 225.0
 """An antenna behind the rear axle, the side slip of a car, and the square of a speed at which both turn the
@@ -40,7 +40,7 @@ def test_what_is_known_beforehand_is_a_reading_more() -> None:
     more = np.concatenate([rows, [[0.0, 1.0 / std, 0.0]]])
     expected = np.linalg.inv(more.T @ more)
     covariance = np.linalg.inv(rows.T @ rows)
-    fit = Fit(np.eye(3), covariance @ rows.T @ data, covariance, 1.0).known(1, std)
+    fit = LeastSquaresFit(np.eye(3), covariance @ rows.T @ data, covariance, 1.0).known(1, std)
 
     assert fit.covariance == pytest.approx(expected)
     assert fit.values == pytest.approx(expected @ rows.T @ data)

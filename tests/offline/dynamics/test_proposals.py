@@ -18,7 +18,7 @@ from tpmsd.offline.dynamics.document import dynamics_document
 from tpmsd.offline.dynamics.located import LocatedTerm, refined
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.proposals import dynamics_effect_file, proposals
-from tpmsd.offline.dynamics.result import DynamicsDiagnosis, Proposal
+from tpmsd.offline.dynamics.result import ClosedForm, DynamicsDiagnosis
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.terms import spline_term
 
@@ -58,7 +58,7 @@ def test_where_all_has_a_name_there_is_nothing_to_propose(tmp_path: Path) -> Non
 @pytest.mark.parametrize("on", ["moment", "force_y", "force_x", "force_front", "force_rear", "yaw_rate"])
 def test_the_file_of_a_proposal_is_an_effect(tmp_path: Path, on: str) -> None:
     """It is read as a module, passes the trial of an own effect and adds what the formula says."""
-    proposal = Proposal(
+    proposal = ClosedForm(
         "made_up", "speed * np.abs(steering)", ("speed", "steering"), "m/s.rad", on, "x", 0.3, 0.01, 9.5, 9.0
     )
     name, text = dynamics_effect_file(proposal, 'a """drive')

@@ -18,7 +18,7 @@ from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import write_tables
 from tpmsd.offline.fleet.work import STAGES, make_result, work_on
-from tpmsd.onboard.sources.drive import Drive as FolderStream
+from tpmsd.onboard.sources.drive import FolderStream
 from tpmsd.onboard.timeline.tick import Tick
 
 

@@ -14,7 +14,7 @@ from tpmsd.car.physics.catalogue import RADIUS
 from tpmsd.offline.diagnosis.assessment.tangent import crossing
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, first_noise
 from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.inference.noise_fit import Stage, fit_noise
+from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
 
@@ -30,7 +30,7 @@ def first_fit(loss_m: float) -> Noise:
     study = DriveStudy(reader, {}, {})
     radii = [k for k, name in enumerate(study.names) if name[0] == RADIUS.name]
     columns = study.columns.take([0, *radii])
-    return fit_noise(reader.windows, columns, first_noise(reader), Stage.FIRST)
+    return fit_noise(reader.windows, columns, first_noise(reader), SearchStage.FIRST)
 
 
 def test_a_tyre_that_changed_halfway_does_not_make_single_readings_rough() -> None:

@@ -15,13 +15,13 @@ from tests.offline.report.test_alarms_compared import LEAK
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.reach import ChannelReach, Reach
 from tpmsd.offline.diagnosis.assessment.result import (
-    Diagnosis,
     Finding,
     Ground,
     Inner,
     NotDetectable,
     Quantity,
     RadiusDrift,
+    RollingDiagnosis,
     Trace,
     Where,
 )
@@ -52,7 +52,7 @@ LATENCY = replace(
 )
 REACH = Reach(300.0, 100.0, 20.0, {"gnss_speed": ChannelReach(300.0, 100.0, 0.31, 1e-9)})
 BENDS = np.linspace(-2.0, 2.0, 8)
-FOUND = Diagnosis(
+FOUND = RollingDiagnosis(
     verdict="mismatch",
     reason="",
     findings=(SHAPE, LATENCY),
@@ -147,7 +147,9 @@ ALL_REACHED = replace(FOUND, reach=ALL)
         ),
     ],
 )
-def test_what_is_left_is_told_without_contradiction(diagnosis: Diagnosis, sentences: list[str]) -> None:
+def test_what_is_left_is_told_without_contradiction(
+    diagnosis: RollingDiagnosis, sentences: list[str]
+) -> None:
     """Drift that passes for noise is said to be that, on page and in summary, and not what is unexplained."""
     page = diagnosis_page(diagnosis, ["monday"], ORIGIN)
     summary = diagnosis_summary(diagnosis, None)

@@ -13,10 +13,10 @@ from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     MISMATCH,
     SUSPICION,
-    Diagnosis,
     Finding,
     Inner,
     Quantity,
+    RollingDiagnosis,
     Trace,
     Where,
 )
@@ -32,11 +32,11 @@ def finding(effect: str, gain: float, status: str = "finding") -> Finding:
     return Finding(effect, 1.0, values, where, 1.0, 0.9, 0.1, gain, (), status=status)
 
 
-def diagnosis(*findings: Finding, baseline: tuple[str, ...] = ("rolling",)) -> Diagnosis:
+def diagnosis(*findings: Finding, baseline: tuple[str, ...] = ("rolling",)) -> RollingDiagnosis:
     """With a residual that grows before and is flat after, for each finding."""
     traces = tuple(Trace(one.effect, "speed", SPEEDS, 0.1 * SPEEDS, 0.0 * SPEEDS) for one in findings)
     verdict = MISMATCH if findings else CONSISTENT
-    return Diagnosis(
+    return RollingDiagnosis(
         verdict,
         "",
         findings,

@@ -11,7 +11,7 @@ from tpmsd.onboard.daemon.feeder import Feeder
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, Sentence
 
 GRACE_S = 0.25
 
@@ -50,7 +50,7 @@ def test_a_replay_sees_every_mark_of_a_pause_at_the_start(tmp_path: Path) -> Non
     marks = recorded(tmp_path, readings)
 
     assert [1000.25, 1030.0] == marks[:2]
-    assert marks == [item.time_s for item in Drive(tmp_path / "drive") if isinstance(item, Sentence)]
+    assert marks == [item.time_s for item in FolderStream(tmp_path / "drive") if isinstance(item, Sentence)]
 
 
 @pytest.mark.parametrize(("step_s", "steps"), [(0.2, 0), (-0.2, 0), (0.3, 1), (-0.3, 1), (1.0, 1)])

@@ -23,7 +23,7 @@ from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, Sentence
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,11 @@ def sparse_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, list
     write_drive(folder, simulate_drive(DriveSpec(duration_s=30.0, seed=2, receiver=receiver)))
     config = load_config(folder)
     config = dataclasses.replace(config, filter=dataclasses.replace(config.filter, particles=10))
-    kept = (item for index, item in enumerate(Drive(folder)) if isinstance(item, Sentence) or index % 40 == 0)
+    kept = (
+        item
+        for index, item in enumerate(FolderStream(folder))
+        if isinstance(item, Sentence) or index % 40 == 0
+    )
     return config, list(kept)
 
 
@@ -120,7 +124,7 @@ def test_a_live_run_and_its_replay_are_the_same(tmp_path: Path) -> None:
             break
     config = load_config(drive)
     result = replay(drive, config)
-    replayed = fed(config, list(Drive(drive)), [])
+    replayed = fed(config, list(FolderStream(drive)), [])
 
     assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
     alarms: list[AlarmEvent] = [event for step in live for event in step.report.events]

@@ -23,7 +23,7 @@ from tpmsd.onboard.daemon.journal import JournalFormatter
 from tpmsd.onboard.daemon.recorder import Appender, DriveRecorder, candump_line
 from tpmsd.onboard.sources.can.candump_line import parse_candump_line
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, Sentence
 
 
 @settings(derandomize=True, deadline=None)
@@ -65,7 +65,7 @@ def test_a_recording_is_a_drive(tmp_path: Path) -> None:
     recorder.frame(frames[2])
     recorder.close()
 
-    items = [item if isinstance(item, Sentence) else item.time_s for item in Drive(recorder.folder)]
+    items = [item if isinstance(item, Sentence) else item.time_s for item in FolderStream(recorder.folder)]
     assert [
         Sentence(999.5, b"$PTPMSD", 1),
         1000.000001,

@@ -18,7 +18,7 @@ from tpmsd.onboard.daemon.recorder import DriveRecorder
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks.reset_request import ResetRequest, to_frame, to_sentence
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 
 SCALE = 20.0
 LOG = logging.getLogger("tests.reset")
@@ -52,7 +52,7 @@ def test_a_reset_is_recorded_and_its_replay_resets_at_the_same_tick(tmp_path: Pa
 
     pipeline = Pipeline(config, database)
     steps: list[Step] = []
-    for item in Drive(recorder.folder):
+    for item in FolderStream(recorder.folder):
         if isinstance(item, CanFrame):
             steps += pipeline.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
         else:

@@ -13,7 +13,7 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.baseline.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.baseline.reference import CAR, DRAG, GROWTH, HILL, SIZE, RadiusReference
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.sizes import no_sizes
 from tpmsd.onboard.monitor.sampling.conditions import Conditions
@@ -32,9 +32,9 @@ SPEEDS = 33.0 + 9.0 * np.sin(np.arange(60) / 3.0)
 """An autobahn, m/s."""
 
 
-def learned_car(known_share: float | None = None) -> Reference:
+def learned_car(known_share: float | None = None) -> RadiusReference:
     """Radii and slip are learned; growth is not unless a share is given, as the car was never driven fast."""
-    reference = Reference(VEHICLE)
+    reference = RadiusReference(VEHICLE)
     scale = np.full(SIZE, known_share or KNOWN_SHARE)
     scale[CAR:] = 1.0
     if known_share is None:
@@ -104,7 +104,7 @@ def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(drive
     """The same on a hilly road, with a slip slope after each sample: the slopes are rows more of that
     regression, of the driven axle's slip per force less the other one's, in which no change is."""
     rng = np.random.default_rng(6)
-    reference = Reference(replace(VEHICLE, driven_axle=driven))
+    reference = RadiusReference(replace(VEHICLE, driven_axle=driven))
     mean, prior = reference.mean.copy(), reference.covariance.copy()
     bank = ChangeBank(reference.copy(), np.zeros((4, 4)))
     hills = rng.normal(0.0, 0.5, 12)
@@ -146,7 +146,7 @@ def test_a_drive_model_expects_so_many_times_the_learned_slip(driven: str, name:
     """At 30 m/s up a slope of 0.5 m/s2, driven wheels of a car with 7e-3 per m/s2 and 8e-7 per (m/s)^2
     slip more by what the model multiplies each by; the others are as learned."""
     model = {one.name: one for one in DRIVE_EVIDENCE.models}[name]
-    reference = Reference(replace(VEHICLE, driven_axle=driven))
+    reference = RadiusReference(replace(VEHICLE, driven_axle=driven))
     reference.mean[HILL.start + (driven == "rear")] = -7e-3
     uphill = replace(at(30.0), slope_mps2=0.5)
     found = reference.widened(model).expected(uphill)[0] - reference.expected(uphill)[0]

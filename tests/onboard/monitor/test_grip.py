@@ -12,8 +12,8 @@ from tests.onboard.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged
 from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.alarms.judge import Judge
-from tpmsd.onboard.monitor.baseline.baseline import Baseline, Change, typical
-from tpmsd.onboard.monitor.baseline.reference import Reference
+from tpmsd.onboard.monitor.baseline.baseline import Change, TyreSetBaseline, typical
+from tpmsd.onboard.monitor.baseline.reference import RadiusReference
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning
@@ -120,7 +120,7 @@ def test_minutes_say_which_tyre_of_an_axle_has_changed(level_m: float, raised: b
 
 def test_an_estimate_that_no_tyre_explains_is_no_change() -> None:
     """A wheel that seems 8 % larger than was learned; by 3 %, as with a snow chain, it is one."""
-    baseline = Baseline(VEHICLE, WHEELS, 180.0)
+    baseline = TyreSetBaseline(VEHICLE, WHEELS, 180.0)
     found = {share: baseline.changes(estimate(share * RADIUS_M), np.eye(4) * 1e-8) for share in (0.03, 0.08)}
     assert found[0.08] is None
     assert found[0.03] is not None and found[0.03][0].change_m[1] == pytest.approx(
@@ -131,7 +131,7 @@ def test_an_estimate_that_no_tyre_explains_is_no_change() -> None:
 def test_to_ask_for_the_change_takes_nothing_up() -> None:
     """Of twenty seconds of driving the change is asked ten times, and each answer is the first one; once
     they are observed, the mean holds one sample more."""
-    baseline, nuisance_m2, seen = Baseline(VEHICLE, WHEELS, 180.0), np.eye(4) * 1e-8, estimate(0.0)
+    baseline, nuisance_m2, seen = TyreSetBaseline(VEHICLE, WHEELS, 180.0), np.eye(4) * 1e-8, estimate(0.0)
     tick = Tick(0, 0.0, 21.0, np.full(4, 21.0 * 20.0 / RADIUS_M), np.full(4, 0.05))
     baseline.update(tick, seen)
     asked = [baseline.changes(seen, nuisance_m2) for _ in range(10)]
@@ -165,7 +165,7 @@ def estimate(larger_m: float) -> RadiusEstimate:
 
 def test_two_driven_axles_slip_by_half_each() -> None:
     """Each transmits half of the force: a quarter of the variance, on four wheels."""
-    one = Reference(VEHICLE).slip(MODELS["low grip"])
-    both = Reference(replace(VEHICLE, driven_axle="all")).slip(MODELS["low grip"])
+    one = RadiusReference(VEHICLE).slip(MODELS["low grip"])
+    both = RadiusReference(replace(VEHICLE, driven_axle="all")).slip(MODELS["low grip"])
     assert np.diag(both) == pytest.approx(np.full(4, one[0, 0] / 4.0))
     assert one[0, 0] == pytest.approx(MODELS["low grip"].slip_std ** 2)

@@ -14,7 +14,7 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.baseline.reference import AGE, CAR, DRAG, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.baseline.reference import AGE, CAR, DRAG, HILL, SIZE, RadiusReference
 from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope, SlopeSums
@@ -156,7 +156,7 @@ def test_speed_that_changed_in_a_gap_is_no_acceleration() -> None:
 def test_age_and_slip_are_learned_apart_by_drives_at_several_speeds() -> None:
     """Twenty measurements with 3e-4 each at 10 and at 30 m/s, of a slip of 5e-3 and an age of 0.12 s: least
     squares with both priors."""
-    reference = Reference(CAR_OF_ALL)
+    reference = RadiusReference(CAR_OF_ALL)
     rows, seen = [], []
     for _ in range(20):
         for speed_mps in (10.0, 30.0):
@@ -180,8 +180,8 @@ def judged(extra: FloatArray, slippier: float, seed: int) -> Judgement:
     learned, uphill from the eighth sample on, and `extra` (n,) m comes on top of all of them."""
     rng = np.random.default_rng(seed)
     known = learned_car()
-    reference = Reference(CAR_OF_ALL)
-    scale = np.sqrt(np.diag(known.covariance) / np.diag(Reference(VEHICLE).covariance))
+    reference = RadiusReference(CAR_OF_ALL)
+    scale = np.sqrt(np.diag(known.covariance) / np.diag(RadiusReference(VEHICLE).covariance))
     reference.covariance = reference.covariance * np.outer(scale, scale)
     reference.mean[HILL], reference.mean[AGE] = -DRY, 0.1
     truth = reference.mean.copy()
@@ -220,7 +220,7 @@ def test_the_slope_tells_low_grip_from_four_soft_tyres(seed: int) -> None:
 
 def test_a_baseline_saved_before_the_receivers_age_was_learned_is_taken_up() -> None:
     """With the prior of the age, and everything else as it was."""
-    reference = Reference(VEHICLE)
+    reference = RadiusReference(VEHICLE)
     reference.learn_slip(Slope(7e-3, 1e-6))
     saved = reference.to_json()
     old = {
@@ -228,9 +228,9 @@ def test_a_baseline_saved_before_the_receivers_age_was_learned_is_taken_up() -> 
         "mean": np.delete(saved["mean"], AGE).tolist(),
         "covariance": np.delete(np.delete(saved["covariance"], AGE, axis=0), AGE, axis=1).tolist(),
     }
-    found = Reference.from_json(old, VEHICLE)
+    found = RadiusReference.from_json(old, VEHICLE)
     assert found.mean == pytest.approx(reference.mean)
     assert found.covariance == pytest.approx(reference.covariance)
     assert (AGE, CAR, SIZE) == (20, 21, 29)
     with pytest.raises(ValueError, match="baseline"):
-        Reference.from_json({**saved, "mean": saved["mean"][:-3]}, VEHICLE)
+        RadiusReference.from_json({**saved, "mean": saved["mean"][:-3]}, VEHICLE)

@@ -14,7 +14,7 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.baseline.reference import DRAG, HILL, Reference
+from tpmsd.onboard.monitor.baseline.reference import DRAG, HILL, RadiusReference
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
@@ -181,7 +181,7 @@ def test_braking_is_done_by_all_wheels() -> None:
 
 def test_slopes_are_learned_as_the_slip_on_hills() -> None:
     """Ten measurements of one slope with 1e-3 each, from a prior of 4e-3 +- 4e-3: their weighted mean."""
-    reference = Reference(VEHICLE)
+    reference = RadiusReference(VEHICLE)
     prior = reference.covariance[HILL, HILL]
     information = 10.0 / (1e-6 + 0.0)
     for _ in range(10):

@@ -13,7 +13,7 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
-from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.baseline.baseline import TyreSetBaseline
 from tpmsd.onboard.monitor.baseline.reference import HILL
 from tpmsd.onboard.timeline.tick import Tick
 
@@ -43,7 +43,7 @@ def estimate_at(tick: Tick, deviation_m: FloatArray) -> RadiusEstimate:
     )
 
 
-def drive(baseline: Baseline, driven: str, slope: float, seconds: float, start_s: float) -> Judgement:
+def drive(baseline: TyreSetBaseline, driven: str, slope: float, seconds: float, start_s: float) -> Judgement:
     """One with this slip slope and radii as nominal, 48 teeth; what is judged at its end."""
     rng = np.random.default_rng(int(start_s))
     judge = Judge(replace(VEHICLE, driven_axle=driven), MonitorConfig(), TyreConfig(), WHEELS)
@@ -69,7 +69,7 @@ def test_the_slip_slope_is_learned_with_the_car_and_tells_low_grip(driven: str) 
     """From 4e-3 +- 4e-3 per m/s2 the car's 7e-3 (1.01 times that by differences over two seconds) is learned
     to 3e-4. A drive with as much is as learned; one with 2.4 times that has evenly low grip, though its radii
     are those of the first."""
-    baseline = Baseline(replace(VEHICLE, driven_axle=driven), WHEELS, MonitorConfig().learn_s)
+    baseline = TyreSetBaseline(replace(VEHICLE, driven_axle=driven), WHEELS, MonitorConfig().learn_s)
     drive(baseline, driven, DRY, 800.0, 0.0)
     front, rear = baseline.reference.mean[HILL]
     assert (rear - front if driven == "front" else front - rear) == pytest.approx(1.01 * DRY, abs=3e-4)

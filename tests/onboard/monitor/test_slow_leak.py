@@ -16,7 +16,7 @@ from bench.campaigns.onboard.slow_leak import METRES_PER_PERCENT, first_notice, 
 from bench.worlds.tyre_years import Leak, draw_year
 from tests.onboard.monitor.drives import ALL, START_S, VEHICLE, Player, monitor, said
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline.reference import DRAG, GROWTH_OWN, Reference
+from tpmsd.onboard.monitor.baseline.reference import DRAG, GROWTH_OWN, RadiusReference
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
 from tpmsd.onboard.monitor.sampling.conditions import Conditions
@@ -461,7 +461,7 @@ def test_a_leak_is_noticed_over_restarts_and_resets(
 def test_a_reading_of_front_against_rear_is_free_of_slip_by_speed() -> None:
     """What is taken off a reading: 1e-4 of the radius that each wheel grows alone and 2e-4 that driven wheels
     slip, at the speed to which these belong; at twice the speed four times as much."""
-    reference = Reference(VEHICLE)
+    reference = RadiusReference(VEHICLE)
     assert VEHICLE.driven_axle == "front"
     reference.mean[GROWTH_OWN] = [1e-4, 0.0, 0.0, 0.0]
     reference.mean[DRAG] = 2e-4

@@ -10,7 +10,7 @@ import pytest
 from tests.onboard.gnss.sentences import rmc
 from tpmsd.foundation.errors import InputError
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 
 START_S = 1_700_000_000.0
 
@@ -57,7 +57,7 @@ def recorded(
 def true_times(folder: Path) -> list[float]:
     """The true time of every item in the order in which the drive gives them."""
     times = []
-    for item in Drive(folder):
+    for item in FolderStream(folder):
         if isinstance(item, CanFrame):
             times.append(int.from_bytes(item.data, "big") / 1000.0)
         else:
@@ -104,7 +104,7 @@ def test_two_steps_back_are_survived(tmp_path: Path) -> None:
 
     can = "".join(frame_line(host(k / 50), 20 * k) for k in range(1500))
     gnss = "".join(sentence_line(host(k / 5 + 0.003), START_S + k / 5 + 0.003) for k in range(150))
-    drive = Drive(write(tmp_path, can, gnss))
+    drive = FolderStream(write(tmp_path, can, gnss))
     assert 1650 == len(list(drive))
     assert (2, 2) == (drive.counts["can clock steps"], drive.counts["gnss clock steps"])
     assert disorder_s(true_times(tmp_path)) <= 0.21
@@ -151,7 +151,7 @@ def test_stamps_far_apart_are_all_kept(count: int, tmp_path: Path) -> None:
     stamps = [START_S + 30.0 * k for k in range(count)]
     can = "".join(frame_line(t, round(1000.0 * (t - START_S))) for t in stamps)
     gnss = "".join(sentence_line(t + 10.0, t + 10.0) for t in stamps)
-    drive = Drive(write(tmp_path, can, gnss))
+    drive = FolderStream(write(tmp_path, can, gnss))
     items = list(drive)
 
     assert sorted([*stamps, *(t + 10.0 for t in stamps)]) == [item.time_s for item in items]
@@ -161,19 +161,19 @@ def test_stamps_far_apart_are_all_kept(count: int, tmp_path: Path) -> None:
 def test_a_drive_without_receiver(tmp_path: Path) -> None:
     """No gnss.nmea is a drive of frames alone."""
     write(tmp_path, "".join(frame_line(START_S + k, k) for k in range(5)), None)
-    drive = Drive(tmp_path)
+    drive = FolderStream(tmp_path)
     assert (5, 0.0) == (len(list(drive)), drive.span_s())
 
 
 def test_compressed_files(tmp_path: Path) -> None:
     """can.log.gz and gnss.nmea.gz are the same drive as their plain forms."""
     recorded(tmp_path)
-    plain = list(Drive(tmp_path))
+    plain = list(FolderStream(tmp_path))
     for name in ("can.log", "gnss.nmea"):
         path = tmp_path / name
         (tmp_path / f"{name}.gz").write_bytes(gzip.compress(path.read_bytes()))
         path.unlink()
-    assert plain == list(Drive(tmp_path))
+    assert plain == list(FolderStream(tmp_path))
 
 
 def test_bad_lines_are_counted_and_the_first_is_named(tmp_path: Path) -> None:
@@ -183,7 +183,7 @@ def test_bad_lines_are_counted_and_the_first_is_named(tmp_path: Path) -> None:
     lines[3] = "(17000\n"
     lines[9] = "\x00\x01\x02 nonsense\n"
     (tmp_path / "can.log").write_text("".join(lines))
-    drive = Drive(tmp_path)
+    drive = FolderStream(tmp_path)
     assert 1528 == len(list(drive))
     assert 2 == drive.counts["can bad lines"]
     assert drive.first_bad["can"].startswith(f"{tmp_path / 'can.log'}:4: ")
@@ -192,7 +192,7 @@ def test_bad_lines_are_counted_and_the_first_is_named(tmp_path: Path) -> None:
 def test_no_log_at_all(tmp_path: Path) -> None:
     """A folder without a CAN log is named with what was looked for."""
     with pytest.raises(InputError, match=r"no CAN log; looked for can\.log"):
-        Drive(tmp_path)
+        FolderStream(tmp_path)
 
 
 @pytest.mark.parametrize(("pause_s", "kept"), [(30.0, True), (59.0, True), (61.0, False), (-30.0, False)])
@@ -200,7 +200,7 @@ def test_a_lone_first_line_before_a_pause_is_kept(pause_s: float, kept: bool, tm
     """The time known before the recorder paused is its first mark; a stamp from elsewhere is none."""
     first = START_S - pause_s + 0.02
     can = frame_line(first, 0) + "".join(frame_line(START_S + 0.02 * k, k) for k in range(1, 9))
-    drive = Drive(write(tmp_path, can, None))
+    drive = FolderStream(write(tmp_path, can, None))
 
     assert kept == (first in [item.time_s for item in drive])
     assert ({} if kept else {"can damaged stamps": 1}) == dict(drive.counts)

@@ -13,7 +13,7 @@ from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
 
@@ -54,7 +54,7 @@ def test_the_short_way_makes_the_same_ticks(
     jumps = dict(steps)
     shift = 0.0
     made: tuple[list[Tick], list[Tick]] = ([], [])
-    for k, item in enumerate(Drive(folder)):
+    for k, item in enumerate(FolderStream(folder)):
         shift -= jumps.get(k, 0.0)
         time_s = item.time_s + shift
         for source, ticks in zip((short, long), made, strict=True):
@@ -77,7 +77,7 @@ def test_frames_behind_one_that_meets_something_due_are_not_passed_by(folder: Pa
     """Also where their stamps are earlier: a clock that stepped back is for the long way."""
     config = load_config(folder)
     source = TickSource(config, load_database(config.can.dbc))
-    items = [item for item in Drive(folder) if isinstance(item, CanFrame)][:400]
+    items = [item for item in FolderStream(folder) if isinstance(item, CanFrame)][:400]
     for item in items:
         source.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
     now_s = items[-1].time_s

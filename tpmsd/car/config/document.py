@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.car.config.locate import KeyPath, Step, line_of, locate
+from tpmsd.car.config.locate import KeyPath, PathStep, line_of, locate
 from tpmsd.car.config.problems import ConfigProblems, Problem
 from tpmsd.foundation.text_file import opened
 from tpmsd.foundation.toml_text import parse_toml
@@ -28,7 +28,7 @@ class Document:
     data: dict[str, Any]
     lines: dict[KeyPath, int]
 
-    def line(self, *path: Step) -> int | None:
+    def line(self, *path: PathStep) -> int | None:
         """Return the line of a key, or of the table around it."""
         return line_of(self.lines, path)
 

@@ -13,8 +13,8 @@ import re
 import tomllib
 from bisect import bisect_left
 
-Step = str | int
-KeyPath = tuple[Step, ...]
+PathStep = str | int
+KeyPath = tuple[PathStep, ...]
 
 _BLANK = re.compile(r"[ \t]*")
 _BLANK_LINES = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")

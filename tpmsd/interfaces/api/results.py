@@ -34,8 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from tpmsd.offline.calibration.result import FittedGeometry
-    from tpmsd.offline.diagnosis.assessment.result import Diagnosis as DiagnosisResult
-    from tpmsd.offline.diagnosis.assessment.result import Finding
+    from tpmsd.offline.diagnosis.assessment.result import Finding, RollingDiagnosis
 
 
 REPLAY_SCHEMA = "tpmsd.replay/2"
@@ -157,7 +156,7 @@ class Replay:
 class Diagnosis:
     """Diagnosis: physics that drives hold and the rolling model leaves out."""
 
-    result: DiagnosisResult
+    result: RollingDiagnosis
     """The record that reports and plots are made of."""
     drives: tuple[str, ...]
     source: Source = Source()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel
-    from tpmsd.offline.diagnosis.assessment.result import Diagnosis
+    from tpmsd.offline.diagnosis.assessment.result import RollingDiagnosis
     from tpmsd.offline.report.alarms_compared import AlarmsCompared
     from tpmsd.offline.report.replay_result import ReplayResult
 
@@ -40,7 +40,7 @@ class AlarmReplays:
     def _start(self, drive: Path, model: ExtendedModel | None) -> Future[ReplayResult]:
         return self._pool.submit(replayed, drive, self._config_file, model)
 
-    def compared(self, diagnosis: Diagnosis) -> list[AlarmsCompared]:
+    def compared(self, diagnosis: RollingDiagnosis) -> list[AlarmsCompared]:
         """Return all drives without and with the diagnosed model; waits for the replays."""
         from tpmsd.car.config.load import load_config
         from tpmsd.car.physics.effect import Kind

@@ -17,7 +17,7 @@ from tpmsd.foundation.lean import no_collection
 from tpmsd.interfaces.cli.output import Progress
 from tpmsd.offline.drives import reading
 from tpmsd.offline.drives.reading import DESK_RATE_HZ, Core, FolderRecording, Out
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
@@ -30,7 +30,7 @@ def say(line: str) -> None:
     print(f"tpmsd: {line}", file=sys.stderr)
 
 
-def open_drive(folder: Path, config: Config) -> tuple[Drive, Database]:
+def open_drive(folder: Path, config: Config) -> tuple[FolderStream, Database]:
     """Return the drive in a folder, its clocks aligned, and its DBC.
 
     InputError if there is no such drive; ConfigError (with the configuration's file) if the signals do not
@@ -41,10 +41,10 @@ def open_drive(folder: Path, config: Config) -> tuple[Drive, Database]:
 
 def span_s(folder: Path) -> float:
     """Duration of a drive by the receiver's log, for progress bars; 0 if it is not known cheaply."""
-    return Drive(folder).span_s() if folder.is_dir() else 0.0
+    return FolderStream(folder).span_s() if folder.is_dir() else 0.0
 
 
-def play(drive: Drive, core: Core[Out], label: str) -> Iterator[Out]:
+def play(drive: FolderStream, core: Core[Out], label: str) -> Iterator[Out]:
     """Yield what the core makes of the whole drive, in order, with a progress bar on a terminal.
 
     InputError at the end if no frame had an identifier that the configured signals need.

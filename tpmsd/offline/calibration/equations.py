@@ -23,7 +23,7 @@ from tpmsd.car.physics.motion import Motion, integrate
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.calibration.nominal import Nominal, Vehicle, calibrated_wheels
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.inference.trajectory import WINDOW_S, Reference
+from tpmsd.offline.inference.trajectory import WINDOW_S, ReferenceTrajectory
 from tpmsd.offline.inference.windows import CHANNELS, EAST, GYRO, Linearised, Reader
 
 V, W, PSI = 0, 1, 2
@@ -142,11 +142,11 @@ def _where_moving(recording: Recording, motion: Nominal) -> Recording:
     )
 
 
-def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> Reference:
+def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> ReferenceTrajectory:
     """Return the nominal motion as the reference of a `Reader`."""
     speed, yaw = motion.speed_mps, motion.yaw_rate_radps
     curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
-    return Reference(
+    return ReferenceTrajectory(
         motion=Motion(
             time_s=motion.time_s,
             distance_m=integrate(speed, motion.time_s),

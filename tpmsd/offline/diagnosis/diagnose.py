@@ -1,6 +1,6 @@
 """The diagnosis of drives, from recordings to findings.
 
-In: `Recording`s of one car. Out: `Diagnosis`. Pure: the same recordings give the same answer.
+In: `Recording`s of one car. Out: `RollingDiagnosis`. Pure: the same recordings give the same answer.
 
 1. `prepared`: smooth each recording's own motion, predict all channels by the rolling model, and take the
    responses of all `hypotheses`.
@@ -18,7 +18,7 @@ import numpy as np
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiability, identifiability
-from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, Diagnosis
+from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, RollingDiagnosis
 from tpmsd.offline.diagnosis.assessment.simulated import differences
 from tpmsd.offline.diagnosis.prepared.admission import admitted, against, unfit
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
@@ -30,7 +30,7 @@ from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.stages import estimated, examine
 from tpmsd.offline.inference.known_effects import without_effects
 from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.inference.noise_fit import Stage
+from tpmsd.offline.inference.noise_fit import SearchStage
 from tpmsd.offline.inference.recording import Recording
 
 __all__ = ["diagnose", "diagnose_against", "first_noise"]
@@ -51,7 +51,7 @@ def diagnose(
     certify: Certification | None = None,
     propose: bool = False,
     known: ExtendedModel | None = None,
-) -> Diagnosis:
+) -> RollingDiagnosis:
     """Diagnose the drives of one car together; findings get p-values where a certificate is asked for.
 
     With `propose` the closed forms are looked for that suit what has no name. Effects that are `known` are
@@ -80,7 +80,7 @@ def diagnose_against(
     simulation: Recording,
     progress: Callable[[float], None] = lambda share: None,
     propose: bool = False,
-) -> Diagnosis:
+) -> RollingDiagnosis:
     """Return what a recording holds that the user's own simulation of the same drive does not.
 
     With `propose` the closed forms are looked for that suit what has no name.
@@ -107,7 +107,7 @@ def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...
     if not readers:
         raise ConfigError("; ".join(notes))
     study = Study(readers)
-    return identifiability(estimated(study, study.hypotheses.everything, Stage.FIRST))
+    return identifiability(estimated(study, study.hypotheses.everything, SearchStage.FIRST))
 
 
 def noise_of(recording: Recording) -> Noise:
@@ -116,12 +116,12 @@ def noise_of(recording: Recording) -> Noise:
     if not readers:
         raise ConfigError("; ".join(notes))
     study = Study(readers)
-    return estimated(study, study.hypotheses.everything, Stage.FIRST).drives[0].noise
+    return estimated(study, study.hypotheses.everything, SearchStage.FIRST).drives[0].noise
 
 
-def insufficient(notes: Sequence[str]) -> Diagnosis:
+def insufficient(notes: Sequence[str]) -> RollingDiagnosis:
     """Return the answer where there is nothing to go by."""
-    return Diagnosis(
+    return RollingDiagnosis(
         verdict=INSUFFICIENT,
         reason="; ".join(notes) if notes else "no drive",
         findings=(),

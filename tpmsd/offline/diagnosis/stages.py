@@ -29,7 +29,7 @@ from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
-from tpmsd.offline.inference.noise_fit import Stage, fit_noise, outliers
+from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise, outliers
 
 
 @dataclass(frozen=True)
@@ -61,17 +61,17 @@ class State:
 
 def first_noise(state: State) -> State:
     """Estimate each drive's noise beside everything that is linear."""
-    return _estimated(state, Stage.FIRST)
+    return _estimated(state, SearchStage.FIRST)
 
 
 def second_noise(state: State) -> State:
     """Return the same beside what was chosen."""
-    return _estimated(state, Stage.SECOND)
+    return _estimated(state, SearchStage.SECOND)
 
 
 def last_noise(state: State) -> State:
     """Return what drifts alone, once more."""
-    return _estimated(state, Stage.LAST)
+    return _estimated(state, SearchStage.LAST)
 
 
 def plain_shapes(state: State) -> State:
@@ -85,7 +85,7 @@ def plain_shapes(state: State) -> State:
         if term is None:
             break
         design = np.concatenate([widened(design, study.hypotheses.width), term.design], axis=1)
-        study = estimated(study, design, Stage.FIRST)
+        study = estimated(study, design, SearchStage.FIRST)
         evidence = study.evidence()
     return replace(state, study=study, evidence=evidence)
 
@@ -189,7 +189,7 @@ def examine(study: Study, progress: Callable[[float], None]) -> Found:
     return state.found
 
 
-def estimated(study: Study, design: FloatArray, stage: Stage) -> Study:
+def estimated(study: Study, design: FloatArray, stage: SearchStage) -> Study:
     """With each drive's noise estimated beside a model."""
     noises = {
         number: fit_noise(drive.reader.windows, drive.believed(design), drive.noise, stage, drive.inflate)
@@ -200,7 +200,7 @@ def estimated(study: Study, design: FloatArray, stage: Stage) -> Study:
     return study.under(noises)
 
 
-def _estimated(state: State, stage: Stage) -> State:
+def _estimated(state: State, stage: SearchStage) -> State:
     study = estimated(state.study, state.design, stage)
     return replace(state, study=study, evidence=study.evidence())
 

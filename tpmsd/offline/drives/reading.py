@@ -30,8 +30,7 @@ from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import read_can_blocks
 from tpmsd.onboard.sources.can.signal_plan import compile_plans, signal_steps
-from tpmsd.onboard.sources.drive import Drive as FolderStream
-from tpmsd.onboard.sources.drive import FrameSlice, Sentence
+from tpmsd.onboard.sources.drive import FolderStream, FrameSlice, Sentence
 from tpmsd.onboard.sources.gnss.plain_nmea import clock_offset
 from tpmsd.onboard.timeline.block_source import BlockSource
 from tpmsd.onboard.timeline.tick import Tick

@@ -23,13 +23,13 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, discoveries, enough
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.located import located_terms, nameless_penalty
-from tpmsd.offline.dynamics.noise import Noise
+from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import free_run, outputs_along
 from tpmsd.offline.dynamics.result import FINDING, SUSPICION, Certificate, DynamicsFinding
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import Term
+from tpmsd.offline.dynamics.terms import CandidateTerm
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def _maxima(
     return maxima
 
 
-def _analysed(search: Search, terms: Sequence[Term], rng: np.random.Generator) -> Search:
+def _analysed(search: Search, terms: Sequence[CandidateTerm], rng: np.random.Generator) -> Search:
     """Return a replicate that holds these terms, with noise, path and terms fitted to it."""
     setup = search.setup
     theta = (*search.fixed, *(term.effect for term in terms))
@@ -111,7 +111,7 @@ def replicate(search: Search, theta: Theta, rng: np.random.Generator) -> Dynamic
     setup, noise = search.setup, search.noise
     names, all_names = setup.states(theta), setup.states(search.theta)
     start = search.at.path[:, [all_names.index(name) for name in names]]
-    own = Noise(
+    own = PathNoise(
         np.array([noise.white[all_names.index(name)] for name in names]), noise.disturbance, noise.outputs
     )
     drive = setup.drive
@@ -130,7 +130,7 @@ def replicate(search: Search, theta: Theta, rng: np.random.Generator) -> Dynamic
     return out
 
 
-def _disturbances(setup: Setup, noise: Noise, kicks: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _disturbances(setup: Setup, noise: PathNoise, kicks: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return disturbances (n, d) that start each block with their stationary variance."""
     drive = setup.drive
     step = float(np.median(np.diff(drive.time_s)))

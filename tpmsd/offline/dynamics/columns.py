@@ -16,7 +16,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
-from tpmsd.offline.dynamics.noise import Noise
+from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Linear, Setup, Weighted
 
 
@@ -87,7 +87,7 @@ def step_changes(setup: Setup, at: Linear, by_rate: FloatArray) -> FloatArray:
     return out
 
 
-def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> BlockGram:
+def gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]) -> BlockGram:
     """Return the statistics of all blocks for these probes."""
     drive = setup.drive
     if not probes:
@@ -135,7 +135,7 @@ def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], Int
     return out, np.array(indices)
 
 
-def _gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> BlockGram:
+def _gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]) -> BlockGram:
     """Return the statistics of all blocks, each probe a column of its own; arrays are (n, p, ...)."""
     drive = setup.drive
     by_rate, by_output = (

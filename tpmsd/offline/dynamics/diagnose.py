@@ -30,9 +30,9 @@ from tpmsd.offline.dynamics.result import (
     DynamicsDiagnosis,
     DynamicsFinding,
     OutputFit,
-    Step,
+    SelectionStep,
 )
-from tpmsd.offline.dynamics.search import Search, Stage
+from tpmsd.offline.dynamics.search import Search, SelectionState
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.stages import searched
 
@@ -124,14 +124,14 @@ def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
     return ""
 
 
-def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit], dict[str, Curves]]:
+def _compared(search: Search) -> tuple[tuple[SelectionStep, ...], dict[str, OutputFit], dict[str, Curves]]:
     """Return errors of the outputs after each step and for the whole, and the outputs themselves, parameters
     fitted on the other folds."""
     setup = search.setup
     readings = setup.readings()
     guesses = [heldout(setup, stage) for stage in search.stages]
     steps = [
-        Step(
+        SelectionStep(
             tuple(dict.fromkeys(term.name for term in stage.terms)),
             {name: _rms(readings[:, k] - guess[:, k]) for k, name in enumerate(setup.channels)},
             (*search.fixed, *(term.effect for term in stage.terms)),
@@ -167,7 +167,7 @@ def _ratings(
     return first, first if after is before else curve_rating(time_s, recorded, after)
 
 
-def heldout(setup: Setup, stage: Stage) -> FloatArray:
+def heldout(setup: Setup, stage: SelectionState) -> FloatArray:
     """Return the outputs that the inputs give, each fold with parameters fitted on the others, (n, m)."""
     drive = setup.drive
     out = np.full((len(drive.time_s), len(setup.channels)), np.nan)

@@ -15,7 +15,7 @@ from tpmsd.offline.dynamics.result import (
     DynamicsDiagnosis,
     DynamicsFinding,
     FittedNuisance,
-    Quantity,
+    FittedNumber,
 )
 from tpmsd.offline.dynamics.summary import summary_sentences
 
@@ -87,7 +87,7 @@ def _nuisance(one: FittedNuisance) -> dict[str, Any]:
     return {"effect": one.effect, "parameters": _parameters(one.parameters)}
 
 
-def _parameters(parameters: Mapping[str, Quantity]) -> dict[str, Any]:
+def _parameters(parameters: Mapping[str, FittedNumber]) -> dict[str, Any]:
     return {name: {"value": one.value, "std": one.std, "unit": one.unit} for name, one in parameters.items()}
 
 

@@ -25,10 +25,10 @@ from tpmsd.offline.dynamics.result import (
     SUSPICION,
     DynamicsFinding,
     FittedNuisance,
+    FittedNumber,
     Location,
-    NotDetectable,
-    Quantity,
     Residuals,
+    UndetectableEffect,
 )
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -180,23 +180,23 @@ def _covariate(effect: DynamicsEffect) -> str:
     return getattr(effect, "over", effect.covariate) or "time"
 
 
-def _quantities(slot: Slot) -> dict[str, Quantity]:
+def _quantities(slot: Slot) -> dict[str, FittedNumber]:
     term = slot.term
     if term.free and term.free[0].startswith("heights["):
         size = float(np.std(term.values()))
         return {
-            "amplitude": Quantity(
+            "amplitude": FittedNumber(
                 size, float(np.mean(slot.std)) / math.sqrt(len(slot.std)), unit_of(term.effect)
             )
         }
     out = {
-        name: Quantity(term.value(name), float(std), term.effect.unit_of(name))
+        name: FittedNumber(term.value(name), float(std), term.effect.unit_of(name))
         for name, std in zip(term.free, slot.std, strict=True)
     }
     for name, value in term.effect.values().items():
         if name not in out and name in ("onset_s", "duration_s") and isinstance(value, float):
             std = term.spread.get(name, SETTINGS.wind_box_s / math.sqrt(12.0))
-            out[name] = Quantity(value, std, "s")
+            out[name] = FittedNumber(value, std, "s")
     return out
 
 
@@ -232,7 +232,7 @@ def _location(setup: Setup, few: Search, slot: Slot, channel: str, change: Float
     return Location(channel, covariate, (low, high))
 
 
-def not_detectable(search: Search, look: Look, threshold: float) -> tuple[NotDetectable, ...]:
+def not_detectable(search: Search, look: Look, threshold: float) -> tuple[UndetectableEffect, ...]:
     """Return the effects that would have had to be larger than usual to be found, with the sizes it takes."""
     out = []
     done: set[str] = set()
@@ -243,12 +243,14 @@ def not_detectable(search: Search, look: Look, threshold: float) -> tuple[NotDet
         addition = look.addition(k)
         if not addition.visible:
             units = {name: (None, term.effect.unit_of(name)) for name in term.free}
-            out.append(NotDetectable(term.name, units))
+            out.append(UndetectableEffect(term.name, units))
             continue
         sizes = dict(zip(term.free, addition.smallest(threshold), strict=True))
         usual = usual_sizes(term)
         if all(sizes[name] > usual[name] for name in term.free):
             out.append(
-                NotDetectable(term.name, {n: (float(v), term.effect.unit_of(n)) for n, v in sizes.items()})
+                UndetectableEffect(
+                    term.name, {n: (float(v), term.effect.unit_of(n)) for n, v in sizes.items()}
+                )
             )
     return tuple(out)

@@ -27,7 +27,7 @@ from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, 
 from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import Term, hats, spaced, spline_term
+from tpmsd.offline.dynamics.terms import CandidateTerm, hats, spaced, spline_term
 
 SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6, "force_front": 0.6, "force_rear": 0.6}
 """Prior standard deviations of a term without a name on an equation: m/s2, of the moment rad/s2."""
@@ -39,7 +39,7 @@ OUTPUT_SIZES = 5.0
 class LocatedTerm:
     """A term that may be added, with the log evidence for it."""
 
-    term: Term
+    term: CandidateTerm
     evidence: float
 
 
@@ -71,7 +71,7 @@ def _slow(search: Search, flat: DynamicsRoadBank | DynamicsRoadGrade) -> bool:
     return slow_share(search, scores, SETTINGS.time_knot_s) > SETTINGS.slow_share
 
 
-def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[LocatedTerm]:
+def _scored(search: Search, terms: list[CandidateTerm], penalty: float = 0.0) -> list[LocatedTerm]:
     if not terms:
         return []
     look = search.look(terms)
@@ -113,7 +113,9 @@ def _winds(search: Search) -> list[LocatedTerm]:
         first, last, evidence = _best_span(addition.information, addition.gradient, prior.std, ratio)
         span = _edges(search, moved, (float(edges[first]), float(edges[last])), prior.std, ratio)
         effect = kind(0.0, span.onset_s, span.duration_s)
-        term = Term(effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0}, spread=span.spread)
+        term = CandidateTerm(
+            effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0}, spread=span.spread
+        )
         out.append(LocatedTerm(term, evidence))
     return out
 
@@ -263,7 +265,7 @@ def _knots(values: FloatArray, over: str) -> tuple[float, ...]:
     return tuple(float(x) for x in np.linspace(low, high, SETTINGS.spline_knots))
 
 
-def refined(search: Search, located: LocatedTerm) -> Term:
+def refined(search: Search, located: LocatedTerm) -> CandidateTerm:
     """Return the term of a place with heights or a size fitted, ready to be added."""
     look = search.look([located.term])
     estimate, _ = look.statistics.fit(joined([*look.columns, look.added[0]]))

@@ -16,14 +16,14 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import Term
+from tpmsd.offline.dynamics.terms import CandidateTerm
 
 
 @dataclass(frozen=True)
 class Slot:
     """A term of the model against its absence and against rivals in its place."""
 
-    term: Term
+    term: CandidateTerm
     evidence: float
     """Log Bayes factor against its absence."""
     distance: float
@@ -32,7 +32,7 @@ class Slot:
     std: FloatArray
     """(a,) standard deviations, overdispersion included."""
     p_value: float
-    rivals: tuple[tuple[Term, float], ...]
+    rivals: tuple[tuple[CandidateTerm, float], ...]
     """Terms in its place with their log Bayes factors against its absence, best first."""
     heldout_gain: float
     """Nats on held-out blocks against the model without it."""
@@ -48,10 +48,10 @@ class Look:
     """Statistics about a model: its terms, their removal, and terms that may be added."""
 
     statistics: Statistics
-    terms: Sequence[Term]
+    terms: Sequence[CandidateTerm]
     columns: list[PriorColumns]
     removal: list[tuple[tuple[int, ...], tuple[float, ...]]]
-    offered: list[Term]
+    offered: list[CandidateTerm]
     added: list[PriorColumns]
 
     def addition(self, k: int) -> Addition:
@@ -92,11 +92,11 @@ class Look:
         total = self.statistics.log_likelihood((*free.index, *held), np.concatenate([estimate, held_values]))
         return float(total - 0.5 * np.sum(free.precision * (estimate - free.offset) ** 2))
 
-    def rivals(self, k: int) -> list[tuple[Term, float]]:
+    def rivals(self, k: int) -> list[tuple[CandidateTerm, float]]:
         """Return the offered terms in the place of one of the model's, with their evidence, best first."""
         rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
         ratio = self.statistics.addition(rest, self.columns[k]).overdispersion
-        best: dict[str, tuple[Term, float]] = {}
+        best: dict[str, tuple[CandidateTerm, float]] = {}
         for term, columns in zip(self.offered, self.added, strict=True):
             if set(columns.index) & set(self.removal[k][0]):
                 continue
@@ -155,7 +155,7 @@ def p_value_of(size: float, count: int, blocks: int) -> float:
     return float(fdtrc(count, max(blocks - 1, 1), max(size, 0.0) / count))
 
 
-def possible(term: Term, estimate: FloatArray) -> bool:
+def possible(term: CandidateTerm, estimate: FloatArray) -> bool:
     """Return True if a fit gives an effect of one sign that sign, and a grid's value a part of itself."""
     if term.jump:
         return bool(estimate[0] > 0.2)

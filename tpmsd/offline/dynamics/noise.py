@@ -1,6 +1,6 @@
 """The noise that a path is estimated with: white steps of the states, disturbances, errors of the outputs.
 
-In: standard deviations. Out: `Noise`, and a first guess of it from a recording.
+In: standard deviations. Out: `PathNoise`, and a first guess of it from a recording.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tpmsd.offline.dynamics.settings import SETTINGS
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class PathNoise:
     """Standard deviations."""
 
     white: FloatArray
@@ -43,11 +43,13 @@ def least(states: Sequence[str], disturbances: Sequence[str]) -> tuple[FloatArra
     )
 
 
-def first_guess(states: Sequence[str], disturbances: Sequence[str], readings: Sequence[FloatArray]) -> Noise:
+def first_guess(
+    states: Sequence[str], disturbances: Sequence[str], readings: Sequence[FloatArray]
+) -> PathNoise:
     """Return a noise to start from: outputs by their second differences, the rest plainly too large."""
     white, free = least(states, disturbances)
     outputs = [max(white_noise(values), 1e-6) for values in readings]
-    return Noise(10.0 * white, 100.0 * free, np.array(outputs))
+    return PathNoise(10.0 * white, 100.0 * free, np.array(outputs))
 
 
 def white_noise(values: FloatArray) -> float:

@@ -20,7 +20,7 @@ from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, covariate
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.banded import BandedFactor
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
-from tpmsd.offline.dynamics.noise import Noise
+from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.settings import SETTINGS
 
 _STEP = 1e-6
@@ -197,7 +197,7 @@ def stepped(setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, dt: Fl
 class Weighted:
     """A linear problem with noise: its factor over the path, ready for any right-hand sides."""
 
-    def __init__(self, setup: Setup, at: Linear, noise: Noise) -> None:
+    def __init__(self, setup: Setup, at: Linear, noise: PathNoise) -> None:
         drive = setup.drive
         dt = np.diff(drive.time_s)
         step = np.where(drive.linked[:, None], 1.0 / noise.step_variance(dt), 0.0)
@@ -233,13 +233,13 @@ def _zeroed(residual: FloatArray) -> FloatArray:
     return np.where(np.isfinite(residual), residual, 0.0)
 
 
-def _start_information(setup: Setup, noise: Noise, total: int) -> FloatArray:
+def _start_information(setup: Setup, noise: PathNoise, total: int) -> FloatArray:
     """Return one over the variances of a block's first state, (t,)."""
     wide = np.array([*SETTINGS.start_std, *([1.0] * total)])[: total - len(noise.disturbance)]
     return 1.0 / np.concatenate([wide, noise.disturbance]) ** 2
 
 
-def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: Noise) -> Linear:
+def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: PathNoise) -> Linear:
     """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton.
 
     `start` is a path, or what is known at one for the same effects.
@@ -266,7 +266,7 @@ def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: Nois
     return at
 
 
-def path_cost(setup: Setup, at: Linear, noise: Noise) -> float:
+def path_cost(setup: Setup, at: Linear, noise: PathNoise) -> float:
     """Return the sum of squares over variances of steps, readings and starts."""
     dt = np.diff(setup.drive.time_s)
     steps = np.where(setup.drive.linked[:, None], at.step_residual**2 / noise.step_variance(dt), 0.0)
@@ -274,7 +274,7 @@ def path_cost(setup: Setup, at: Linear, noise: Noise) -> float:
     return float(steps.sum() + np.nansum(at.reading_residual**2 / noise.outputs**2) + starts.sum())
 
 
-def fitted_noise(setup: Setup, at: Linear, noise: Noise, rounds: int, least: Noise) -> Noise:
+def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least: PathNoise) -> PathNoise:
     """Return the noise under which the residuals are as large as they are expected to be.
 
     MacKay's fixed point: each variance is its sum of squares over the number of its residuals that the path
@@ -303,8 +303,8 @@ def signs(count: int) -> FloatArray:
 
 
 def _updated(
-    setup: Setup, at: Linear, noise: Noise, move: FloatArray, sample: FloatArray, least: Noise
-) -> Noise:
+    setup: Setup, at: Linear, noise: PathNoise, move: FloatArray, sample: FloatArray, least: PathNoise
+) -> PathNoise:
     dt = np.diff(setup.drive.time_s)
     linked = setup.drive.linked
     scale = noise.step_variance(dt)[linked]
@@ -325,7 +325,7 @@ def _updated(
         ]
     )
     count = len(noise.white)
-    return Noise(
+    return PathNoise(
         np.maximum(noise.white * np.sqrt(ratio[:count]), least.white),
         np.maximum(noise.disturbance * np.sqrt(ratio[count:]), least.disturbance),
         np.maximum(noise.outputs * np.sqrt(reading), least.outputs),

@@ -1,7 +1,7 @@
 """Closed forms for terms without a name, and the file of the catalogue that says so.
 
-In: a selection with a term without a name. Out: `Proposal`s: the expressions over covariates that bring most
-on held-out blocks with that term taken out; `dynamics_effect_file`, a module that defines the effect.
+In: a selection with a term without a name. Out: `ClosedForm`s: the expressions over covariates that bring
+most on held-out blocks with that term taken out; `dynamics_effect_file`, a module that defines the effect.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.look import fold_blocks
-from tpmsd.offline.dynamics.result import Proposal
+from tpmsd.offline.dynamics.result import ClosedForm
 from tpmsd.offline.dynamics.search import Search
 
 PREFIX = "proposed_"
@@ -31,7 +31,7 @@ LATERAL = {"force_y", "moment", "force_front", "force_rear"}
 _RAISED = 1e-3
 
 
-def proposals(search: Search) -> tuple[Proposal, ...]:
+def proposals(search: Search) -> tuple[ClosedForm, ...]:
     """Return the best closed forms for what has no name; none where all has one."""
     unnamed = [k for k, term in enumerate(search.terms) if isinstance(term.effect, DynamicsUnknown)]
     if not unnamed:
@@ -42,7 +42,7 @@ def proposals(search: Search) -> tuple[Proposal, ...]:
         for on in _equations(search, unnamed)
         for form, one in _forms_on(search, unnamed, forms, on)
     ]
-    best: list[Proposal] = []
+    best: list[ClosedForm] = []
     for _, one in sorted(found, key=lambda each: each[0]):
         new = all(set(one.covariates) != set(other.covariates) for other in best)
         if new and one.heldout_gain > 0.0 and len(best) < MOST:
@@ -59,7 +59,7 @@ def _forms(search: Search, unnamed: Sequence[int]) -> list[Expression]:
 
 def _forms_on(
     search: Search, unnamed: Sequence[int], forms: Sequence[Expression], on: str
-) -> list[tuple[Expression, Proposal]]:
+) -> list[tuple[Expression, ClosedForm]]:
     """Return every form on one equation or output, fitted in the place of the terms without a name."""
     columns, probes = search.own(0)
     held = tuple(index for k in unnamed for index in columns[k].index)
@@ -103,7 +103,7 @@ def _judged(
     values: tuple[float, ...],
     form: Expression,
     on: str,
-) -> Proposal:
+) -> ClosedForm:
     """Return a form fitted to all blocks, with its gain on blocks that took no part in the fit."""
     both = joined([stay, added])
     estimate, covariance = statistics.fit(both, held, values)
@@ -119,7 +119,7 @@ def _judged(
             total += sign * statistics.log_likelihood(columns, np.concatenate([fitted, fixed]), blocks)
         return total
 
-    return Proposal(
+    return ClosedForm(
         name=f"{on}_{form.name}" if on in EQUATIONS else f"{on}_reading_{form.name}",
         formula=form.formula,
         covariates=form.covariates,
@@ -183,7 +183,7 @@ class {title}(DynamicsEffect):
 '''
 
 
-def dynamics_effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
+def dynamics_effect_file(proposal: ClosedForm, source: str) -> tuple[str, str]:
     """Return the name of the effect (its file is called so) and the module's text; `source` says what was
     fitted."""
     name = PREFIX + proposal.name

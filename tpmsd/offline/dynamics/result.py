@@ -16,7 +16,7 @@ FINDING, SUSPICION = "finding", "suspicion"
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class FittedNumber:
     """A fitted number with its standard deviation."""
 
     value: float
@@ -54,7 +54,7 @@ class DynamicsFinding:
     status: str
     confidence: float
     p_value: float
-    parameters: Mapping[str, Quantity]
+    parameters: Mapping[str, FittedNumber]
     where: Location
     rms_before: float
     """Residual of the output where it shows, predicted without it."""
@@ -84,7 +84,7 @@ class FittedNuisance:
     """An effect that every car has and the baseline simplifies, as it was fitted; no finding."""
 
     effect: str
-    parameters: Mapping[str, Quantity]
+    parameters: Mapping[str, FittedNumber]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +99,7 @@ class Curves:
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
+class ClosedForm:
     """A closed form for a term without a name."""
 
     name: str
@@ -144,7 +144,7 @@ class OutputFit:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class SelectionStep:
     """The model after one more effect: root mean square error of each output, held out."""
 
     effects: tuple[str, ...]
@@ -154,7 +154,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class NotDetectable:
+class UndetectableEffect:
     """An effect that the drive could not have shown at a usual size."""
 
     effect: str
@@ -175,8 +175,8 @@ class DynamicsDiagnosis:
     driving_s: float
     findings: tuple[DynamicsFinding, ...] = ()
     outputs: Mapping[str, OutputFit] = field(default_factory=dict)
-    steps: tuple[Step, ...] = ()
-    not_detectable: tuple[NotDetectable, ...] = ()
+    steps: tuple[SelectionStep, ...] = ()
+    not_detectable: tuple[UndetectableEffect, ...] = ()
     effects: tuple[DynamicsEffect, ...] = ()
     """The extended model, effects of the baseline included."""
     stds: tuple[Mapping[str, float], ...] = ()
@@ -188,6 +188,6 @@ class DynamicsDiagnosis:
     """(n,) of the curves, since the drive's start."""
     curves: Mapping[str, Curves] = field(default_factory=dict)
     """Residuals by output; recorded rows alone."""
-    proposals: tuple[Proposal, ...] = ()
+    proposals: tuple[ClosedForm, ...] = ()
     certificate: Certificate | None = None
     nuisances: tuple[FittedNuisance, ...] = ()

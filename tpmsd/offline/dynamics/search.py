@@ -19,20 +19,20 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.look import Look, fold_blocks
-from tpmsd.offline.dynamics.noise import Noise, first_guess, least
+from tpmsd.offline.dynamics.noise import PathNoise, first_guess, least
 from tpmsd.offline.dynamics.path import Linear, Setup, covariates_of, fitted_noise, smoothed, subset
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import Term, candidates
+from tpmsd.offline.dynamics.terms import CandidateTerm, candidates
 
 Say = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Stage:
+class SelectionState:
     """The model after a step: for each fold the terms fitted without it, and the path."""
 
-    terms: tuple[Term, ...]
+    terms: tuple[CandidateTerm, ...]
     by_fold: tuple[tuple[DynamicsEffect, ...], ...]
     path: FloatArray
     states: int
@@ -55,11 +55,11 @@ class Search:
     setup: Setup
     fixed: tuple[DynamicsEffect, ...] = ()
     """Effects that belong to the baseline: of a model file."""
-    terms: list[Term] = field(default_factory=list)
-    stages: list[Stage] = field(default_factory=list)
-    noise: Noise = field(init=False)
+    terms: list[CandidateTerm] = field(default_factory=list)
+    stages: list[SelectionState] = field(default_factory=list)
+    noise: PathNoise = field(init=False)
     at: Linear = field(init=False)
-    floor: Noise = field(init=False)
+    floor: PathNoise = field(init=False)
     scale: FloatArray = field(init=False)
     """(m,) white noise of a reading, by which errors of predictions are measured."""
     error: float = field(init=False)
@@ -78,7 +78,7 @@ class Search:
         readings = setup.readings()
         self.noise = first_guess(states, setup.disturbances, list(readings.T))
         white, free = least(states, setup.disturbances)
-        self.floor = Noise(white, free, np.maximum(SETTINGS.white_share * self.noise.outputs, 1e-7))
+        self.floor = PathNoise(white, free, np.maximum(SETTINGS.white_share * self.noise.outputs, 1e-7))
         self.at = smoothed(setup, self.theta, setup.start(self.theta), self.noise)
         self.scale = self.noise.outputs
         self._refit_noise(SETTINGS.noise_rounds)
@@ -94,15 +94,15 @@ class Search:
         """Return the covariates along the path, (n,) each."""
         return covariates_of(self.setup, self.theta, self.at.path)
 
-    def offered(self) -> list[Term]:
+    def offered(self) -> list[CandidateTerm]:
         """Return the terms of the catalogue that the model does not have, nuisances aside."""
         return [term for term in self._candidates() if not term.nuisance]
 
-    def _candidates(self) -> list[Term]:
+    def _candidates(self) -> list[CandidateTerm]:
         return candidates(self.setup.baseline, self.setup.channels, self.theta)
 
     @property
-    def named(self) -> list[Term]:
+    def named(self) -> list[CandidateTerm]:
         """Return the terms of the model that are no nuisances."""
         return [term for term in self.terms if not term.nuisance]
 
@@ -195,7 +195,7 @@ class Search:
 
     # -- steps -----------------------------------------------------------------------------------------------
 
-    def look(self, offered: Sequence[Term]) -> Look:
+    def look(self, offered: Sequence[CandidateTerm]) -> Look:
         """Return the statistics of the model's terms, of their removal and of the terms offered."""
         columns, probes = self.own(0)
         removal: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
@@ -242,13 +242,13 @@ class Search:
                 return True
         return self._first_of(self.ranked([t for t in offered if t.name not in self.rejected], threshold))
 
-    def ranked(self, offered: list[Term], threshold: float) -> list[tuple[Term, float]]:
+    def ranked(self, offered: list[CandidateTerm], threshold: float) -> list[tuple[CandidateTerm, float]]:
         """Return the terms above the threshold at their fitted values, best first, each effect once."""
         if not offered:
             return []
         look = self.look(offered)
         scores = np.array([look.score(k) for k in range(len(offered))])
-        out: dict[str, tuple[Term, float]] = {}
+        out: dict[str, tuple[CandidateTerm, float]] = {}
         for k in np.argsort(-scores):
             term = offered[int(k)]
             if scores[k] > threshold and term.key not in out:
@@ -258,7 +258,7 @@ class Search:
                 out[term.key] = (plain, float(scores[k]))
         return list(out.values())
 
-    def _first_of(self, terms: Sequence[tuple[Term, float]]) -> bool:
+    def _first_of(self, terms: Sequence[tuple[CandidateTerm, float]]) -> bool:
         """Add the first term that predicts no worse; False if none of those that are tried does."""
         for term, evidence in terms[: SETTINGS.tried]:
             if self.attempt([*self.terms, term]):
@@ -266,7 +266,7 @@ class Search:
             self.rejected[term.name] = evidence
         return False
 
-    def attempt(self, terms: list[Term]) -> bool:
+    def attempt(self, terms: list[CandidateTerm]) -> bool:
         """Take these terms, fitted, as the model if it predicts no worse; else leave the model as it is.
 
         A model without a path, such as one whose fit ran away, is no model."""
@@ -315,7 +315,7 @@ class Search:
                 return True
         return False
 
-    def _exchanged(self, k: int, term: Term, rival: Term) -> bool:
+    def _exchanged(self, k: int, term: CandidateTerm, rival: CandidateTerm) -> bool:
         """Put a rival in a term's place; False, and nothing changed, if that is no better."""
         before = (self.terms, self.at, self.noise, self.floor, self.error)
         start = replace(rival, jump=False) if rival.jump else rival
@@ -327,7 +327,7 @@ class Search:
         self.terms, self.at, self.noise, self.floor, self.error = before
         return False
 
-    def _better(self, old: Term, new: Term) -> bool:
+    def _better(self, old: CandidateTerm, new: CandidateTerm) -> bool:
         """Return True if the model with the new term, which stands last, beats the one with the old one."""
         fresh = replace(old, effect=old.effect)
         look = self.look([fresh] if fresh.name not in {t.name for t in self.terms} else [])
@@ -349,9 +349,9 @@ class Search:
                 at += term.columns
             by_fold.append(tuple(effects))
         states = len(self.setup.states(self.theta))
-        self.stages.append(Stage(tuple(self.terms), tuple(by_fold), self.at.path, states))
+        self.stages.append(SelectionState(tuple(self.terms), tuple(by_fold), self.at.path, states))
 
 
-def _inside(term: Term) -> Term:
+def _inside(term: CandidateTerm) -> CandidateTerm:
     """Return the term with values that its effect can take."""
     return term.moved(np.zeros(len(term.free)))

@@ -18,11 +18,11 @@ from tpmsd.offline.dynamics.columns import gram
 from tpmsd.offline.dynamics.evidence import Statistics
 from tpmsd.offline.dynamics.located import located_terms, nameless, nameless_penalty, refined, slopes
 from tpmsd.offline.dynamics.look import threshold_of
-from tpmsd.offline.dynamics.noise import Noise
+from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.search import RivalSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import Term
+from tpmsd.offline.dynamics.terms import CandidateTerm
 
 Say = Callable[[float], None]
 
@@ -129,7 +129,7 @@ def log_marginal(search: Search, judge: Search) -> float:
     effects, noise = search.theta, judge.noise
     states = len(search.setup.states(effects))
     white = np.concatenate([noise.white[:states], search.noise.white[len(noise.white) :]])
-    noise = Noise(white, noise.disturbance, noise.outputs)
+    noise = PathNoise(white, noise.disturbance, noise.outputs)
     at = smoothed(search.setup, effects, search.at.path, noise)
     likelihood = -0.5 * path_cost(search.setup, at, noise)
     if not search.terms:
@@ -143,14 +143,16 @@ def log_marginal(search: Search, judge: Search) -> float:
     return likelihood - penalty + marginal(search.terms, statistics.information, statistics.gradient)
 
 
-def marginal(terms: Sequence[Term], information: FloatArray, gradient: FloatArray) -> float:
+def marginal(terms: Sequence[CandidateTerm], information: FloatArray, gradient: FloatArray) -> float:
     """Return the log of the likelihood's integral over the priors, relative to the values as they are; scales
     of deviations are averaged over."""
     logs = [_integral(terms, information, gradient, share) for share in SETTINGS.wiggle_shares]
     return float(logsumexp(logs)) - math.log(len(logs))
 
 
-def _integral(terms: Sequence[Term], information: FloatArray, gradient: FloatArray, wiggle: float) -> float:
+def _integral(
+    terms: Sequence[CandidateTerm], information: FloatArray, gradient: FloatArray, wiggle: float
+) -> float:
     """Return the same for one scale."""
     precision = block_diag(*(prior_precision(term, wiggle) for term in terms))
     offset = np.concatenate([term.prior()[0] for term in terms])
@@ -160,7 +162,7 @@ def _integral(terms: Sequence[Term], information: FloatArray, gradient: FloatArr
     return gain - 0.5 * float(np.linalg.slogdet(matrix)[1] - np.linalg.slogdet(precision)[1])
 
 
-def prior_precision(term: Term, wiggle: float) -> FloatArray:
+def prior_precision(term: CandidateTerm, wiggle: float) -> FloatArray:
     """Return the inverse covariance of a term's values: of a term without a name a constant, a slope and
     deviations from both with `wiggle` of the term's size."""
     if term.name != "unknown":

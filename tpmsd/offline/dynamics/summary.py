@@ -15,7 +15,7 @@ from tpmsd.offline.dynamics.result import (
     SUSPICION,
     DynamicsDiagnosis,
     DynamicsFinding,
-    Quantity,
+    FittedNumber,
 )
 
 OUTPUT_NAMES = {
@@ -89,7 +89,7 @@ def clause(finding: DynamicsFinding) -> str:
     return f"{sentence} ({finding.effect}: {_numbers(finding.parameters)})"
 
 
-def _numbers(parameters: Mapping[str, Quantity]) -> str:
+def _numbers(parameters: Mapping[str, FittedNumber]) -> str:
     """Return parameters with their standard deviations and units."""
     return ", ".join(
         f"{name} {one.value:.4g} +- {one.std:.2g}{' ' + one.unit if one.unit and one.unit != '1' else ''}"

@@ -1,6 +1,7 @@
 """Terms that may be added to a baseline: an effect with the numbers that a fit moves, and their priors.
 
-In: a baseline. Out: `Term`s, one per effect, or one per value of its grid where it enters nonlinearly.
+In: a baseline. Out: `CandidateTerm`s, one per effect, or one per value of its grid where it enters
+nonlinearly.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ _KNOT_PROBE = 1e-3
 
 
 @dataclass(frozen=True)
-class Term:
+class CandidateTerm:
     """An effect at the values about which it is linear."""
 
     effect: DynamicsEffect
@@ -67,7 +68,7 @@ class Term:
         """Return the values of the free parameters."""
         return np.array([self.value(name) for name in self.free])
 
-    def moved(self, by: FloatArray) -> Term:
+    def moved(self, by: FloatArray) -> CandidateTerm:
         """Return the term with its free parameters moved, within their limits."""
         heights = [k for k, name in enumerate(self.free) if name.startswith("heights[")]
         if heights:
@@ -121,7 +122,7 @@ class Term:
         shows = self.effect.shows_in
         return tuple(name for name in self.free if shows.get(name) is None or shows[name] in channels)
 
-    def only(self, free: tuple[str, ...]) -> Term:
+    def only(self, free: tuple[str, ...]) -> CandidateTerm:
         """Return the term with some of its parameters free."""
         rows = [self.free.index(name) for name in free]
         means, stds = (tuple(values[k] for k in rows) for values in (self.prior_mean, self.prior_std))
@@ -154,7 +155,9 @@ class Term:
         return 1 if self.jump else len(self.free)
 
 
-def term_of(effect: DynamicsEffect, baseline: Baseline, jump: bool = False, alternatives: int = 1) -> Term:
+def term_of(
+    effect: DynamicsEffect, baseline: Baseline, jump: bool = False, alternatives: int = 1
+) -> CandidateTerm:
     """Return the term of an effect at its values."""
     numbers = effect.numbers()
     neutral = effect.neutral_values(baseline.car, baseline.nonlinear)
@@ -164,22 +167,26 @@ def term_of(effect: DynamicsEffect, baseline: Baseline, jump: bool = False, alte
         means.append(neutral[p.name] if p.prior.mean == p.neutral and not effect.grid else p.prior.mean)
         stds.append(p.prior.std)
     names, reachable = tuple(p.name for p in numbers), effect.has_neutral(baseline.nonlinear)
-    return Term(effect, names, tuple(means), tuple(stds), neutral, jump, alternatives, has_neutral=reachable)
+    return CandidateTerm(
+        effect, names, tuple(means), tuple(stds), neutral, jump, alternatives, has_neutral=reachable
+    )
 
 
-def spline_term(effect: DynamicsEffect, std: float) -> Term:
+def spline_term(effect: DynamicsEffect, std: float) -> CandidateTerm:
     """Return the term of a spline effect, each height with this prior about 0."""
     count = len(effect.heights)  # type: ignore[attr-defined]
-    return Term(effect, tuple(f"heights[{k}]" for k in range(count)), (0.0,) * count, (std,) * count, {})
+    return CandidateTerm(
+        effect, tuple(f"heights[{k}]" for k in range(count)), (0.0,) * count, (std,) * count, {}
+    )
 
 
-def candidates(baseline: Baseline, channels: Sequence[str], taken: Theta = ()) -> list[Term]:
+def candidates(baseline: Baseline, channels: Sequence[str], taken: Theta = ()) -> list[CandidateTerm]:
     """Return a term for every effect with numbers that is not in the model, grids included.
 
     Parameters that show only in an output that is not among `channels` stay at neutral.
     """
     there = {effect.name for effect in taken}
-    out: list[Term] = []
+    out: list[CandidateTerm] = []
     for name, cls in DYNAMICS_EFFECTS.items():
         if name in there or not cls.numbers() or cls.kind == EVENT:
             continue
@@ -206,7 +213,7 @@ def _at_neutral(cls: type[DynamicsEffect], neutral: Mapping[str, float]) -> Dyna
     return cls(**{p.name: neutral[p.name] for p in cls.numbers()})
 
 
-def usual_sizes(term: Term) -> dict[str, float]:
+def usual_sizes(term: CandidateTerm) -> dict[str, float]:
     """Return the differences from neutral that are usual, by free parameter."""
     typical = {p.name: p.typical for p in term.effect.numbers()}
     return {name: abs(typical[name] - term.neutral.get(name, 0.0)) for name in term.free if name in typical}

@@ -17,7 +17,7 @@ from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.smoothing import gaussian
-from tpmsd.offline.inference.trajectory import SLOPE_ERROR, WINDOW_S, Reference
+from tpmsd.offline.inference.trajectory import SLOPE_ERROR, WINDOW_S, ReferenceTrajectory
 from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import Reader, Windows
 
@@ -54,7 +54,7 @@ def covariate_stds(reader: Reader, noise: Noise) -> dict[str, float]:
     return {name: float(np.median(values)) for name, values in errors.items()}
 
 
-def covariate_errors(windows: Windows, about: Reference, noise: Noise) -> dict[str, FloatArray]:
+def covariate_errors(windows: Windows, about: ReferenceTrajectory, noise: Noise) -> dict[str, FloatArray]:
     """(w,) standard deviation of each covariate's error, SI units, from the smoother of all channels. Zero of
     what is given (time and way) or read from the bus."""
     made = Whitener.of(windows, noise, np.isfinite(windows.measured))
@@ -77,7 +77,7 @@ def covariate_errors(windows: Windows, about: Reference, noise: Noise) -> dict[s
     return out
 
 
-def covariate_jacobians(windows: Windows, about: Reference) -> dict[str, FloatArray]:
+def covariate_jacobians(windows: Windows, about: ReferenceTrajectory) -> dict[str, FloatArray]:
     """(w, 3) derivative of each covariate by the errors of speed, yaw rate and heading of its own window;
     zero of what is given or read from the bus."""
     out = {name: np.zeros((len(windows), 3)) for name in windows.covariates}

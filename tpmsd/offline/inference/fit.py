@@ -1,7 +1,8 @@
 """Least squares over drives, as pure functions: the same arguments give the same bits.
 
-In: innovations and columns of each drive (`Gram`), priors. Out: `Fit`. Columns of one key are one value
-whatever the drive. Data may have r replicates (a bootstrap): gains and columns are computed once for all.
+In: innovations and columns of each drive (`Gram`), priors. Out: `ParameterFit`. Columns of one key are one
+value whatever the drive. Data may have r replicates (a bootstrap): gains and columns are computed once for
+all.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ class Gram:
 
 
 @dataclass(frozen=True)
-class Fit:
+class ParameterFit:
     """Values of all keys, for each of r replicates."""
 
     keys: tuple[str, ...]
@@ -61,7 +62,7 @@ def gram(keys: Sequence[str], y: FloatArray, X: FloatArray, logdet: float = 0.0)
     return Gram(tuple(keys), XX, XY, YY, logdet)
 
 
-def solved(grams: Sequence[Gram], prior: Prior) -> Fit:
+def solved(grams: Sequence[Gram], prior: Prior) -> ParameterFit:
     """Return the values of greatest posterior (k, r), drives added up."""
     keys = tuple(dict.fromkeys(key for one in grams for key in one.keys))
     index = {key: at for at, key in enumerate(keys)}
@@ -91,7 +92,7 @@ def solved(grams: Sequence[Gram], prior: Prior) -> Fit:
     values = covariance @ right
     likelihood = -0.5 * (misfit - (right * values).sum(axis=0))
     values, covariance, likelihood = read_only(values, covariance, likelihood)
-    return Fit(keys, values, covariance, likelihood)
+    return ParameterFit(keys, values, covariance, likelihood)
 
 
 def read_only(*arrays: FloatArray) -> tuple[FloatArray, ...]:

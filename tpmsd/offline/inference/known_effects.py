@@ -18,7 +18,7 @@ from tpmsd.car.physics.motion import Motion
 from tpmsd.car.physics.reading_change import AntennaChange, FixChange, turn_factors
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.inference.trajectory import Reference, reference
+from tpmsd.offline.inference.trajectory import ReferenceTrajectory, reference
 
 ROUNDS = 2
 """Times that the motion is made: the second differs from the first by the effects, a third by less."""
@@ -38,7 +38,7 @@ def without_effects(recording: Recording, model: ExtendedModel) -> Recording:
     return left
 
 
-def _taken_out(recording: Recording, about: Reference, model: ExtendedModel) -> Recording:
+def _taken_out(recording: Recording, about: ReferenceTrajectory, model: ExtendedModel) -> Recording:
     car = about.car
     motion = about.motion
     if (felt := model.grade_factor()) != 1.0:
@@ -69,7 +69,7 @@ def _taken_out(recording: Recording, about: Reference, model: ExtendedModel) -> 
 
 
 def _inertial(
-    recording: Recording, motion: Motion, about: Reference, model: ExtendedModel
+    recording: Recording, motion: Motion, about: ReferenceTrajectory, model: ExtendedModel
 ) -> dict[str, FloatArray]:
     """Readings of gyro, accelerometers and steering wheel without the effects."""
     bias, one = model.read_yaw_rate(np.array([0.0, 1.0]))

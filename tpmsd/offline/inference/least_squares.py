@@ -25,7 +25,7 @@ _RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
-class Fit:
+class LeastSquaresFit:
     """A least-squares fit of k combinations of columns."""
 
     design: FloatArray
@@ -37,7 +37,7 @@ class Fit:
     gain: float
     """Log-likelihood over that of no columns at all."""
 
-    def known(self, column: int, std: float) -> Fit:
+    def known(self, column: int, std: float) -> LeastSquaresFit:
         """Return the fit with one value known to be zero within `std`; the gain stays the data's."""
         across = self.covariance[:, column]
         total = std**2 + across[column]
@@ -138,7 +138,7 @@ class Evidence:
         out[list(columns), np.arange(len(columns))] = 1.0
         return out
 
-    def fit(self, design: FloatArray) -> Fit:
+    def fit(self, design: FloatArray) -> LeastSquaresFit:
         """Least squares of column 0 on the combinations `design`."""
         used = np.any(design != 0.0, axis=1)
         used[0] = True
@@ -147,7 +147,7 @@ class Evidence:
         gram = into.T @ self.total[np.ix_(rows, rows)] @ into
         scale = _scale(gram)
         values, inverse, gain = _solved(gram, scale)
-        return Fit(design, values * scale, inverse * np.outer(scale, scale), gain)
+        return LeastSquaresFit(design, values * scale, inverse * np.outer(scale, scale), gain)
 
     def heldout(self, design: FloatArray) -> FloatArray:
         """(blocks,) log-likelihood of each block with values fitted elsewhere, up to a constant.
@@ -167,7 +167,7 @@ class Evidence:
             out[fold] = -0.5 * ((by_block[fold] @ vector) @ vector)
         return out
 
-    def sandwich(self, fitted: Fit) -> FloatArray:
+    def sandwich(self, fitted: LeastSquaresFit) -> FloatArray:
         """(k,) ratio of the block-wise variance of each value to the one assumed.
 
         Blocks whose scores scatter more than white noise would (slow errors that no state holds) make

@@ -47,7 +47,7 @@ _PROBE = 1e-5
 """Step in the logarithm of a parameter by which the closed forms of `Diagonals` are differentiated."""
 
 
-class Stage(Enum):
+class SearchStage(Enum):
     """Stage of the search for effects, and so the part of the noise that may be estimated."""
 
     FIRST = 0
@@ -78,7 +78,11 @@ class Data:
 
 
 def fit_noise(
-    windows: Linearised, columns: FloatArray, start: Noise, stage: Stage, inflate: FloatArray | None = None
+    windows: Linearised,
+    columns: FloatArray,
+    start: Noise,
+    stage: SearchStage,
+    inflate: FloatArray | None = None,
 ) -> Noise:
     """Maximise the restricted likelihood over what a stage may estimate.
 
@@ -87,10 +91,10 @@ def fit_noise(
     """
     whole = _data(windows, columns, inflate)
     names = whole.estimable()
-    if stage is Stage.FIRST:
+    if stage is SearchStage.FIRST:
         part = _apart(representative(whole, FIT_WINDOWS))
         return maximised(part, start, [name for name in names if name not in WANDERING], FIRST_NEAR_NATS)
-    if stage is Stage.LAST:
+    if stage is SearchStage.LAST:
         slow = representative(whole, SLOW_WINDOWS)
         return maximised(slow, start, [name for name in names if name in WANDERING])
     return maximised(representative(whole, FIT_WINDOWS), start, names)

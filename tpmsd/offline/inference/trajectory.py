@@ -1,8 +1,8 @@
 """The motion that a recording itself shows, smoothed from wheels, inertial signals and fixes.
 
-In: `Recording`. Out: `Reference`: a `Motion` at the ticks' edges, with the car's radii calibrated to the
-receiver. The diagnosis linearises about it and estimates the errors of this motion together with everything
-else, so it need only be near the truth.
+In: `Recording`. Out: `ReferenceTrajectory`: a `Motion` at the ticks' edges, with the car's radii calibrated
+to the receiver. The diagnosis linearises about it and estimates the errors of this motion together with
+everything else, so it need only be near the truth.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ DRIFT_WITHIN_S = 3.0
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceTrajectory:
     """Reference motion at which the diagnosis linearises."""
 
     motion: Motion
@@ -60,7 +60,7 @@ class Reference:
     """Speed from which the drive is compared."""
 
 
-def reference(recording: Recording) -> Reference:
+def reference(recording: Recording) -> ReferenceTrajectory:
     """Smooth the recording's motion. Needs readings of both rear wheels and some speeds or positions."""
     wheels = recording.wheels
     valid = np.all(np.isfinite(recording.rotation_rad[:, wheels]), axis=1)
@@ -75,10 +75,12 @@ def reference(recording: Recording) -> Reference:
     grade, by = _grade(recording, speed, motion.accel_long_mps2)
     motion = replace(motion, grade_rad=grade, measured=_measured(recording))
     known = by != "nothing"
-    return Reference(motion, car, valid, grade_known=known, grade_by=by, least_mps=least)
+    return ReferenceTrajectory(motion, car, valid, grade_known=known, grade_by=by, least_mps=least)
 
 
-def moved(recording: Recording, before: Reference, end_s: FloatArray, errors: FloatArray) -> Reference:
+def moved(
+    recording: Recording, before: ReferenceTrajectory, end_s: FloatArray, errors: FloatArray
+) -> ReferenceTrajectory:
     """Return the reference, moved by its errors (w, 3) of speed, yaw rate and heading; windows end at
     `end_s`.
     """

@@ -1,7 +1,7 @@
 """Every measured channel over windows of a second, and what a model predicts for it.
 
-In: `Recording`, `Reference`, a model of the catalogue. Out: `Windows` (what is compared where) and the
-prediction of all channels by the catalogue's own forward model, so that recording minus prediction is the
+In: `Recording`, `ReferenceTrajectory`, a model of the catalogue. Out: `Windows` (what is compared where) and
+the prediction of all channels by the catalogue's own forward model, so that recording minus prediction is the
 residual and the difference of two predictions is an effect's response.
 
 Channels of a window, in this order: ways of the four wheels (m), mean yaw rate (rad/s), mean GNSS speed
@@ -35,7 +35,7 @@ from tpmsd.car.physics.motion import Motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.rounding import held_variance
-from tpmsd.offline.inference.trajectory import WINDOW_S, Reference, moved
+from tpmsd.offline.inference.trajectory import WINDOW_S, ReferenceTrajectory, moved
 
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""
@@ -97,7 +97,7 @@ class Reader:
     def __init__(
         self,
         recording: Recording,
-        reference: Reference,
+        reference: ReferenceTrajectory,
         limit: int = MAX_WINDOWS,
         kept: np.ndarray | None = None,
         base: ExtendedModel | None = None,

@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.hypotheses.response import available, catalogue_col
 from tpmsd.offline.inference.least_speed import least_speed
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import INERTIAL, Recording
-from tpmsd.offline.inference.trajectory import Reference
+from tpmsd.offline.inference.trajectory import ReferenceTrajectory
 from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import Reader
 
@@ -128,7 +128,7 @@ def _reader(motion: Motion, equipment: Equipment) -> Reader:
     by = "accelerometer" if equipment.accelerometer else "heights" if hilly else "nothing"
     read = np.ones(n, dtype=np.bool_)
     least = least_speed(motion.speed_mps)
-    reference = Reference(motion, car, read, by != "nothing", by, least)
+    reference = ReferenceTrajectory(motion, car, read, by != "nothing", by, least)
     return Reader(recording, reference)
 
 

@@ -1,6 +1,6 @@
 """The diagnosis as JSON, as CONTRACT section `diagnose --json` has it.
 
-In: `Diagnosis`. Out: plain objects.
+In: `RollingDiagnosis`. Out: plain objects.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from dataclasses import asdict
 from typing import Any
 
 from tpmsd.offline.diagnosis.assessment.reach import Reach
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, RadiusDrift, Where
+from tpmsd.offline.diagnosis.assessment.result import Finding, RadiusDrift, RollingDiagnosis, Where
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_document
 from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 
 
 def diagnosis_document(
-    diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
+    diagnosis: RollingDiagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
 ) -> dict[str, Any]:
     """Return the document; `model_file` is where the extended model was written, `alarms` one entry per
     drive.
@@ -52,7 +52,7 @@ def diagnosis_document(
     return document
 
 
-def _optional(diagnosis: Diagnosis) -> dict[str, Any]:
+def _optional(diagnosis: RollingDiagnosis) -> dict[str, Any]:
     """Return the keys that stand only where there is something to say."""
     document: dict[str, Any] = {}
     if diagnosis.information:
@@ -83,7 +83,7 @@ def _optional(diagnosis: Diagnosis) -> dict[str, Any]:
     return document
 
 
-def _not_detectable(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+def _not_detectable(diagnosis: RollingDiagnosis) -> list[dict[str, Any]]:
     out = []
     for one in diagnosis.not_detectable:
         sizes = one.smallest.items()
@@ -92,7 +92,7 @@ def _not_detectable(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _certificate(diagnosis: Diagnosis) -> dict[str, Any] | None:
+def _certificate(diagnosis: RollingDiagnosis) -> dict[str, Any] | None:
     if not diagnosis.replicates:
         return None
     return {

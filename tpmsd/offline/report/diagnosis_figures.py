@@ -1,6 +1,6 @@
 """The figures of a diagnosis' report.
 
-In: `Diagnosis`, `Finding`, replays without and with the model. Out: `Chart`s, `Bars`, `Track`.
+In: `RollingDiagnosis`, `Finding`, replays without and with the model. Out: `Chart`s, `Bars`, `Track`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Trace
+from tpmsd.offline.diagnosis.assessment.result import Finding, RollingDiagnosis, Trace
 from tpmsd.offline.report.alarms_compared import AlarmsCompared
 from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.report.diagnosis_summary import UNITS
@@ -103,13 +103,13 @@ def before_after_chart(title: str, label: str, trace: Traced) -> Chart:
     )
 
 
-def gain_bars(diagnosis: Diagnosis) -> Bars | None:
+def gain_bars(diagnosis: RollingDiagnosis) -> Bars | None:
     """Held-out log-likelihood gain of each finding beside the others."""
     rows = tuple((finding_name(finding), finding.gain, True) for finding in diagnosis.findings)
     return Bars("Log-likelihood gain of each finding", "held-out gain (nats)", rows) if rows else None
 
 
-def evidence_bars(diagnosis: Diagnosis) -> Bars | None:
+def evidence_bars(diagnosis: RollingDiagnosis) -> Bars | None:
     """Log-likelihood gain of every effect alone; findings stand out."""
     found = {finding.effect for finding in diagnosis.findings}
     found |= {
@@ -126,7 +126,7 @@ def evidence_bars(diagnosis: Diagnosis) -> Bars | None:
     return Bars("Evidence for each effect alone", "gain (nats)", rows[:EVIDENCE_ROWS]) if rows else None
 
 
-def mismatch_track(diagnosis: Diagnosis, baseline: str) -> Track | None:
+def mismatch_track(diagnosis: RollingDiagnosis, baseline: str) -> Track | None:
     """Return where the car was when the baseline model lost most against the extended one."""
     ground = diagnosis.inner.ground if diagnosis.inner is not None else None
     if ground is None or not diagnosis.findings:

@@ -1,7 +1,7 @@
 """A diagnosis as one HTML page.
 
-In: `Diagnosis`, the names of its drives, the replays of its drives where they were made, where it comes
-from. Out: HTML (template `diagnosis.html`).
+In: `RollingDiagnosis`, the names of its drives, the replays of its drives where they were made, where it
+comes from. Out: HTML (template `diagnosis.html`).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from tpmsd.offline.diagnosis.assessment.result import (
     FINDING,
     INSUFFICIENT,
     MISMATCH,
-    Diagnosis,
     Finding,
     Quantity,
+    RollingDiagnosis,
 )
 from tpmsd.offline.report.alarms_compared import AlarmsCompared
 from tpmsd.offline.report.diagnosis_figures import (
@@ -68,7 +68,7 @@ class AlarmsView:
 
 
 def diagnosis_page(
-    diagnosis: Diagnosis,
+    diagnosis: RollingDiagnosis,
     names: Sequence[str],
     origin: Origin,
     alarms: Sequence[AlarmsCompared] = (),
@@ -103,7 +103,7 @@ def diagnosis_page(
     )
 
 
-def _verdict(diagnosis: Diagnosis) -> str:
+def _verdict(diagnosis: RollingDiagnosis) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Insufficient data: {diagnosis.reason}."
     if diagnosis.verdict == MISMATCH:
@@ -111,7 +111,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     return agreement(diagnosis)
 
 
-def _count(diagnosis: Diagnosis) -> str:
+def _count(diagnosis: RollingDiagnosis) -> str:
     certain = sum(finding.status == FINDING for finding in diagnosis.findings)
     doubtful = len(diagnosis.findings) - certain
     parts = [counted(certain, "finding")]
@@ -120,7 +120,7 @@ def _count(diagnosis: Diagnosis) -> str:
     return " and ".join(parts)
 
 
-def _tiles(diagnosis: Diagnosis) -> list[Tile]:
+def _tiles(diagnosis: RollingDiagnosis) -> list[Tile]:
     verdicts = {INSUFFICIENT: "insufficient data"}
     tiles = [
         Tile(
@@ -162,7 +162,7 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
     return tiles
 
 
-def _overview(diagnosis: Diagnosis) -> HtmlTable:
+def _overview(diagnosis: RollingDiagnosis) -> HtmlTable:
     heads = ("effect", "status", "p-value", "confidence", "held-out gain (nats)", "held-out residual")
     rows = tuple(
         (
@@ -182,7 +182,7 @@ def _overview(diagnosis: Diagnosis) -> HtmlTable:
     return HtmlTable(heads, rows)
 
 
-def _findings(diagnosis: Diagnosis) -> tuple[FindingView, ...]:
+def _findings(diagnosis: RollingDiagnosis) -> tuple[FindingView, ...]:
     """Each with its residual before and after; a trace goes to the first finding of its covariate."""
     traces = [] if diagnosis.inner is None else list(diagnosis.inner.traces)
     views = []
@@ -241,7 +241,7 @@ def _millimetres(quantity: Quantity) -> Quantity:
     return quantity
 
 
-def _confounded(diagnosis: Diagnosis) -> HtmlTable:
+def _confounded(diagnosis: RollingDiagnosis) -> HtmlTable:
     rows = tuple(
         (Cell(finding_name(finding)), Cell(plain_name(rival)), Cell(finding.advice))
         for finding in diagnosis.findings
@@ -250,7 +250,7 @@ def _confounded(diagnosis: Diagnosis) -> HtmlTable:
     return HtmlTable(("finding", "confounded with", "which drive would tell"), rows)
 
 
-def _unseen(diagnosis: Diagnosis) -> HtmlTable:
+def _unseen(diagnosis: RollingDiagnosis) -> HtmlTable:
     """Return the sizes below which effects may have stayed unseen."""
     rows = tuple(
         (
@@ -264,7 +264,7 @@ def _unseen(diagnosis: Diagnosis) -> HtmlTable:
     return HtmlTable(("effect", "parameter", "seen for sure from"), rows)
 
 
-def _reached(diagnosis: Diagnosis) -> list[str]:
+def _reached(diagnosis: RollingDiagnosis) -> list[str]:
     out = [sentence.replace("+-", "±") for sentence in left_over(diagnosis)]
     removed = diagnosis.down_weighted
     if removed is not None and removed.share >= 0.005:
@@ -277,7 +277,7 @@ def _reached(diagnosis: Diagnosis) -> list[str]:
     return out
 
 
-def _channels(diagnosis: Diagnosis) -> HtmlTable:
+def _channels(diagnosis: RollingDiagnosis) -> HtmlTable:
     """Residual, gain and what is left, channel by channel."""
     heads = ("channel", "residual before", "after", "gain (nats)", "left (nats)", "correlation after 1 s")
     rows = []

@@ -1,8 +1,9 @@
 """A diagnosis as one picture: PNG, SVG or PDF by the file's suffix.
 
-In: `Diagnosis`. Out: the matplotlib figure (`draw_diagnosis`), or the picture's bytes (`plot_diagnosis`): for
-each of the strongest findings the residual over the covariate where it is located, before and after, under
-its name and value; and the held-out gain of all findings. matplotlib is the optional extra `tpmsd[plot]`.
+In: `RollingDiagnosis`. Out: the matplotlib figure (`draw_diagnosis`), or the picture's bytes
+(`plot_diagnosis`): for each of the strongest findings the residual over the covariate where it is located,
+before and after, under its name and value; and the held-out gain of all findings. matplotlib is the optional
+extra `tpmsd[plot]`.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from tpmsd.foundation.palette import STYLES
-from tpmsd.offline.diagnosis.assessment.result import FINDING, Diagnosis, Finding, Trace
+from tpmsd.offline.diagnosis.assessment.result import FINDING, Finding, RollingDiagnosis, Trace
 from tpmsd.offline.report.diagnosis_figures import NOISE_STD, covariate_label
 from tpmsd.offline.report.diagnosis_summary import quantity_text
 from tpmsd.offline.report.replay_plot import check_plot_target, picture
@@ -29,12 +30,12 @@ MOST_TITLE = 64
 """Letters that stand above a panel of this width."""
 
 
-def plot_diagnosis(diagnosis: Diagnosis, names: list[str], suffix: str) -> bytes:
+def plot_diagnosis(diagnosis: RollingDiagnosis, names: list[str], suffix: str) -> bytes:
     """Return the diagnosis as a picture of the form `suffix` (one of `SUFFIXES`)."""
     return picture(draw_diagnosis(diagnosis, names), suffix)
 
 
-def draw_diagnosis(diagnosis: Diagnosis, names: list[str]) -> Figure:
+def draw_diagnosis(diagnosis: RollingDiagnosis, names: list[str]) -> Figure:
     """Return the figure; `names` of the drives stand above it. One panel says so where nothing was found."""
     from matplotlib.figure import Figure
 
@@ -54,7 +55,7 @@ def draw_diagnosis(diagnosis: Diagnosis, names: list[str]) -> Figure:
     return figure
 
 
-def _traced(diagnosis: Diagnosis) -> list[tuple[Finding, Trace]]:
+def _traced(diagnosis: RollingDiagnosis) -> list[tuple[Finding, Trace]]:
     """Findings with the trace that is theirs, the strongest first."""
     traces = list(diagnosis.inner.traces) if diagnosis.inner is not None else []
     out = []
@@ -91,7 +92,7 @@ def title_of(finding: Finding) -> str:
     return text if len(text) <= MOST_TITLE else f"{text[: MOST_TITLE - 3]}..."
 
 
-def _draw_gains(axes: Axes, diagnosis: Diagnosis) -> None:
+def _draw_gains(axes: Axes, diagnosis: RollingDiagnosis) -> None:
     found = diagnosis.findings[:MOST_BARS][::-1]
     if not found:
         text = diagnosis.reason if diagnosis.reason else agreement(diagnosis)

@@ -1,6 +1,6 @@
 """The answer of a diagnosis in sentences, which comes first in text, JSON and page.
 
-In: `Diagnosis`. Out: sentences. The words for an effect are its own (`tpmsd.car.physics.in_words`).
+In: `RollingDiagnosis`. Out: sentences. The words for an effect are its own (`tpmsd.car.physics.in_words`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
     INSUFFICIENT,
-    Diagnosis,
     Finding,
     NotDetectable,
     Quantity,
+    RollingDiagnosis,
 )
 from tpmsd.offline.report.simulation_text import baseline_name
 from tpmsd.offline.report.wording import covariate_name, wheel_name
@@ -26,7 +26,7 @@ NEAREST = 3
 """Effects that are named with their sizes in a sentence; the table has all."""
 
 
-def summary_sentences(diagnosis: Diagnosis) -> list[str]:
+def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
     """Return what was found, what else was taken into account, and what may have stayed unseen."""
     if diagnosis.verdict == INSUFFICIENT:
         return [f"Nothing can be concluded: {diagnosis.reason}."]

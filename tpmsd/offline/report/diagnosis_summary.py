@@ -1,7 +1,7 @@
 """The terminal text of a diagnosis: a paragraph per finding, what is left and what may have stayed unseen.
 
-In: `Diagnosis`. Out: text for a terminal. The short answer in front of it, which text, JSON and page share,
-is that of `diagnosis_sentences`.
+In: `RollingDiagnosis`. Out: text for a terminal. The short answer in front of it, which text, JSON and page
+share, is that of `diagnosis_sentences`.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
     INSUFFICIENT,
-    Diagnosis,
     Explanatory,
     Finding,
     Quantity,
+    RollingDiagnosis,
     Where,
 )
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_summary
@@ -47,14 +47,14 @@ REPORTED_FROM_NATS = 10.0
 
 
 def diagnosis_summary(
-    diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
+    diagnosis: RollingDiagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
 ) -> str:
     """Return what was found, one paragraph per finding, and its meaning for the tyres if asked."""
     parts = [_found(diagnosis, model_file), *(alarms_summary(compared) for compared in alarms)]
     return "\n\n".join(parts)
 
 
-def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
+def _found(diagnosis: RollingDiagnosis, model_file: str | None) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Insufficient data: {diagnosis.reason}."
     answer = " ".join(summary_sentences(diagnosis))
@@ -82,7 +82,7 @@ def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
     return text
 
 
-def _rest(diagnosis: Diagnosis) -> str:
+def _rest(diagnosis: RollingDiagnosis) -> str:
     text = _unseen(diagnosis)
     text += "".join(f"\n{sentence}" for sentence in left_over(diagnosis))
     if diagnosis.proposals:
@@ -92,7 +92,7 @@ def _rest(diagnosis: Diagnosis) -> str:
     return text
 
 
-def _unseen(diagnosis: Diagnosis) -> str:
+def _unseen(diagnosis: RollingDiagnosis) -> str:
     """Sizes below which effects may have stayed unseen, a line each, and those that do not show at all."""
     lines, hidden = [], []
     for one in diagnosis.not_detectable:
@@ -111,7 +111,7 @@ def _unseen(diagnosis: Diagnosis) -> str:
     return text + (f"\nNothing of these shows on such a drive: {', '.join(hidden)}." if hidden else "")
 
 
-def left_over(diagnosis: Diagnosis) -> list[str]:
+def left_over(diagnosis: RollingDiagnosis) -> list[str]:
     """Return what the findings leave, in sentences that hold side by side."""
     out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
     if diagnosis.unexplained is not None:
@@ -127,7 +127,7 @@ def left_over(diagnosis: Diagnosis) -> list[str]:
     return out + [text for text in map(explained, diagnosis.explanatory) if text]
 
 
-def _structured(diagnosis: Diagnosis) -> bool:
+def _structured(diagnosis: RollingDiagnosis) -> bool:
     return diagnosis.reach is not None and diagnosis.reach.structured
 
 

@@ -1,15 +1,15 @@
 """Sentences where the user's own simulation takes the rolling model's place, or known effects extend it.
 
-In: `Diagnosis`, `Finding`. Out: words.
+In: `RollingDiagnosis`, `Finding`. Out: words.
 """
 
 from __future__ import annotations
 
 from tpmsd.foundation.plain import with_unit
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Quantity
+from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, RollingDiagnosis
 
 
-def baseline_name(diagnosis: Diagnosis) -> str:
+def baseline_name(diagnosis: RollingDiagnosis) -> str:
     """Return what the recording was compared with."""
     if diagnosis.baseline == ("simulation",):
         return "your simulation"
@@ -19,7 +19,7 @@ def baseline_name(diagnosis: Diagnosis) -> str:
     return f"the rolling model with {', '.join(known[:-1])}{' and ' if known[:-1] else ''}{known[-1]}"
 
 
-def agreement(diagnosis: Diagnosis) -> str:
+def agreement(diagnosis: RollingDiagnosis) -> str:
     """Return the sentence for a recording in which nothing was found."""
     if diagnosis.baseline == ("simulation",):
         return "They agree within the noise: the recording holds nothing that your simulation does not."

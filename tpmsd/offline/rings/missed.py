@@ -1,6 +1,6 @@
 """Counts that a wheel loses while it turns, told from a larger radius by the wheel's own ripple.
 
-In: `Recording`, `Reference`. Out: `Missed` per wheel that loses counts.
+In: `Recording`, `ReferenceTrajectory`. Out: `Missed` per wheel that loses counts.
 
 Fewer counts per way are a larger radius or counts that are lost. The ripple that every ring has once per turn
 (`car.rings.ripple`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as ever,
@@ -33,7 +33,7 @@ from tpmsd.car.rings.ripple import (
 from tpmsd.foundation.wheels import AXLES, WHEELS, FloatArray
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.smoothing import NEAREST, gaussian
-from tpmsd.offline.inference.trajectory import Reference
+from tpmsd.offline.inference.trajectory import ReferenceTrajectory
 from tpmsd.offline.rings.settings import COUNTERS
 
 
@@ -82,7 +82,7 @@ class _Pair:
         return turns * recording.car.teeth_per_rev / (len(self.angle) * recording.dt_s)
 
 
-def missed_counts(recording: Recording, reference: Reference) -> list[Missed]:
+def missed_counts(recording: Recording, reference: ReferenceTrajectory) -> list[Missed]:
     """Return the wheels that lose counts; empty too where no usual ripple would show."""
     out = []
     for axle, pair in _pairs(recording, reference):
@@ -92,7 +92,7 @@ def missed_counts(recording: Recording, reference: Reference) -> list[Missed]:
 
 
 def possible_rates(
-    recording: Recording, reference: Reference, within_nats: float
+    recording: Recording, reference: ReferenceTrajectory, within_nats: float
 ) -> dict[str, tuple[float, float]]:
     """Return, by wheel whose ripple shows, the least and greatest rate of lost counts (1/s; of added ones
     negative) whose likelihood is within so many nats of the best; infinite at an end of what is tried."""
@@ -114,7 +114,7 @@ def possible_rates(
     return out
 
 
-def _pairs(recording: Recording, reference: Reference) -> list[tuple[tuple[int, int], _Pair]]:
+def _pairs(recording: Recording, reference: ReferenceTrajectory) -> list[tuple[tuple[int, int], _Pair]]:
     """Return the axles with counters whose usual ripple would show."""
     counted = [
         axle
@@ -125,7 +125,7 @@ def _pairs(recording: Recording, reference: Reference) -> list[tuple[tuple[int, 
     return [(axle, pair) for axle, pair in pairs if pair is not None]
 
 
-def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> _Pair | None:
+def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int, int]) -> _Pair | None:
     """None where the ripple of a usual ring would not be seen."""
     motion, car, dt_s = reference.motion, reference.car, recording.dt_s
     wheels = list(axle)

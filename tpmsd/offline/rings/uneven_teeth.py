@@ -1,6 +1,6 @@
 """Looks for uneven teeth: a ripple once per turn of a wheel, too fast for windows of a second.
 
-In: `Recording`, `Reference`. Out: the `Ripple` of each wheel that has one.
+In: `Recording`, `ReferenceTrajectory`. Out: the `Ripple` of each wheel that has one.
 
 At every tick's edge each wheel's shown angle is compared with the smooth motion and with the other
 wheels; what is left above 0.3 Hz is regressed on sine and cosine of the wheel's own angle. Turning faster
@@ -26,7 +26,7 @@ from tpmsd.car.rings.ripple import LEAST_STD_RAD, OUTLIER_STDS, robust_std
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.smoothing import NEAREST, gaussian
-from tpmsd.offline.inference.trajectory import Reference
+from tpmsd.offline.inference.trajectory import ReferenceTrajectory
 from tpmsd.offline.rings.settings import COUNTERS
 
 
@@ -45,7 +45,7 @@ class Ripple:
     rms_after: float
 
 
-def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
+def ripples(recording: Recording, reference: ReferenceTrajectory) -> list[Ripple]:
     """Return the wheels whose teeth are uneven, the clearest first."""
     if len(recording.wheels) < 4:
         return []
@@ -107,7 +107,7 @@ def _by_range(regressor: FloatArray, turned_hz: FloatArray) -> FloatArray:
 
 
 def _prepared(
-    recording: Recording, reference: Reference
+    recording: Recording, reference: ReferenceTrajectory
 ) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
     """Rapid differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), turns per second (n, 4)
     and blocks (n,).

@@ -27,7 +27,7 @@ from tpmsd.offline.simulator.sealed import SEALED
 from tpmsd.onboard.sources.can.databases import load_databases
 from tpmsd.onboard.sources.can.log import READERS
 from tpmsd.onboard.sources.can.signal_plan import compile_plans
-from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.drive import FolderStream
 from tpmsd.onboard.timeline.tick import Tick
 
 CLOCK_STEP_S = 1e-3
@@ -38,13 +38,13 @@ CLOCK_STEP_S = 1e-3
 class Onto:
     """A recorded drive that effects are injected into."""
 
-    drive: Drive
+    drive: FolderStream
     """Opened, with its clocks aligned; it is not iterated."""
     config: Config
     recording: Recording
 
     @classmethod
-    def of(cls, drive: Drive, config: Config, ticks: Sequence[Tick]) -> Onto:
+    def of(cls, drive: FolderStream, config: Config, ticks: Sequence[Tick]) -> Onto:
         """Return the drive and what was read of it; InputError where its clock steps or nothing usable is in
         it."""
         steps = [tick.host_time_s - tick.time_s for tick in ticks]

@@ -22,7 +22,7 @@ from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
 from tpmsd.onboard.monitor.alarms.questions import Question, Questions
 from tpmsd.onboard.monitor.alarms.saved_alarms import alarm_from_json, alarm_to_json
-from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.baseline.baseline import TyreSetBaseline
 from tpmsd.onboard.monitor.baseline.tyre_sets import TyreSets
 from tpmsd.onboard.monitor.evidence.first_start import BEFORE, FirstStart
 from tpmsd.onboard.monitor.health.configuration_watch import ConfigurationWatch
@@ -96,7 +96,7 @@ class Monitor:
         self._learning = self.learning()
 
     @property
-    def baseline(self) -> Baseline:
+    def baseline(self) -> TyreSetBaseline:
         """The baseline that counts."""
         return self._sets.baseline
 

@@ -18,7 +18,7 @@ from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import Agreement
-from tpmsd.onboard.monitor.alarms.judge import Finding, Judgement
+from tpmsd.onboard.monitor.alarms.judge import ComparisonResult, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
 from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets
@@ -60,7 +60,7 @@ class _Judged:
     time_s: float
     estimate: RadiusEstimate
     change: Change
-    finding: Finding
+    finding: ComparisonResult
     judgement: Judgement
     resonance: ResonanceEvidence | None
 

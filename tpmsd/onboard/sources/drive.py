@@ -63,7 +63,7 @@ class FrameSlice(NamedTuple):
     stop: int
 
 
-class Drive:
+class FolderStream:
     """The recording in a folder; iterate it once."""
 
     def __init__(self, folder: Path) -> None:

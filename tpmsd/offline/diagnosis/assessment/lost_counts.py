@@ -19,7 +19,7 @@ from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.rings.low_speed import Lost, lost_counts
 from tpmsd.offline.rings.missed import Missed, missed_counts
 from tpmsd.offline.rings.single_losses import SingleLosses, single_losses
@@ -99,7 +99,7 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
     )
 
 
-def lost_singly(study: Study, fit: Fit, seconds: float) -> list[Finding]:
+def lost_singly(study: Study, fit: LeastSquaresFit, seconds: float) -> list[Finding]:
     """Return the wheels that lose or add counts one by one beside the fitted model, in each drive that shows
     it.
     """
@@ -112,7 +112,7 @@ def lost_singly(study: Study, fit: Fit, seconds: float) -> list[Finding]:
     return out
 
 
-def single_of(drive: DriveStudy, fit: Fit) -> SingleLosses | None:
+def single_of(drive: DriveStudy, fit: LeastSquaresFit) -> SingleLosses | None:
     """Return the wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
     recording, car = drive.reader.recording, drive.reader.reference.car
     per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]

@@ -1,6 +1,6 @@
 """Records of a diagnosis.
 
-In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `Diagnosis`, and what
+In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `RollingDiagnosis`, and what
 pictures are drawn from.
 """
 
@@ -174,7 +174,7 @@ class NotDetectable:
 
 @brief
 @dataclass(frozen=True)
-class Diagnosis:
+class RollingDiagnosis:
     """The whole answer for one drive or several."""
 
     verdict: str

@@ -24,7 +24,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.least_squares import Evidence, Fit
+from tpmsd.offline.inference.least_squares import Evidence, LeastSquaresFit
 from tpmsd.offline.inference.noise import Noise
 
 RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"
@@ -208,7 +208,7 @@ def _alike(one: Term, other: Term) -> bool:
     )
 
 
-def _valued(one: Chosen, fit: Fit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
+def _valued(one: Chosen, fit: LeastSquaresFit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
     """Return a term with other combinations of the fit's values, and their distance from zero in
     deviations.
     """

@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.offline.diagnosis.assessment.simulated import BOTH, RECORDING
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.rings.miscount import wrong_teeth
 from tpmsd.offline.rings.uneven_teeth import Ripple, ripples
 
@@ -29,7 +29,7 @@ RING = "ripple of the ring"
 CHANNEL, COVARIATE = TEETH.shows_in
 
 
-def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
+def teeth(study: Study, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:
     """Return the wheels whose teeth are uneven in some drive, or of the wrong number in all.
 
     Compared with a simulation: those of the recording that the simulation does not hold alike.
@@ -112,7 +112,7 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
     )
 
 
-def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
+def _wrong(study: Study, calibration: LeastSquaresFit) -> list[set[tuple[str, float]]]:
     """Return, by drive, the wheels that show another number of teeth than is configured, and that number.
 
     A wheel of no name stands for all four.

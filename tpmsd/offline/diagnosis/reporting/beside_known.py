@@ -1,7 +1,7 @@
 """The answer of a diagnosis that began with known effects.
 
-In: the known effects, and the `Diagnosis` of what they left. Out: the `Diagnosis` with these effects in its
-baseline and its model.
+In: the known effects, and the `RollingDiagnosis` of what they left. Out: the `RollingDiagnosis` with these
+effects in its baseline and its model.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from dataclasses import replace
 
 from tpmsd.car.physics.catalogue import TEETH
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.offline.diagnosis.assessment.result import CONSISTENT, FINDING, MISMATCH, Diagnosis, Finding
+from tpmsd.offline.diagnosis.assessment.result import CONSISTENT, FINDING, MISMATCH, Finding, RollingDiagnosis
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 RIPPLE = "amplitude_rad"
 
 
-def beside(known: ExtendedModel, rest: Diagnosis) -> Diagnosis:
+def beside(known: ExtendedModel, rest: RollingDiagnosis) -> RollingDiagnosis:
     """Return the diagnosis of what known effects left, with these in its baseline and its model.
 
     The ripple of a ring stays in the readings, since its phase is each drive's own: one of the known size is

@@ -1,6 +1,6 @@
 """From chosen terms to findings that a reader understands.
 
-In: a `Study` and its `Selection`. Out: `Diagnosis`.
+In: a `Study` and its `Selection`. Out: `RollingDiagnosis`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from tpmsd.offline.diagnosis.assessment.identifiability import advice
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
 from tpmsd.offline.diagnosis.assessment.reach import Seen, reach
 from tpmsd.offline.diagnosis.assessment.result import (
-    Diagnosis,
     Finding,
     Inner,
     Quantity,
     RadiusDrift,
+    RollingDiagnosis,
     Where,
 )
 from tpmsd.offline.diagnosis.assessment.simulated import Held, compared, simulated_effects, whole_model
@@ -50,7 +50,9 @@ from tpmsd.offline.inference.trajectory import WINDOW_S
 from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 
-def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:
+def report(
+    study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()
+) -> RollingDiagnosis:
     """Write the answer down; `notes` are what the reader must know of what was left out."""
     seconds = study.driving_s
     rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.examined)
@@ -79,7 +81,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     baseline = float(selection.baseline_heldout[blocks].sum())
     log_variance = sum(drive.log_variance for drive in study.examined)
     constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
-    return Diagnosis(
+    return RollingDiagnosis(
         verdict=verdict_of(findings),
         reason="",
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),

@@ -1,7 +1,7 @@
 """A certificate for each finding: how often a drive without it would show as much.
 
-In: a `Study`, its `Selection`, the `Diagnosis` made of them. Out: the diagnosis with a `p_value` for each
-finding, and the findings that are not sure enough as suspicions.
+In: a `Study`, its `Selection`, the `RollingDiagnosis` made of them. Out: the diagnosis with a `p_value` for
+each finding, and the findings that are not sure enough as suspicions.
 
 Parametric bootstrap through the whole analysis (Davison and Hinkley, Bootstrap Methods and their Application,
 1997, section 4.2): replicates of the recordings are drawn from the fitted model with all findings in it,
@@ -45,7 +45,7 @@ from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.lost_counts import LOW_SPEED, RHYTHM, SINGLY, lost_in, single_of
-from tpmsd.offline.diagnosis.assessment.result import FINDING, Diagnosis, Finding, Remaining
+from tpmsd.offline.diagnosis.assessment.result import FINDING, Finding, Remaining, RollingDiagnosis
 from tpmsd.offline.diagnosis.assessment.teeth import RING
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
@@ -89,11 +89,11 @@ def certified(
     study: Study,
     selection: Selection,
     evidence: Evidence,
-    diagnosis: Diagnosis,
+    diagnosis: RollingDiagnosis,
     replicates: int,
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
-) -> Diagnosis:
+) -> RollingDiagnosis:
     """Return the diagnosis with p-values from at most so many replicates."""
     if replicates < 1 or study.simulation:
         return diagnosis

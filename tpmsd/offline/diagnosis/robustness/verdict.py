@@ -18,8 +18,8 @@ from tpmsd.offline.diagnosis.assessment.result import (
     FINDING,
     MISMATCH,
     SUSPICION,
-    Diagnosis,
     Finding,
+    RollingDiagnosis,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
 from tpmsd.offline.diagnosis.robustness.chance import Chance, discoveries
@@ -42,7 +42,9 @@ def verdict_of(findings: Sequence[Finding]) -> str:
     return MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT
 
 
-def decided(diagnosis: Diagnosis, chances: Sequence[Chance], above_control: Sequence[bool]) -> Diagnosis:
+def decided(
+    diagnosis: RollingDiagnosis, chances: Sequence[Chance], above_control: Sequence[bool]
+) -> RollingDiagnosis:
     """Return the diagnosis with the p-value of each finding, and its status by its chance.
 
     A finding stands at the false discovery rate, above the negative control; a suspicion stays one.

@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.least_squares import Evidence, Fit
+from tpmsd.offline.inference.least_squares import Evidence, LeastSquaresFit
 
 
 class Candidates:
@@ -40,7 +40,7 @@ class Candidates:
         """Calibration and these terms."""
         return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
 
-    def valued(self, terms: Sequence[Term], of: Term) -> Fit:
+    def valued(self, terms: Sequence[Term], of: Term) -> LeastSquaresFit:
         """Return the fit by which a term's values are told: beside effects of which every car has some, as
         usual.
 

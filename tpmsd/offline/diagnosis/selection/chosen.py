@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.inference.least_squares import LeastSquaresFit
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Selection:
     """Result of the selection."""
 
     chosen: tuple[Chosen, ...]
-    fit: Fit
+    fit: LeastSquaresFit
     """Fit of calibration and chosen terms together."""
     baseline_heldout: FloatArray
     """(blocks,) held-out log-likelihood of calibration alone."""

@@ -41,7 +41,7 @@ changed."""
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ComparisonResult:
     """Result of one comparison of hypotheses, with the change that it is about."""
 
     over: Literal["now", "minutes", "drive"]
@@ -81,7 +81,7 @@ class Judgement:
     """Largest standard deviation of one wheel's change less the mean of all."""
     now: Change | None = None
     """The change at this moment."""
-    finding: Finding | None = None
+    finding: ComparisonResult | None = None
     """Comparison that detects the most of a loss."""
     change_index: int | None = None
     """The likeliest of the drive's `ChangeHypotheses`, where it alone shows a loss."""
@@ -187,7 +187,7 @@ class Judge:
         front = IS_FRONT[wheels]
         self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
         """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
-        self._cached: tuple[ChangeHypotheses, bool, Finding, dict[str, float], Weighed] | None = None
+        self._cached: tuple[ChangeHypotheses, bool, ComparisonResult, dict[str, float], Weighed] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
@@ -210,7 +210,7 @@ class Judge:
         ratios = self._ratios(resonance)
         averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_of_mean_m2(mean.samples)
         against = [self._against(ratios, other_tyres, one) for one in before]
-        of_drive: Finding | None = None
+        of_drive: ComparisonResult | None = None
         models: dict[str, float] = {}
         alike: Weighed | None = None
         if change_hypotheses is not None:
@@ -272,7 +272,7 @@ class Judge:
         covariance_m2: FloatArray,
         against: Comparison,
         models: dict[str, float],
-    ) -> Finding:
+    ) -> ComparisonResult:
         """Return the finding for a change of covariance (d, d) on a drive that may slip as its `models` have
         it.
         """
@@ -284,7 +284,7 @@ class Judge:
         verdict = against.of_accounts(change_hypotheses)
         best = int(verdict.change_hypotheses.argmax())
         change_m, best_m2 = change_hypotheses.change_m[best], change_hypotheses.covariance_m2[best]
-        return Finding(over, verdict, change_m, best_m2, came=sizes.came)
+        return ComparisonResult(over, verdict, change_m, best_m2, came=sizes.came)
 
     def _all_larger(self, sizes: FloatArray) -> float:
         """Probability that all wheels are larger; 0 where no sizes were compared."""
@@ -317,9 +317,9 @@ class Judge:
 
     def _windows(
         self,
-        now: Finding,
-        mean: Finding,
-        drive: Finding | None,
+        now: ComparisonResult,
+        mean: ComparisonResult,
+        drive: ComparisonResult | None,
         models: dict[str, float],
         *,
         whole: bool,
@@ -369,7 +369,7 @@ class Judge:
 
     def _of_drive(
         self, change_hypotheses: ChangeHypotheses, log_ratios: FloatArray | None, other_tyres: bool
-    ) -> tuple[Finding, dict[str, float], Weighed]:
+    ) -> tuple[ComparisonResult, dict[str, float], Weighed]:
         """Evidence of the whole drive on the drive models, and the changes by which it knows a loss of all
         tyres and of axles; computed once for each of its samples."""
         cached = self._cached
@@ -401,7 +401,7 @@ class Judge:
         best = int(chances.argmax())
         as_learned = (change_hypotheses.model[kept] == 0) & (change_hypotheses.row[kept] == 0)
         usual = float(verdict.intact[as_learned].sum())
-        finding = Finding(
+        finding = ComparisonResult(
             "drive", verdict, change_hypotheses.change_m[best], covariance_m2[best], best, usual=usual
         )
         models = change_hypotheses.model_probabilities(chances)

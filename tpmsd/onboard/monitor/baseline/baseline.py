@@ -1,6 +1,6 @@
 """When the baseline is learned, and from what: it must never learn a fault.
 
-In: ticks, estimates, and whether anything is suspected. Out: the `Reference` and the change against it.
+In: ticks, estimates, and whether anything is suspected. Out: the `RadiusReference` and the change against it.
 
 It is ready when `learn_s` of driving have taught the wheels against each other. Then, while nothing is
 suspected, samples refine it: each range of speed takes `range_samples`, after which it is frozen. Load and
@@ -27,7 +27,7 @@ from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.bounds import number, whole
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.baseline.reference import Reference, speed_range
+from tpmsd.onboard.monitor.baseline.reference import RadiusReference, speed_range
 from tpmsd.onboard.monitor.evidence.probability import chi_square_quantile
 from tpmsd.onboard.monitor.sampling.conditions import Conditions, ConditionTracker
 from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses, DriveEvidence
@@ -83,7 +83,7 @@ class Change:
     """True if it is what the baseline expects, nuisance changes allowed for."""
 
 
-class Baseline:
+class TyreSetBaseline:
     """One set of tyres."""
 
     def __init__(self, vehicle: VehicleConfig, wheels: list[int], learn_s: float) -> None:
@@ -101,8 +101,8 @@ class Baseline:
         self._slip = SlipSlope(vehicle)
         self._slip_seen, self._slip_taught = SlopeSums(), SlopeSums()
         """Since the last of the recent samples, and since the last that was learned."""
-        self.reference = Reference(vehicle)
-        self._shadow: Reference | None = None
+        self.reference = RadiusReference(vehicle)
+        self._shadow: RadiusReference | None = None
         """Shadow baseline: counts from the next drive on; None as long as the car is learned for the first
         time.
         """
@@ -171,7 +171,7 @@ class Baseline:
         """(4,) what each wheel grows now with speed beyond the others."""
         return self.reference.own_growth_m(self._conditions.now)
 
-    def _references(self) -> tuple[Reference, ...]:
+    def _references(self) -> tuple[RadiusReference, ...]:
         return (self.reference,) if self._shadow is None else (self.reference, self._shadow)
 
     def _adopt_shadow(self) -> None:
@@ -387,7 +387,7 @@ class Baseline:
         off = BASELINE.unsettled_share * GROWTH_S2PM.mean * at.unsettled
         return off**2 + at.steep_mps2**2 * self._steep
 
-    def follow(self, other: Baseline) -> None:
+    def follow(self, other: TyreSetBaseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""
         self._sampled = self._compared = None
         self._conditions.restore(other._conditions.to_json())
@@ -420,10 +420,10 @@ class Baseline:
             since_s = number(saved["since_s"], 0.0, BASELINE.longest_s, "learning time")
             drive_samples = whole(saved["drive_samples"], 0, REFERENCE.most_samples, "number of samples")
             ready = saved["ready"]
-            reference = Reference.from_json(saved["reference"], self._vehicle)
+            reference = RadiusReference.from_json(saved["reference"], self._vehicle)
             shadow = saved.get("lessons")  # states of before have none: the next drive begins anew
             if shadow is not None:
-                shadow = Reference.from_json(shadow, self._vehicle)
+                shadow = RadiusReference.from_json(shadow, self._vehicle)
             doubt = number(saved.get("doubt", 0.0), 0.0, 1.0, "doubt")
             conditions = ConditionTracker()
             conditions.restore(saved["conditions"])

@@ -64,7 +64,7 @@ class Innovation:
     """(SIZE, d) Kalman's gain."""
 
 
-class Reference:
+class RadiusReference:
     """Knowledge of the car's radii: a Gaussian over the terms of the baseline."""
 
     def __init__(self, vehicle: VehicleConfig) -> None:
@@ -192,7 +192,7 @@ class Reference:
             self.covariance[index, index] += grown[index - CAR]
         return factor
 
-    def widened(self, model: DriveModel) -> Reference:
+    def widened(self, model: DriveModel) -> RadiusReference:
         """Return a reference in which this drive may differ from those before as `model` allows."""
         out = self.copy()
         slip_std = np.where(self._driven, self._share * model.slip_std, 0.0)
@@ -234,9 +234,9 @@ class Reference:
         for index in indices:
             self.covariance[index, index] = std[index - CAR] ** 2
 
-    def copy(self) -> Reference:
+    def copy(self) -> RadiusReference:
         """Return a reference that learns apart from this one."""
-        out = Reference.__new__(Reference)
+        out = RadiusReference.__new__(RadiusReference)
         out._radius, out._driven, out._share = self._radius, self._driven, self._share
         out._acts = self._acts
         out.mean, out.covariance, out.ranges = self.mean.copy(), self.covariance.copy(), list(self.ranges)
@@ -251,7 +251,7 @@ class Reference:
         }
 
     @classmethod
-    def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> Reference:
+    def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> RadiusReference:
         """Restore from the state file; ValueError if it is no baseline.
 
         Learning only ever narrows the prior, so no variance may be much wider and no parameter far from it.

@@ -17,7 +17,7 @@ from tpmsd.car.config.model import VehicleConfig
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.alarms.judge import Judge
-from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.baseline.baseline import TyreSetBaseline
 from tpmsd.onboard.monitor.baseline.set_signal import DEFAULT_SET, SetSignal
 from tpmsd.onboard.monitor.records import LearningReport
 from tpmsd.onboard.monitor.settings import FIRST_START, TYRE_SETS
@@ -43,7 +43,7 @@ class TyreSets:
         self.name = DEFAULT_SET
         self.baseline = self._fresh()
         self._others: dict[str, dict[str, Any]] = {}
-        self._before: Baseline | None = None
+        self._before: TyreSetBaseline | None = None
         self._name_before = DEFAULT_SET
         self.mounted = SetSignal()
         """Set of tyres that the car itself states."""
@@ -52,8 +52,8 @@ class TyreSets:
         self._requests = 0
         self._allowance = TYRE_SETS.allowance
 
-    def _fresh(self) -> Baseline:
-        return Baseline(self._vehicle, self._wheels, self._learn_s)
+    def _fresh(self) -> TyreSetBaseline:
+        return TyreSetBaseline(self._vehicle, self._wheels, self._learn_s)
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
         """Take every tick."""
@@ -174,7 +174,7 @@ class TyreSets:
         self.baseline = fresh
 
     @property
-    def judging(self) -> Baseline:
+    def judging(self) -> TyreSetBaseline:
         """The baseline that tyres are held against: while a reset is undecided the one before it."""
         return self.baseline if self._before is None else self._before
 
@@ -230,7 +230,7 @@ class TyreSets:
         self.state, self.reason = state, reason
         self._allowance = allowance
 
-    def _read(self, saved: dict[str, Any]) -> Baseline:
+    def _read(self, saved: dict[str, Any]) -> TyreSetBaseline:
         out = self._fresh()
         out.restore(saved)
         return out

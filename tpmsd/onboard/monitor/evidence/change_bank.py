@@ -1,6 +1,6 @@
 """Changes of radii that may have begun at any sample of a drive, beside all that is nuisance on it.
 
-In: a `Reference` as the drive began, and its samples. Out: for each hypothesis of one its size with
+In: a `RadiusReference` as the drive began, and its samples. Out: for each hypothesis of one its size with
 covariance, all nuisance parameters estimated beside it, and the log-likelihood of the drive without any.
 
 A generalised likelihood ratio [Willsky 1976]: one Kalman filter without a change, and for each hypothesis of
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline.reference import SIZE, Innovation, Reference
+from tpmsd.onboard.monitor.baseline.reference import SIZE, Innovation, RadiusReference
 from tpmsd.onboard.monitor.evidence.sizes import Sizes
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
@@ -67,7 +67,7 @@ class _Beside(NamedTuple):
 class ChangeBank:
     """One change hypothesis of a drive. Radii are relative to nominal throughout."""
 
-    def __init__(self, reference: Reference, scatter: FloatArray) -> None:
+    def __init__(self, reference: RadiusReference, scatter: FloatArray) -> None:
         """`scatter` (d, d): covariance that this change hypothesis adds to every sample; `reference` is used
         up.
         """
@@ -194,7 +194,7 @@ class ChangeBank:
             variance,
         )
 
-    def reference_fitted_jointly(self, row: int, index: int, sizes: Sizes) -> Reference:
+    def reference_fitted_jointly(self, row: int, index: int, sizes: Sizes) -> RadiusReference:
         """Moments of the car's reference beside the change at this row and place of `changes`.
 
         The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.

@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline.reference import Reference
+from tpmsd.onboard.monitor.baseline.reference import RadiusReference
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 
@@ -37,7 +37,7 @@ class Grip:
 
     def __init__(self, vehicle: VehicleConfig, wheels: list[int], radius_m: FloatArray) -> None:
         """radius_m (d,) nominal, of the monitored `wheels`."""
-        reference, grid = Reference(vehicle), np.ix_(wheels, wheels)
+        reference, grid = RadiusReference(vehicle), np.ix_(wheels, wheels)
         scale = np.outer(radius_m, radius_m)
         models = DRIVE_EVIDENCE.models
         self._lasting = np.stack([reference.slip(model)[grid] for model in models]) * scale

@@ -1,8 +1,8 @@
 """Evidence of a drive as a whole under each drive model: as learned, another load, a trailer, low grip.
 
-In: the `Reference` as the drive began and a sample every 20 s. Out: `ChangeHypotheses`: change hypotheses
-with their covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every
-loss: what it explains better is no loss.
+In: the `RadiusReference` as the drive began and a sample every 20 s. Out: `ChangeHypotheses`: change
+hypotheses with their covariances and log weights, for the comparison of hypotheses. A drive model is a rival
+of every loss: what it explains better is no loss.
 
 Wheels of another size since before the drive are a row of every bank. Where the radii jump on the way, a
 second set of banks begins with the reference that the first began with. Of it the rows of another size count,
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline.reference import Reference
+from tpmsd.onboard.monitor.baseline.reference import RadiusReference
 from tpmsd.onboard.monitor.drive_settings import DriveModel
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal
@@ -128,7 +128,7 @@ _OF_EACH = [part.name for part in fields(ChangeHypotheses) if part.name != "samp
 class DriveEvidence:
     """One drive."""
 
-    def __init__(self, reference: Reference, wheels: list[int], radius_m: FloatArray) -> None:
+    def __init__(self, reference: RadiusReference, wheels: list[int], radius_m: FloatArray) -> None:
         """`radius_m` (d,) nominal, of the monitored wheels."""
         self._begin = reference.copy(), wheels, radius_m
         self._whole = _Banks(*self._begin)
@@ -181,7 +181,7 @@ class DriveEvidence:
         else:
             self.change_hypotheses = found.beside(young)
 
-    def reference_fitted_jointly(self, change_index: int) -> Reference:
+    def reference_fitted_jointly(self, change_index: int) -> RadiusReference:
         """Return the reference by the drive, fitted jointly with the change of this one of
         `change_hypotheses`.
         """
@@ -197,7 +197,7 @@ class DriveEvidence:
 class _Banks:
     """A bank for each drive model, since the drive began or since a jump."""
 
-    def __init__(self, reference: Reference, wheels: list[int], radius_m: FloatArray) -> None:
+    def __init__(self, reference: RadiusReference, wheels: list[int], radius_m: FloatArray) -> None:
         """`radius_m` (d,) nominal, of the monitored wheels."""
         index = np.ix_(wheels, wheels)
         self._radius = radius_m
@@ -288,6 +288,6 @@ class _Banks:
         known = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
         return math.log(model.prior) if known else -math.inf
 
-    def reference_fitted_jointly(self, model: int, row: int, index: int) -> Reference:
+    def reference_fitted_jointly(self, model: int, row: int, index: int) -> RadiusReference:
         """Return the reference fitted jointly with a change, by its place."""
         return self._banks[model].reference_fitted_jointly(row, index, self._sizes)

@@ -16,14 +16,14 @@ import math
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.baseline.reference import GROWTH, Reference
+from tpmsd.onboard.monitor.baseline.reference import GROWTH, RadiusReference
 from tpmsd.onboard.monitor.settings import JUDGE, LEVEL, REFERENCE
 
 
 class LevelNoise:
     """Noise of the level of one drive. Radii are relative to nominal throughout."""
 
-    def __init__(self, reference: Reference) -> None:
+    def __init__(self, reference: RadiusReference) -> None:
         self._mean, self._covariance = reference.mean.copy(), reference.covariance.copy()
         self._reflected = LEVEL.reflected_share
         """Probability that the last sample was."""

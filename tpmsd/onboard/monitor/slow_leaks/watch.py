@@ -22,7 +22,7 @@ from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.bounds import LARGEST, number
 from tpmsd.foundation.wheels import AXLES, WHEELS, FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.baseline.baseline import Baseline
+from tpmsd.onboard.monitor.baseline.baseline import TyreSetBaseline
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.onboard.monitor.settings import READINGS
 from tpmsd.onboard.monitor.slow_leaks.history import LeakHistory
@@ -94,7 +94,7 @@ class SlowLeakWatch:
             self._histories[tyres].mark_step()
 
     def update(
-        self, tick: Tick, estimate: RadiusEstimate, baseline: Baseline, tyres: str, trusted: bool
+        self, tick: Tick, estimate: RadiusEstimate, baseline: TyreSetBaseline, tyres: str, trusted: bool
     ) -> list[AlarmEvent]:
         """Take one tick. `baseline` knows what each wheel grows or slips with speed beyond the others;
         `tyres`: the set that is driven; `trusted`: whether wheels and receiver agree."""
@@ -114,7 +114,9 @@ class SlowLeakWatch:
             self._reading.add(*reading)
         return events + self._commit(tick, over=False)
 
-    def _known(self, estimate: RadiusEstimate, baseline: Baseline) -> tuple[FloatArray, FloatArray] | None:
+    def _known(
+        self, estimate: RadiusEstimate, baseline: TyreSetBaseline
+    ) -> tuple[FloatArray, FloatArray] | None:
         """Return difference and variance of each contrast (3,), NaN for those that are not monitored; None
         where one that is monitored is not known precisely."""
         known = self._contrasts
