@@ -87,7 +87,7 @@ def test_every_effect_names_its_source_and_speaks_to_the_reader(name: str) -> No
     """A source in the docstring, a sentence for reports, and a place where it shows."""
     assert re.search(r"Source: .{10,}", EFFECTS[name].__doc__ or "", re.DOTALL)
     assert len(sentence_of(name).split()) > 4
-    assert EFFECTS[name].shows_in[1] in {*COVARIATES, "wheel_angle"}
+    assert EFFECTS[name].identification.shows_in[1] in {*COVARIATES, "wheel_angle"}
 
 
 def test_the_example_of_a_model_file_is_one() -> None:

@@ -48,11 +48,14 @@ def test_every_effect_is_told_with_its_numbers(name: str) -> None:
     """Answers name parameters of the effect, and each that is fitted; without answers its sentence does."""
     effect = EFFECTS[name]
     fields = {
-        field for answer in effect.answers for _, field, _, _ in string.Formatter().parse(answer) if field
+        field
+        for answer in effect.wording.answers
+        for _, field, _, _ in string.Formatter().parse(answer)
+        if field
     }
     fitted = {p.name for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0}
     assert fields <= {p.name for p in effect.parameters} | {"wheels"}
-    assert not effect.answers or fitted <= fields
+    assert not effect.wording.answers or fitted <= fields
     values: dict[str, FoundValue | str] = {
         p.name: found_value(name, p.name, p.typical, 0.1 * abs(p.typical), p.unit)
         if isinstance(p, Parameter)

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import astuple, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from bench.worlds.kinematic import Spec, course
 from tests.conftest import REPO
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.effect import Effect, NoiseResemblance, Rivals, Wording
+from tpmsd.car.physics.effects.brake_slip import BrakeSlip
 from tpmsd.car.physics.own_effects import (
     effects_of_entry_point,
     effects_of_file,
@@ -268,9 +269,27 @@ def test_folders_that_are_named_twice_count_once(folder: Path, monkeypatch: pyte
         EFFECTS.pop("bend_sinking", None)
 
 
-@pytest.mark.parametrize("base", [Effect, DynamicsEffect])
-def test_an_effect_may_be_written_with_the_former_names(base: type) -> None:
-    """The manoeuvre is read from `telling_drive`, the wheel patterns from `places` as well."""
-    old = type("Old", (base,), {"name": "old", "telling_drive": "brake twice", "places": ("fl", "fr")})
+def test_an_effect_may_be_written_with_flat_and_former_names() -> None:
+    """Fields outside their records go into these; what a class does not give stays as its base has it."""
+    flat = {
+        "telling_drive": "brake twice",
+        "places": ("fl", "fr"),
+        "formula": "r = 0",
+        "looks": NoiseResemblance.WHEEL,
+    }
+    old: type[Effect] = type("Old", (BrakeSlip,), {"name": "old", **flat})
 
-    assert ("brake twice", ("fl", "fr")) == (old.distinguished_by, old.wheel_patterns)  # type: ignore[attr-defined]
+    assert Wording("r = 0", *astuple(BrakeSlip.wording)[1:4], "brake twice") == old.wording
+    assert replace(BrakeSlip.identification, wheel_patterns=("fl", "fr")) == old.identification
+    assert Rivals(common=True, resembles=NoiseResemblance.WHEEL) == old.rivals
+    assert BrakeSlip.nonlinear is old.nonlinear
+
+
+def test_an_effect_of_vehicle_dynamics_may_be_written_with_flat_names() -> None:
+    """Its words go into `wording`; a grid is its own, which a rolling wheel's record has as well."""
+    grid = ({"area_m2": 1.0},)
+    words = {"name": "old", "sentence": "it pulls", "telling_drive": "coast"}
+    old: type[DynamicsEffect] = type("Old", (DynamicsEffect,), {**words, "grid": grid})
+
+    assert Wording(sentence="it pulls", distinguished_by="coast") == old.wording
+    assert grid == old.grid

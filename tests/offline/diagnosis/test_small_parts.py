@@ -155,7 +155,7 @@ def test_advice_names_the_drives_of_both_effects_once() -> None:
     rounding, scale = "speed_rounding_offset", "speed_scale_nonlinearity"
 
     assert "" == advice("centrifugal_growth", ())
-    assert 1 == advice(rounding, (scale,)).count(EFFECTS[rounding].distinguished_by)
+    assert 1 == advice(rounding, (scale,)).count(EFFECTS[rounding].wording.distinguished_by)
     assert advice("road_grade", ("wear",)).startswith("to tell road_grade from wear: ")
 
 

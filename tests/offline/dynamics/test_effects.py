@@ -101,9 +101,9 @@ def test_every_effect_says_what_it_is(name: str) -> None:
     """Formula, sentence, units, a prior with its source for each fitted number, a drive that tells it."""
     cls = DYNAMICS_EFFECTS[name]
 
-    assert cls.formula
-    assert cls.sentence
-    assert name == "unknown" or cls.distinguished_by
+    assert cls.wording.formula
+    assert cls.wording.sentence
+    assert name == "unknown" or cls.wording.distinguished_by
     assert name == "unknown" or "Source:" in (cls.__doc__ or "")
     for p in cls.numbers():
         assert p.prior is not None

@@ -53,7 +53,7 @@ def sentence_of(name: str) -> str:
     if effect is None:
         return name
     first = (effect.__doc__ or name).strip().splitlines()[0].rstrip(".")
-    return effect.sentence or first[:1].lower() + first[1:]
+    return effect.wording.sentence or first[:1].lower() + first[1:]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +88,10 @@ class FittedParameter:
                     values[p.name] = self.wheel_pattern
             elif isinstance(p, Parameter) and p.name != self.parameter and p.name in _required(cls):
                 values[p.name] = p.neutral if p.probe > 0.0 else p.typical
-        if cls.grid is not None and self.at is not None:
-            values[cls.grid.parameter] = self.at
-            if cls.grid.second is not None and self.second is not None:
-                values[cls.grid.second.parameter] = self.second
+        if cls.nonlinear.grid is not None and self.at is not None:
+            values[cls.nonlinear.grid.parameter] = self.at
+            if cls.nonlinear.grid.second is not None and self.second is not None:
+                values[cls.nonlinear.grid.second.parameter] = self.second
         return make_effect(self.effect, **values)
 
 
@@ -103,15 +103,21 @@ def probes() -> tuple[FittedParameter, ...]:
     """Return what a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
     out = []
     for name, effect in EFFECTS.items():
-        if effect.ramp or effect.span or effect.by_teeth or effect.at_walking_pace or effect.reads:
+        if (
+            effect.nonlinear.ramp
+            or effect.nonlinear.span
+            or effect.identification.by_teeth
+            or effect.identification.at_walking_pace
+            or effect.identification.reads
+        ):
             continue
         if effect.kind is Kind.FREE:
             continue
-        for wheel_pattern in effect.wheel_patterns or ("",):
+        for wheel_pattern in effect.identification.wheel_patterns or ("",):
             if not effect.parameters:
                 out.append(FittedParameter(name, "", 1.0, 0.0, wheel_pattern))
             for p in _linear(effect):
-                for at in (None,) if effect.grid is None else effect.grid.values:
+                for at in (None,) if effect.nonlinear.grid is None else effect.nonlinear.grid.values:
                     out.append(
                         FittedParameter(name, p.name, p.neutral + p.probe, p.neutral, wheel_pattern, at)
                     )
@@ -123,9 +129,9 @@ def sensor_probes() -> tuple[tuple[FittedParameter, tuple[str, ...]], ...]:
     shows.
     """
     return tuple(
-        (FittedParameter(name, p.name, p.neutral + p.probe, p.neutral), effect.reads)
+        (FittedParameter(name, p.name, p.neutral + p.probe, p.neutral), effect.identification.reads)
         for name, effect in EFFECTS.items()
-        if effect.reads
+        if effect.identification.reads
         for p in _linear(effect)
     )
 
@@ -137,7 +143,7 @@ def groups() -> tuple[tuple[FittedParameter, ...], ...]:
         by_effect.setdefault((probe.effect, probe.wheel_pattern, probe.at), []).append(probe)
     out: list[tuple[FittedParameter, ...]] = []
     for (name, _, _), free in by_effect.items():
-        if EFFECTS[name].always_fitted:
+        if EFFECTS[name].identification.always_fitted:
             continue
         required = _required(EFFECTS[name]) & {probe.parameter for probe in free}
         out += [(probe,) for probe in free if required <= {probe.parameter}]
@@ -159,18 +165,21 @@ def _the(what: str, rule: Callable[[type[Effect]], bool]) -> type[Effect]:
 
 FREE = _the("free", lambda effect: effect.kind is Kind.FREE)
 """The description without a formula."""
-FAULT = _the("a ramp of a radius", lambda effect: effect.ramp)
+FAULT = _the("a ramp of a radius", lambda effect: effect.nonlinear.ramp)
 """The tyre that changes."""
-TEETH = _the("of a ring's teeth", lambda effect: effect.by_teeth)
-LOST = _the("of counts lost at walking pace", lambda effect: effect.at_walking_pace)
-MISSED = _the("of counts told by the ripple", lambda effect: effect.by_ripple)
-ADDED = _the("of counts that are added", lambda effect: effect.mirror_of == MISSED.name)
+TEETH = _the("of a ring's teeth", lambda effect: effect.identification.by_teeth)
+LOST = _the("of counts lost at walking pace", lambda effect: effect.identification.at_walking_pace)
+MISSED = _the("of counts told by the ripple", lambda effect: effect.identification.by_ripple)
+ADDED = _the("of counts that are added", lambda effect: effect.rivals.mirror_of == MISSED.name)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
-RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.wheel_patterns))
+RADIUS = _the(
+    "a constant of each wheel",
+    lambda effect: effect.identification.always_fitted and bool(effect.identification.wheel_patterns),
+)
 """Effects that a calibration estimates."""
-ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.always_fitted)
+ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.identification.always_fitted)
 """Effects that are fitted along with every model."""
-EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.span)
+EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.nonlinear.span)
 
 
 def usual_size(effect: type[Effect], parameter: str) -> float:

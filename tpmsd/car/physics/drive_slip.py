@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Parameter
+from tpmsd.car.physics.effect_records import Identification, Nonlinear
 from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2
 from tpmsd.foundation.wheels import WHEELS
@@ -28,10 +29,12 @@ SLIP_BY_DRAG = Parameter(
 class DriveSlip(Effect):
     """Driven wheels turn faster under the force that drives the car, the more the greater its drag is."""
 
-    shows_in = ("wheel_ratio", "accel_long")
+    identification = Identification(shows_in=("wheel_ratio", "accel_long"))
+    nonlinear = Nonlinear(
+        # One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one.
+        ratio_limits=(0.0, 5e-3)
+    )
     one_sign = True
-    ratio_limits = (0.0, 5e-3)
-    """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:

@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.baselines.inputs import Inputs
-from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value, rename_former
+from tpmsd.car.physics.effect_records import Wording, fold_flat
+from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value
 from tpmsd.foundation.errors import ConfigError
 
 PHYSICS, INSTRUMENT, EVENT, FREE = "physics", "instrument", "event", "free"
@@ -30,11 +31,8 @@ class DynamicsEffect:
 
     name: ClassVar[str]
     kind: ClassVar[str] = PHYSICS
-    formula: ClassVar[str] = ""
-    sentence: ClassVar[str] = ""
-    """A clause that says what it is."""
-    distinguished_by: ClassVar[str] = ""
-    """Recommended manoeuvre by which it shows beside what resembles it."""
+    wording: ClassVar[Wording] = Wording()
+    """The words for it."""
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
     channel: ClassVar[str] = "yaw_rate"
     """The output in which it shows most, where the drive does not tell."""
@@ -75,7 +73,7 @@ class DynamicsEffect:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        rename_former(cls)
+        fold_flat(cls)
 
     @classmethod
     def numbers(cls) -> tuple[Parameter, ...]:

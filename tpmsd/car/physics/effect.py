@@ -1,21 +1,31 @@
 """Effects: an effect is a piece of physics that the pure rolling model leaves out.
 
 In: nothing. Out: the base class `Effect`. An effect says everything that others know about it: what kind of
-thing it is, its parameters with one prior each, what it may be taken for, which readings it needs, on which
-wheels it acts; and it overrides the one or two hooks through which it acts, the others are neutral. Hooks are
+thing it is, its parameters with one prior each, and four records (`effect_records`): its words, where it
+shows, its rivals, what enters nonlinearly. It overrides the one or two hooks through which it acts. Hooks are
 pure and vectorised over time, so that simulator, estimator and diagnosis share them. A concrete effect is a
 frozen dataclass in `tpmsd.car.physics.effects` whose fields are its parameters.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar
 
 import numpy as np
 
+from tpmsd.car.physics.effect_records import (
+    Beside,
+    Grid,
+    Identification,
+    NoiseResemblance,
+    Nonlinear,
+    Rivals,
+    Wording,
+    fold_flat,
+)
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.parameters import (
     MAX_ENTRIES,
@@ -28,7 +38,6 @@ from tpmsd.car.physics.parameters import (
     Value,
     VectorParameter,
     WheelParameter,
-    rename_former,
 )
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -40,15 +49,19 @@ __all__ = [
     "Effect",
     "Grid",
     "GroupParameter",
+    "Identification",
     "Kind",
     "NoiseResemblance",
+    "Nonlinear",
     "Parameter",
     "Prior",
+    "Rivals",
     "Std",
     "TextParameter",
     "Value",
     "VectorParameter",
     "WheelParameter",
+    "Wording",
 ]
 
 
@@ -69,49 +82,6 @@ class Kind(Enum):
     """Fitted along and never a finding: calibration, and what instruments always do."""
 
 
-class NoiseResemblance(Enum):
-    """Slow noise that an effect resembles: it must stand against that noise at its likeliest."""
-
-    OTHER = "none"
-    COMMON = "the receiver's slow error"
-    """It acts on all wheels alike and slowly, so that only the receiver shows it."""
-    WHEEL = "radius drift"
-    """It changes single wheels slowly."""
-    VELOCITY = "the receiver's slow error of speed"
-    """It changes the receiver's speed slowly, as a heading does along a road."""
-
-
-@dataclass(frozen=True, slots=True)
-class Beside:
-    """A second parameter that enters nonlinearly: typical on the grid, and fitted once the first one is."""
-
-    parameter: str
-    range: tuple[float, float]
-    """Least and greatest that is thinkable."""
-    price: Callable[[float], float]
-    """Nats against a value."""
-    step: float
-    """Factor by which it is first moved."""
-
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Values of a parameter that enters nonlinearly, at which the effect is first looked for."""
-
-    parameter: str
-    values: tuple[float, ...]
-    middle: float
-    """The one that stands for all while noise is estimated."""
-    range: tuple[float, float]
-    """Least and greatest that is thinkable."""
-    price: Callable[[float], float]
-    """Nats against a value, beside those for the choice among the grid's."""
-    step: float
-    """Factor between neighbours."""
-    second: Beside | None = None
-    """A further parameter that enters nonlinearly, if there is one."""
-
-
 IMPOSSIBLE_SIGN = 4.0
 """Nats against a physically impossible sign, which a wrong configuration may show: odds of fifty."""
 RARE = 4.0
@@ -124,82 +94,27 @@ class Effect:
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
-    sentence: ClassVar[str] = ""
-    """Name of the effect as a clause for reports; the docstring's first line where it is empty."""
-    noun: ClassVar[str] = ""
-    """Name of the effect within a sentence."""
-    answers: ClassVar[tuple[str, ...]] = ()
-    """Clauses for an effect that was found: format strings over its parameters (`in_words`), each used where
-    all of its parameters were found."""
-    distinguished_by: ClassVar[str] = ""
-    """Recommended manoeuvre by which it shows beside what resembles it."""
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
-    """Channel and covariate over which it shows: wheel, wheel_ratio, gnss_speed, gnss_course, yaw_rate."""
     kind: ClassVar[Kind] = Kind.PHYSICS
-    formula: ClassVar[str] = ""
-    """Formula in one line of plain text, for the reference."""
+    wording: ClassVar[Wording] = Wording()
+    """The words for it."""
+    identification: ClassVar[Identification] = Identification()
+    """Place in which it shows, and how it is looked for."""
+    rivals: ClassVar[Rivals] = Rivals()
+    """Explanations that it may be taken for."""
+    nonlinear: ClassVar[Nonlinear] = Nonlinear()
+    """Parts of it that enter nonlinearly."""
     one_sign: ClassVar[bool] = False
     """True if only one sign is physically possible (positive) of its first parameter."""
-    common: ClassVar[bool] = False
-    """True where every car has some of it: it is expected, jointly with others of the kind."""
-    rare: ClassVar[bool] = False
-    """True where few drives show it: it costs odds of fifty, and no noise is estimated jointly with it."""
-    needs: ClassVar[tuple[str, ...]] = ()
-    """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
-    `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`,
-    `torque`, `both_axles` (wheels of both)."""
-    looks: ClassVar[NoiseResemblance] = NoiseResemblance.OTHER
-    beside: ClassVar[tuple[str, ...]] = ()
-    """Effects beside which it must be needed, where shapes act that no formula holds."""
-    beside_value: ClassVar[tuple[str, ...]] = ()
-    """Effects of which every car has some: fitted along within their priors when its value is told."""
     own_per_drive: ClassVar[bool] = False
     """True if each drive has a value of its own, and none is common to all."""
     alike_on_every_drive: ClassVar[bool] = False
     """True if a drive cannot have its own value, as a slope's share in the horizontal."""
-    always_fitted: ClassVar[bool] = False
-    """True for a nuisance: part of the baseline model, not a hypothesis."""
     in_calibration: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Rows: its name in a joint calibration, what the number there is, and its unit."""
-    everywhere: ClassVar[bool] = False
-    """True if it acts at all times alike, so that its place is the whole drive."""
-    drifts_into: ClassVar[str] = ""
-    """A reading, of which this is the constant part of a slow error."""
-    wheel_patterns: ClassVar[tuple[str, ...]] = ()
-    """Wheels or groups of wheels on which it may act, one hypothesis each; empty: it knows its wheels."""
-    contrast: ClassVar[bool] = False
-    """True if it acts on wheels with both signs, so that it shows between them although all take part."""
-    grid: ClassVar[Grid | None] = None
-    """Grid of its one parameter that enters nonlinearly."""
-    ramp: ClassVar[bool] = False
-    """True if it steps or ramps once, at a time that is looked for."""
-    courses: ClassVar[tuple[str, ...]] = ()
-    """Courses of a ramp: the values of its parameter `course`, the plainest first."""
-    span: ClassVar[bool] = False
-    """True if it acts from one time to another, which are looked for."""
-    by_teeth: ClassVar[bool] = False
-    """True if it is looked for once per turn of a wheel, apart from the windows of a second."""
-    mirror_of: ClassVar[str] = ""
-    """The effect of which this is the other sign, by the same sensitivity."""
-    limit: ClassVar[str] = ""
-    """The effect that it is where it is small: one that always explains as much, and no rival of it."""
-    at_walking_pace: ClassVar[bool] = False
-    """True if it is looked for below the speeds of the windows, apart from them."""
-    by_ripple: ClassVar[bool] = False
-    """True if a ring's ripple tells it from a radius, apart from the windows too."""
-    reads: ClassVar[tuple[str, ...]] = ()
-    """Readings in which alone it shows, apart from wheels, gyro and fixes: `accel_long`, `accel_lat`,
-    `steering`, `clock`. It is looked for in these."""
-    confounded: ClassVar[tuple[str, ...]] = ()
-    """Effects that read the same on every drive, whatever is driven."""
     stays: ClassVar[str] = ""
     """Reason why `--model` leaves it in the ticks, whatever the bus has; empty: it is taken out."""
     shortens: ClassVar[bool] = False
     """True if it is the geometry by which slopes shorten the horizontal: in every world there is."""
-    ratio_limits: ClassVar[tuple[float, float] | None] = None
-    """Ratio of its second parameter to its first, the least and the greatest that are possible, if it has
-    such.
-    """
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:
@@ -213,7 +128,7 @@ class Effect:
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        rename_former(cls)
+        fold_flat(cls)
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
@@ -244,7 +159,7 @@ class Effect:
     def against(cls, value: float) -> float:
         """Nats against a first value (difference from neutral): rare values are penalised."""
         penalty = IMPOSSIBLE_SIGN if cls.one_sign and value < 0.0 else 0.0
-        return penalty + (RARE if cls.rare else 0.0)
+        return penalty + (RARE if cls.rivals.rare else 0.0)
 
     @classmethod
     def goes_before(cls, value: float) -> bool:

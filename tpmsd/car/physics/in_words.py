@@ -1,8 +1,8 @@
 """Found values in the words of their effect.
 
 In: an effect and the values that a fit found, by parameter. Out: a clause for a sentence, as
-'your gyro reads 4.0 % low (0.960 +- 0.001)'. The words stand in the effect's own file (`Effect.answers`,
-`Effect.noun`); here is only how numbers are put into them.
+'your gyro reads 4.0 % low (0.960 +- 0.001)'. The words stand in the effect's own file
+(`Effect.wording`: answers, noun); here is only how numbers are put into them.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def clause(name: str, values: Mapping[str, FoundValue | str]) -> str:
     """
     effect = EFFECTS.get(name)
     parts = []
-    for answer in () if effect is None else effect.answers:
+    for answer in () if effect is None else effect.wording.answers:
         try:
             parts.append(answer.format(**values))
         except KeyError:  # one of its parameters was not found
@@ -114,4 +114,4 @@ def found_value(name: str, parameter: str, value: float, std: float | None, unit
 def noun(name: str) -> str:
     """Return what an effect is called in the middle of a sentence; its name in words where it has no noun."""
     effect = EFFECTS.get(name)
-    return (effect.noun if effect is not None else "") or name.replace("_", " ")
+    return (effect.wording.noun if effect is not None else "") or name.replace("_", " ")

@@ -18,6 +18,7 @@ import stat
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from importlib.metadata import EntryPoint, entry_points
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -39,8 +40,9 @@ DYNAMICS_CATALOGUE = "tpmsd.car.physics.dynamics_catalogue"
 DYNAMICS_BASE = "tpmsd.car.physics.dynamics_effect"
 NAME = re.compile(r"[a-z][a-z0-9_]{2,59}")
 RESERVED = (
-    *("ramp", "span", "by_teeth", "at_walking_pace", "by_ripple", "shortens", "always_fitted"),
-    *("mirror_of", "in_calibration", "alike_on_every_drive"),
+    *("nonlinear.ramp", "nonlinear.span", "identification.by_teeth", "identification.at_walking_pace"),
+    *("identification.by_ripple", "identification.always_fitted", "rivals.mirror_of"),
+    *("shortens", "in_calibration", "alike_on_every_drive"),
 )
 """Marks by which the program knows effects of its own that it looks for apart: others cannot have them."""
 WRITABLE_BY_ALL = stat.S_IWOTH
@@ -195,8 +197,8 @@ def checked(effect: type[Effect], where: str) -> type[Effect]:
     if effect.kind in (Kind.FREE, Kind.NUISANCE):
         raise ConfigError(f"{where}: an effect of one's own cannot be {effect.kind.value}")
     for mark in RESERVED:
-        if getattr(effect, mark):
-            raise ConfigError(f"{where}: {mark} is for effects of the program alone")
+        if attrgetter(mark)(effect):
+            raise ConfigError(f"{where}: {mark.rpartition('.')[2]} is for effects of the program alone")
     _try_out(effect, where)
     return effect
 

@@ -158,14 +158,3 @@ def _number(name: str, value: object, finite: bool = True) -> float:
     if finite and not math.isfinite(value):
         raise ValueError(f"{name} = {float(value)} is not a finite number")
     return float(value)
-
-
-FORMER_NAMES = {"telling_drive": "distinguished_by", "places": "wheel_patterns"}
-"""Attributes by which effects of one's own may still be written, and their names."""
-
-
-def rename_former(cls: type) -> None:
-    """Set the attributes of an effect's class that are written by a former name."""
-    for former, name in FORMER_NAMES.items():
-        if former in vars(cls):
-            setattr(cls, name, vars(cls)[former])

@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.effect import RARE, Effect, Kind, NoiseResemblance, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.rings.ring import share_of, turns_hz
@@ -46,11 +47,10 @@ class PulseRate(Effect):
     """The counter of one wheel shows pulses more or less than its ring has, at a rate that goes with time."""
 
     kind = Kind.INSTRUMENT
-    distinguished_by = "hold several speeds from 10 to 35 m/s for a minute each"
-    shows_in = ("wheel_ratio", "speed")
-    looks = NoiseResemblance.WHEEL
+    wording = Wording(distinguished_by="hold several speeds from 10 to 35 m/s for a minute each")
+    identification = Identification(shows_in=("wheel_ratio", "speed"), wheel_patterns=WHEELS)
+    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
     one_sign = True
-    wheel_patterns = WHEELS
     more: ClassVar[float]
     """Pulses shown for each of the rate: 1 or -1."""
     wheel: str

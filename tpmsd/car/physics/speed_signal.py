@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 
 
 @dataclass(frozen=True)
@@ -15,7 +16,6 @@ class SpeedSignalFault(Effect):
     """All wheels are read alike, so that only the receiver shows it, and only on a bus without counts."""
 
     kind = Kind.INSTRUMENT
-    distinguished_by = "hold several speeds from 5 to 35 m/s for a minute each"
-    shows_in = ("wheel", "speed")
-    needs = ("speeds", "gnss")
-    looks = NoiseResemblance.COMMON
+    wording = Wording(distinguished_by="hold several speeds from 5 to 35 m/s for a minute each")
+    identification = Identification(shows_in=("wheel", "speed"), needs=("speeds", "gnss"))
+    rivals = Rivals(resembles=NoiseResemblance.COMMON)

@@ -141,8 +141,8 @@ def summary(plan: Plan) -> str:
     lines.append("What it is to tell, at the usual size of each effect beside the others (nats):")
     for name, gain in plan.gains.items():
         lines.append(f"  {name:28} {gain:8.1f}" + ("" if gain >= TARGET else "  cannot be told so"))
-        if gain < TARGET and EFFECTS[name].distinguished_by:
-            lines.append(f"      what tells it: {EFFECTS[name].distinguished_by}")
+        if gain < TARGET and EFFECTS[name].wording.distinguished_by:
+            lines.append(f"      what tells it: {EFFECTS[name].wording.distinguished_by}")
     return "\n".join(lines)
 
 
@@ -153,8 +153,8 @@ def _effects(names: list[str]) -> list[str]:
     looked_for = {probe.effect for probe in probes()}
     for name in names:
         parameters_of(name)  # says what is wrong with the name
-        if name not in looked_for or EFFECTS[name].always_fitted:
-            drive = EFFECTS[name].distinguished_by or "none is needed"
+        if name not in looked_for or EFFECTS[name].identification.always_fitted:
+            drive = EFFECTS[name].wording.distinguished_by or "none is needed"
             raise ConfigError(f"{name} is not told by manoeuvres beside others; what tells it: {drive}")
     return list(dict.fromkeys(names))
 

@@ -120,7 +120,7 @@ def _finding(
         loglik_gain_per_s=slot.heldout_gain / duration,
         evidence=slot.evidence,
         indistinguishable_from=twins,
-        distinguished_by=term.effect.distinguished_by,
+        distinguished_by=term.effect.wording.distinguished_by,
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
         stand_in=with_nameless_term or term.unusual,

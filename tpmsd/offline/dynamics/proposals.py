@@ -144,6 +144,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import covariate_of
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -156,9 +157,11 @@ class {title}(DynamicsEffect):
     """
 
     name = "{name}"
-    formula = "{what} = coefficient * {formula}"
-    sentence = "a closed form that was proposed and has no physics yet"
-    distinguished_by = "repeat the drive with other values of {covariates}"
+    wording = Wording(
+        formula="{what} = coefficient * {formula}",
+        sentence="a closed form that was proposed and has no physics yet",
+        distinguished_by="repeat the drive with other values of {covariates}",
+    )
     channel = "{channel}"
     covariate = "{covariate}"
     parameters = (

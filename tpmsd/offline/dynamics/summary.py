@@ -51,7 +51,7 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
         if one.status == SUSPICION:
             out.append(f"Suspected, not sure: {clause(one)}.")
     for nuisance in diagnosis.nuisances:
-        sentence = DYNAMICS_EFFECTS[nuisance.effect].sentence
+        sentence = DYNAMICS_EFFECTS[nuisance.effect].wording.sentence
         out.append(
             f"Fitted as what every car has, not as a finding: {sentence}"
             f" ({nuisance.effect}: {_numbers(nuisance.parameters)})."
@@ -85,7 +85,7 @@ def clause(finding: DynamicsFinding) -> str:
         if where.range is not None:
             over += f" from {where.range[0]:.3g} to {where.range[1]:.3g}"
         return f"something without a name in the {_equation(finding.acts_on)} {over}"
-    sentence = DYNAMICS_EFFECTS[finding.effect].sentence
+    sentence = DYNAMICS_EFFECTS[finding.effect].wording.sentence
     return f"{sentence} ({finding.effect}: {_numbers(finding.parameters)})"
 
 
@@ -111,7 +111,7 @@ def _equation(on: str) -> str:
 
 def finding_title(finding: DynamicsFinding) -> str:
     """Return what was found, in words and without numbers, for a heading."""
-    sentence = DYNAMICS_EFFECTS[finding.effect].sentence
+    sentence = DYNAMICS_EFFECTS[finding.effect].wording.sentence
     return f"{sentence[:1].upper()}{sentence[1:]}"
 
 

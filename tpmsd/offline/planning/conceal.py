@@ -152,7 +152,8 @@ def _is_ambiguous(one: EffectIdentifiability) -> bool:
     """Return whether another effect is confounded with it, other than one whose limit it is for small
     values."""
     return any(
-        cosine > MOST_ALIKE and EFFECTS[other].limit != one.effect for other, cosine in one.confounded_with
+        cosine > MOST_ALIKE and EFFECTS[other].rivals.limit != one.effect
+        for other, cosine in one.confounded_with
     )
 
 
@@ -161,9 +162,9 @@ def _usual(name: str) -> bool:
     effect = EFFECTS[name]
     if (
         effect.kind in (Kind.FREE, Kind.NUISANCE)
-        or effect.always_fitted
+        or effect.identification.always_fitted
         or effect.shortens
-        or effect.mirror_of
+        or effect.rivals.mirror_of
     ):
         return False
     return any(not by_slopes(probe.made()) for probe in _probes(name))
@@ -171,7 +172,7 @@ def _usual(name: str) -> bool:
 
 def _probes(name: str) -> list[FittedParameter]:
     """Return its numbers that are fitted, of each wheel pattern and at the middle of its grid."""
-    grid = EFFECTS[name].grid
+    grid = EFFECTS[name].nonlinear.grid
     return [
         probe
         for probe in probes()

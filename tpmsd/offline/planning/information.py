@@ -55,7 +55,7 @@ def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str])
     shown = [
         name
         for name in effects
-        if here >= set(EFFECTS[name].needs) and EFFECTS[name].observable(motion, equipment.car)
+        if here >= set(EFFECTS[name].identification.needs) and EFFECTS[name].observable(motion, equipment.car)
     ]
     calibration = radius_columns(reader)
     columns = catalogue_columns(reader, only=frozenset(shown))
@@ -86,7 +86,7 @@ def _gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> fl
 
 def _columns(names: Sequence[tuple[str, ...]], effect: str) -> list[int]:
     keys = [name for name in names if name[0] == effect]
-    grid = EFFECTS[effect].grid
+    grid = EFFECTS[effect].nonlinear.grid
     ends = {name[2:] for name in keys}
     middle = [end for end in ends if grid is None or (end and end[-1] == f"{grid.middle:g}")]
     kept = sorted(middle or ends)[0]

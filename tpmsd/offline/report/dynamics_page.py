@@ -137,7 +137,7 @@ def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
     location = f"It shows most in the {where}" + (f", over {covariate_name(over)}" if over else "")
     if finding.where.range is not None:
         location += f" from {finding.where.range[0]:.3g} to {finding.where.range[1]:.3g}"
-    out = [f"{effect.formula}." if effect.formula else "", f"{location}."]
+    out = [f"{effect.wording.formula}." if effect.wording.formula else "", f"{location}."]
     for start, end in finding.where.time_spans:
         out.append(f"It acts from {start:.0f} to {end:.0f} s.")
     if finding.stand_in:

@@ -38,13 +38,16 @@ def _entry(name: str, effect: type[Effect]) -> dict[str, Any]:
         "name": name,
         "kind": effect.kind.value,
         "what": sentence_of(name),
-        "formula": effect.formula,
+        "formula": effect.wording.formula,
         "source": source_of(effect),
         "parameters": _parameters(effect.parameters),
-        "shows_in": {"channel": effect.shows_in[0], "covariate": effect.shows_in[1]},
-        "needs": list(effect.needs),
-        "distinguished_by": effect.distinguished_by,
-        "telling_drive": effect.distinguished_by,  # name of the key before
+        "shows_in": {
+            "channel": effect.identification.shows_in[0],
+            "covariate": effect.identification.shows_in[1],
+        },
+        "needs": list(effect.identification.needs),
+        "distinguished_by": effect.wording.distinguished_by,
+        "telling_drive": effect.wording.distinguished_by,  # name of the key before
         "try": ready_command(effect),
     }
 
@@ -83,12 +86,12 @@ def dynamics_document(name: str) -> dict[str, Any]:
     entry = {
         "name": name,
         "kind": effect.kind,
-        "what": effect.sentence,
-        "formula": effect.formula,
+        "what": effect.wording.sentence,
+        "formula": effect.wording.formula,
         "source": source_of(effect),
         "parameters": _parameters(effect.parameters),
         "shows_in": {"channel": effect.channel, "covariate": effect.covariate},
-        "distinguished_by": effect.distinguished_by,
+        "distinguished_by": effect.wording.distinguished_by,
         "try": "tpmsd diagnose DRIVE --baseline " + ("three-dof" if effect.needs_forces else "single-track"),
     }
     return {"effects": [entry]}
@@ -146,7 +149,7 @@ def ready_command(effect: type[Effect]) -> str:
         wanted += acting[:1] or _first_with_size(effect)
     values = ",".join(f"{name}={_usual_text(known[name])}" for name in known if name in wanted)
     text = f"{effect.name}:{values}" if values else effect.name
-    bus = " --bus speeds" if "speeds" in effect.needs else ""
+    bus = " --bus speeds" if "speeds" in effect.identification.needs else ""
     return f"tpmsd simulate drives/try{bus} --effect {shlex.quote(text)}"
 
 
@@ -200,10 +203,10 @@ def effects_page() -> str:
         "|---|---|---|---|",
     ]
     for name, effect in EFFECTS.items():
-        needs = f"<br>needs: {', '.join(effect.needs)}" if effect.needs else ""
+        needs = f"<br>needs: {', '.join(effect.identification.needs)}" if effect.identification.needs else ""
         cells = [
             f"`{name}`",
-            f"{effect.kind.value}: {sentence_of(name)}: {effect.formula}{needs}",
+            f"{effect.kind.value}: {sentence_of(name)}: {effect.wording.formula}{needs}",
             "<br>".join(_parameter(p) for p in effect.parameters) or "none",
             source_of(effect),
         ]
@@ -224,8 +227,8 @@ def _coverage() -> list[str]:
     for name, effect in EFFECTS.items():
         if effect.kind not in (Kind.NUISANCE, Kind.FREE):
             notes = [_looked_for_in(effect, name in windows)]
-            if effect.confounded:
-                same = ", ".join(f"`{other}`" for other in effect.confounded)
+            if effect.rivals.confounded:
+                same = ", ".join(f"`{other}`" for other in effect.rivals.confounded)
                 notes.append(f"confounded with {same} on every drive")
             if note := "; ".join(filter(None, notes)):
                 lines.append(f"- `{name}`: {note}")
@@ -242,15 +245,15 @@ def _coverage() -> list[str]:
 
 def _looked_for_in(effect: type[Effect], windows: bool) -> str:
     """Return the requirements on the data, in words."""
-    if effect.reads:
-        return "readings of " + ", ".join(f"`{one}`" for one in effect.reads)
-    if effect.by_teeth:
+    if effect.identification.reads:
+        return "readings of " + ", ".join(f"`{one}`" for one in effect.identification.reads)
+    if effect.identification.by_teeth:
         return "turns of each wheel"
-    if effect.at_walking_pace:
+    if effect.identification.at_walking_pace:
         return "fixes at walking pace"
-    if effect.span:
+    if effect.nonlinear.span:
         return "spans of time"
-    if effect.ramp:
+    if effect.nonlinear.ramp:
         return "steps and ramps over time"
     return "" if windows else "nothing: calibration takes it up"
 

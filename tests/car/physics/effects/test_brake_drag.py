@@ -43,4 +43,4 @@ def test_few_brakes_drag_and_none_pushes() -> None:
     cls = EFFECTS["brake_drag"]
 
     assert (cls.against(1e-3), cls.against(-1e-3)) == (4.0, 8.0)
-    assert cls.wheel_patterns == ("fl", "fr", "rl", "rr")
+    assert cls.identification.wheel_patterns == ("fl", "fr", "rl", "rr")

@@ -38,4 +38,4 @@ def test_level_roads_do_not_show_it() -> None:
     cls = type(make_effect("gyro_misalignment", sideways_rad=0.05))
 
     assert [True, False] == [cls.observable(motion, car()) for motion in (over_crests(0.04), steady(20.0))]
-    assert {"yaw_rate", "slopes"} == set(cls.needs)
+    assert {"yaw_rate", "slopes"} == set(cls.identification.needs)

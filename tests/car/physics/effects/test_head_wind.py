@@ -44,5 +44,5 @@ def test_it_takes_wheels_that_are_not_driven() -> None:
 
     assert not cls.observable(steady(), car("all"))
     assert cls.observable(steady(), car("rear"))
-    assert "both_axles" in cls.needs
+    assert "both_axles" in cls.identification.needs
     assert not np.any(make_effect("head_wind").wheel_slip(steady(30.0), car("rear")))

@@ -38,7 +38,7 @@ def test_what_a_track_can_be_is_no_lock() -> None:
     cls, track = EFFECTS["locked_differential"], EFFECTS["track_width_error"]
 
     assert cls.against(0.1) == track.against(-0.15) + 4.0
-    assert cls.limit == track.name
+    assert cls.rivals.limit == track.name
     assert track.limits(car())["rear_m"] == (-0.25, 0.25)
     with pytest.raises(ConfigError, match="coefficient = 9 is outside"):
         make_effect("locked_differential", coefficient=9)

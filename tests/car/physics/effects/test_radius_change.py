@@ -55,7 +55,7 @@ def test_air_leaves_a_hole_in_proportion_to_what_is_left(at_s: float, share: flo
 
 def test_a_course_is_one_of_those_that_are_known() -> None:
     """Any other word is refused, and the plainest comes first."""
-    assert ("ramp", "exponential") == EFFECTS["radius_change"].courses
+    assert ("ramp", "exponential") == EFFECTS["radius_change"].nonlinear.courses
     with pytest.raises(ValueError, match="course = 'sudden' is not one of ramp exponential"):
         make_effect("radius_change", wheel="fr", deviation_m=-1e-3, course="sudden")
 

@@ -47,4 +47,4 @@ def test_without_a_torque_there_is_none() -> None:
 
     assert not np.any(effect.wheel_slip(steady(20.0), car()))
     assert not np.any(effect.wheel_slip(gap, car()))
-    assert EFFECTS["torque_slip"].needs == ("torque",)
+    assert EFFECTS["torque_slip"].identification.needs == ("torque",)

@@ -44,4 +44,4 @@ def test_a_short_one_is_usual_and_dear() -> None:
     assert "0.03 +- 0.01 s" in cls.usual(0.03, 0.01, True)
     assert cls.usual(0.3, 0.02, True) == ""
     assert (cls.against(0.05), cls.against(0.3)) == (10.0, 4.0)
-    assert {"speeds", "gnss"} == set(cls.needs)
+    assert {"speeds", "gnss"} == set(cls.identification.needs)

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -20,9 +21,11 @@ class DynamicsAccelerometerBias(DynamicsEffect):
     name = "accelerometer_bias"
     order = 1
     kind = INSTRUMENT
-    formula = "accelerations read = truth + (long_mps2, lat_mps2)"
-    sentence = "an accelerometer reads a constant more than acts"
-    distinguished_by = "drive the same road there and back"
+    wording = Wording(
+        formula="accelerations read = truth + (long_mps2, lat_mps2)",
+        sentence="an accelerometer reads a constant more than acts",
+        distinguished_by="drive the same road there and back",
+    )
     channel = "accel_lat"
     covariate = "time"
     shows_in = MappingProxyType({"long_mps2": "accel_long", "lat_mps2": "accel_lat"})

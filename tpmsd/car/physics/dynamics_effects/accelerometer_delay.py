@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import READING_DELAY
+from tpmsd.car.physics.effect_records import Wording
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,11 @@ class AccelerometerDelay(DynamicsEffect):
 
     name = "accelerometer_delay"
     kind = INSTRUMENT
-    formula = "a_y read at t = a_y at t - delay_s"
-    sentence = "the lateral acceleration is read late"
-    distinguished_by = "steer quickly from side to side"
+    wording = Wording(
+        formula="a_y read at t = a_y at t - delay_s",
+        sentence="the lateral acceleration is read late",
+        distinguished_by="steer quickly from side to side",
+    )
     channel = "accel_lat"
     covariate = "steering_rate"
     twins = ("accelerometer_position", "roll_dynamics")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class AccelerometerPosition(DynamicsEffect):
 
     name = "accelerometer_position"
     kind = INSTRUMENT
-    formula = "a_y read = a_y + forward_m * dr/dt"
-    sentence = "the accelerometer sits ahead of or behind the centre of gravity"
-    distinguished_by = "change lanes quickly at 20 m/s"
+    wording = Wording(
+        formula="a_y read = a_y + forward_m * dr/dt",
+        sentence="the accelerometer sits ahead of or behind the centre of gravity",
+        distinguished_by="change lanes quickly at 20 m/s",
+    )
     channel = "accel_lat"
     covariate = "steering_rate"
     twins = ("roll_dynamics",)

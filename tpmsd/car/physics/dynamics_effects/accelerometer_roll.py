@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -20,9 +21,11 @@ class AccelerometerRoll(DynamicsEffect):
 
     name = "accelerometer_roll"
     kind = INSTRUMENT
-    formula = "a_y read = a_y * (1 + coefficient)"
-    sentence = "the accelerometer rolls with the body"
-    distinguished_by = "hold steady bends from 1 to 6 m/s2 on a level road"
+    wording = Wording(
+        formula="a_y read = a_y * (1 + coefficient)",
+        sentence="the accelerometer rolls with the body",
+        distinguished_by="hold steady bends from 1 to 6 m/s2 on a level road",
+    )
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("mass_error",)

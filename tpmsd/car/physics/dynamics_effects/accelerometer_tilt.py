@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class DynamicsAccelerometerTilt(DynamicsEffect):
 
     name = "accelerometer_tilt"
     kind = INSTRUMENT
-    formula = "a_y read = a_y - yaw_rad * a_x"
-    sentence = "the accelerometers are turned in their mount"
-    distinguished_by = "brake firmly on a straight ten times"
+    wording = Wording(
+        formula="a_y read = a_y - yaw_rad * a_x",
+        sentence="the accelerometers are turned in their mount",
+        distinguished_by="brake firmly on a straight ten times",
+    )
     channel = "accel_lat"
     covariate = "accel_long"
     twins = ("yaw_moment",)

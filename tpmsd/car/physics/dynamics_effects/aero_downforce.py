@@ -9,6 +9,7 @@ import numpy as np
 from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -21,9 +22,11 @@ class AeroDownforce(DynamicsEffect):
 
     name = "aero_downforce"
     kind = PHYSICS
-    formula = "F_z = rho/2 * A * v^2 per axle"
-    sentence = "the air changes the axles' loads"
-    distinguished_by = "take the same bend at its limit at two speeds"
+    wording = Wording(
+        formula="F_z = rho/2 * A * v^2 per axle",
+        sentence="the air changes the axles' loads",
+        distinguished_by="take the same bend at its limit at two speeds",
+    )
     channel = "accel_lat"
     covariate = "speed"
     twins = ("tyre_saturation",)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class AeroDrag(DynamicsEffect):
 
     name = "aero_drag"
     kind = PHYSICS
-    formula = "F_x = -rho/2 * A * v * abs(v)"
-    sentence = "the air resists"
-    distinguished_by = "coast in neutral from 35 m/s to 10 m/s, both ways"
+    wording = Wording(
+        formula="F_x = -rho/2 * A * v * abs(v)",
+        sentence="the air resists",
+        distinguished_by="coast in neutral from 35 m/s to 10 m/s, both ways",
+    )
     channel = "speed"
     covariate = "speed"
     twins = ("rolling_resistance", "drive_force_error")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import FORCE_ERROR
+from tpmsd.car.physics.effect_records import Wording
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,11 @@ class BrakeForceError(DynamicsEffect):
 
     name = "brake_force_error"
     kind = PHYSICS
-    formula = "F_brake = reading * (1 + relative)"
-    sentence = "the brake force is not the one stated"
-    distinguished_by = "brake on the level at several forces, the car weighed"
+    wording = Wording(
+        formula="F_brake = reading * (1 + relative)",
+        sentence="the brake force is not the one stated",
+        distinguished_by="brake on the level at several forces, the car weighed",
+    )
     channel = "speed"
     covariate = "accel_long"
     twins = ("mass_error",)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.car.physics.parameters import Parameter, Prior
 
@@ -20,9 +21,11 @@ class CamberThrust(DynamicsEffect):
 
     name = "camber_thrust"
     kind = PHYSICS
-    formula = "F_y = -c * F_z * u * r / g on each axle"
-    sentence = "leaning wheels push outwards in bends"
-    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
+    wording = Wording(
+        formula="F_y = -c * F_z * u * r / g on each axle",
+        sentence="leaning wheels push outwards in bends",
+        distinguished_by="hold steady bends at two speeds and change lanes quickly",
+    )
     channel = "velocity_lat"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error", "mass_error")

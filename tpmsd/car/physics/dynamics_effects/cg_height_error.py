@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class CgHeightError(DynamicsEffect):
 
     name = "cg_height_error"
     kind = PHYSICS
-    formula = "h = configured + height_m"
-    sentence = "the height of the centre of gravity is not the configured one"
-    distinguished_by = "brake and accelerate hard in bends near the limit"
+    wording = Wording(
+        formula="h = configured + height_m",
+        sentence="the height of the centre of gravity is not the configured one",
+        distinguished_by="brake and accelerate hard in bends near the limit",
+    )
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("tyre_saturation", "load_dependent_stiffness")

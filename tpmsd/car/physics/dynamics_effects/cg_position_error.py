@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class CgPositionError(DynamicsEffect):
 
     name = "cg_position_error"
     kind = PHYSICS
-    formula = "a = configured - forward_m, b = configured + forward_m"
-    sentence = "the centre of gravity is not where configured"
-    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
+    wording = Wording(
+        formula="a = configured - forward_m, b = configured + forward_m",
+        sentence="the centre of gravity is not where configured",
+        distinguished_by="hold steady bends at two speeds and change lanes quickly",
+    )
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error",)

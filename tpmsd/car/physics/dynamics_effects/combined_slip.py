@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.effect_records import Wording
 
 
 @dataclass(frozen=True)
@@ -20,9 +21,11 @@ class CombinedSlip(DynamicsEffect):
 
     name = "combined_slip"
     kind = NUISANCE
-    formula = "F_y = F_y(alpha, mu * F_z * sqrt(1 - (F_x / (mu * F_z))^2))"
-    sentence = "a longitudinal force takes side force by the friction ellipse"
-    distinguished_by = "accelerate and brake firmly in bends, and coast through the same bends"
+    wording = Wording(
+        formula="F_y = F_y(alpha, mu * F_z * sqrt(1 - (F_x / (mu * F_z))^2))",
+        sentence="a longitudinal force takes side force by the friction ellipse",
+        distinguished_by="accelerate and brake firmly in bends, and coast through the same bends",
+    )
     channel = "accel_lat"
     covariate = "accel_long"
     twins = ("drive_slip_error", "drive_share_error")

@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -21,9 +22,11 @@ class DynamicsComplianceSteer(DynamicsEffect):
 
     name = "compliance_steer"
     kind = PHYSICS
-    formula = "front slip angle = geometric / (1 + k * C_f), k = c * l / (m * b)"
-    sentence = "the front wheels give way under side force"
-    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
+    wording = Wording(
+        formula="front slip angle = geometric / (1 + k * C_f), k = c * l / (m * b)",
+        sentence="the front wheels give way under side force",
+        distinguished_by="hold steady bends at two speeds and change lanes quickly",
+    )
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error",)

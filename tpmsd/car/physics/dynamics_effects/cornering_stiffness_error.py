@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class CorneringStiffnessError(DynamicsEffect):
 
     name = "cornering_stiffness_error"
     kind = PHYSICS
-    formula = "C = configured * (1 + front | rear)"
-    sentence = "the axles' cornering stiffness is not the configured one"
-    distinguished_by = "hold steady bends at two speeds and change lanes quickly"
+    wording = Wording(
+        formula="C = configured * (1 + front | rear)",
+        sentence="the axles' cornering stiffness is not the configured one",
+        distinguished_by="hold steady bends at two speeds and change lanes quickly",
+    )
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cg_position_error", "mass_error", "compliance_steer")

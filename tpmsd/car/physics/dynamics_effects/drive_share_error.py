@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class DriveShareError(DynamicsEffect):
 
     name = "drive_share_error"
     kind = PHYSICS
-    formula = "front share of the drive force = configured + relative"
-    sentence = "the drive force acts on the axles in other shares than configured"
-    distinguished_by = "accelerate firmly in bends, and coast through the same bends"
+    wording = Wording(
+        formula="front share of the drive force = configured + relative",
+        sentence="the drive force acts on the axles in other shares than configured",
+        distinguished_by="accelerate firmly in bends, and coast through the same bends",
+    )
     channel = "yaw_rate"
     covariate = "accel_long"
     twins = ("tyre_saturation", "yaw_moment")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -20,9 +21,11 @@ class DriveSlipError(DynamicsEffect):
 
     name = "drive_slip_error"
     kind = NUISANCE
-    formula = "sigma / (1 + sigma) = (1 + relative) * F_x / C_sigma"
-    sentence = "slip under drive and brake force changes the side forces by another amount than configured"
-    distinguished_by = "accelerate and brake firmly in bends, and coast through the same bends"
+    wording = Wording(
+        formula="sigma / (1 + sigma) = (1 + relative) * F_x / C_sigma",
+        sentence="slip under drive and brake force changes the side forces by another amount than configured",
+        distinguished_by="accelerate and brake firmly in bends, and coast through the same bends",
+    )
     channel = "yaw_rate"
     covariate = "accel_long"
     twins = ("drive_share_error", "tyre_saturation")

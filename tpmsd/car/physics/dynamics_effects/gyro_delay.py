@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import READING_DELAY
+from tpmsd.car.physics.effect_records import Wording
 
 
 @dataclass(frozen=True)
@@ -18,9 +19,11 @@ class DynamicsGyroDelay(DynamicsEffect):
 
     name = "gyro_delay"
     kind = INSTRUMENT
-    formula = "yaw rate read at t = yaw rate at t - delay_s"
-    sentence = "the yaw rate is read late"
-    distinguished_by = "steer quickly from side to side"
+    wording = Wording(
+        formula="yaw rate read at t = yaw rate at t - delay_s",
+        sentence="the yaw rate is read late",
+        distinguished_by="steer quickly from side to side",
+    )
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("steering_delay", "yaw_inertia_error")

@@ -9,6 +9,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.effect_records import Wording
 
 
 @dataclass(frozen=True)
@@ -21,9 +22,11 @@ class LargeAngles(DynamicsEffect):
 
     name = "large_angles"
     kind = NUISANCE
-    formula = "F_y = F_f * cos(delta) + F_x * sin(delta) + F_r, alpha = delta - atan(v_y / u)"
-    sentence = "the angles of steering and slip are not small"
-    distinguished_by = "drive tight bends slowly, accelerate and brake in them"
+    wording = Wording(
+        formula="F_y = F_f * cos(delta) + F_x * sin(delta) + F_r, alpha = delta - atan(v_y / u)",
+        sentence="the angles of steering and slip are not small",
+        distinguished_by="drive tight bends slowly, accelerate and brake in them",
+    )
     channel = "accel_lat"
     covariate = "steering"
     twins = ("steering_ratio_error", "yaw_moment")

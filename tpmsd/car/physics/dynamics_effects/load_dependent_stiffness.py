@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -21,9 +22,11 @@ class LoadDependentStiffness(DynamicsEffect):
 
     name = "load_dependent_stiffness"
     kind = PHYSICS
-    formula = "C = C_0 * (1 - c * z^2), z = load transfer over static load"
-    sentence = "an axle's cornering stiffness falls with lateral load transfer"
-    distinguished_by = "hold steady bends from 2 to 8 m/s2"
+    wording = Wording(
+        formula="C = C_0 * (1 - c * z^2), z = load transfer over static load",
+        sentence="an axle's cornering stiffness falls with lateral load transfer",
+        distinguished_by="hold steady bends from 2 to 8 m/s2",
+    )
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("tyre_saturation", "cg_height_error")

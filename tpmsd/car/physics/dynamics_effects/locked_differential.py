@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class DynamicsLockedDifferential(DynamicsEffect):
 
     name = "locked_differential"
     kind = PHYSICS
-    formula = "M_z = -c * C_sigma * t^2 / 2 * r / u"
-    sentence = "the wheels of the driven axle turn alike"
-    distinguished_by = "drive tight bends slowly under power"
+    wording = Wording(
+        formula="M_z = -c * C_sigma * t^2 / 2 * r / u",
+        sentence="the wheels of the driven axle turn alike",
+        distinguished_by="drive tight bends slowly under power",
+    )
     channel = "yaw_rate"
     covariate = "yaw_rate"
     twins = ("cornering_stiffness_error", "steering_ratio_error")

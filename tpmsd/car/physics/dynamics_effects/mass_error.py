@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class MassError(DynamicsEffect):
 
     name = "mass_error"
     kind = PHYSICS
-    formula = "m = configured * (1 + relative)"
-    sentence = "the car's mass is not the configured one"
-    distinguished_by = "accelerate and brake firmly with known forces, and steer in between"
+    wording = Wording(
+        formula="m = configured * (1 + relative)",
+        sentence="the car's mass is not the configured one",
+        distinguished_by="accelerate and brake firmly with known forces, and steer in between",
+    )
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("drive_force_error", "cornering_stiffness_error")

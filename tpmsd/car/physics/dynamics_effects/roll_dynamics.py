@@ -10,6 +10,7 @@ from scipy.linalg import lapack
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 from tpmsd.foundation.wheels import FloatArray
 
@@ -29,9 +30,11 @@ class RollDynamics(DynamicsEffect):
 
     name = "roll_dynamics"
     kind = PHYSICS
-    formula = "dv/dt gains 0.4 * d2q/dt2 / w^2; d2q/dt2 + 2 D w dq/dt + w^2 q = w^2 a_y"
-    sentence = "the body rolls and takes time for it"
-    distinguished_by = "weave at 0.5 to 2 Hz at a constant speed"
+    wording = Wording(
+        formula="dv/dt gains 0.4 * d2q/dt2 / w^2; d2q/dt2 + 2 D w dq/dt + w^2 q = w^2 a_y",
+        sentence="the body rolls and takes time for it",
+        distinguished_by="weave at 0.5 to 2 Hz at a constant speed",
+    )
     channel = "velocity_lat"
     covariate = "steering_rate"
     states = ("roll_q", "roll_rate_q")

@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -21,9 +22,11 @@ class RollSteer(DynamicsEffect):
 
     name = "roll_steer"
     kind = PHYSICS
-    formula = "rear slip angle = geometric + c * u * r"
-    sentence = "the rear axle steers as the body rolls"
-    distinguished_by = "hold steady bends from 1 to 6 m/s2 at two speeds"
+    wording = Wording(
+        formula="rear slip angle = geometric + c * u * r",
+        sentence="the rear axle steers as the body rolls",
+        distinguished_by="hold steady bends from 1 to 6 m/s2 at two speeds",
+    )
     channel = "velocity_lat"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error", "compliance_steer")

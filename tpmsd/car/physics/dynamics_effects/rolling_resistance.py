@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class RollingResistance(DynamicsEffect):
 
     name = "rolling_resistance"
     kind = PHYSICS
-    formula = "F_x = -c * m * g"
-    sentence = "the tyres resist rolling"
-    distinguished_by = "coast in neutral from 20 m/s to 5 m/s, both ways"
+    wording = Wording(
+        formula="F_x = -c * m * g",
+        sentence="the tyres resist rolling",
+        distinguished_by="coast in neutral from 20 m/s to 5 m/s, both ways",
+    )
     channel = "speed"
     covariate = "time"
     twins = ("road_grade", "accelerometer_bias")

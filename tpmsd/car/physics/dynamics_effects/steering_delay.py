@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class SteeringDelay(DynamicsEffect):
 
     name = "steering_delay"
     kind = INSTRUMENT
-    formula = "delta at t = reading at t - delay_s"
-    sentence = "the road wheels follow the steering reading late"
-    distinguished_by = "steer quickly from side to side"
+    wording = Wording(
+        formula="delta at t = reading at t - delay_s",
+        sentence="the road wheels follow the steering reading late",
+        distinguished_by="steer quickly from side to side",
+    )
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("gyro_delay", "tyre_relaxation", "yaw_inertia_error")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class DynamicsSteeringOffset(DynamicsEffect):
 
     name = "steering_offset"
     kind = INSTRUMENT
-    formula = "reading = truth + offset_rad"
-    sentence = "the steering angle reads a constant on the straight"
-    distinguished_by = "drive straight on for a minute there and back"
+    wording = Wording(
+        formula="reading = truth + offset_rad",
+        sentence="the steering angle reads a constant on the straight",
+        distinguished_by="drive straight on for a minute there and back",
+    )
     channel = "yaw_rate"
     covariate = "time"
     twins = ("yaw_rate_bias", "side_wind", "road_bank")

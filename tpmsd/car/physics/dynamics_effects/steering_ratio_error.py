@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class DynamicsSteeringRatioError(DynamicsEffect):
 
     name = "steering_ratio_error"
     kind = INSTRUMENT
-    formula = "delta = reading / (configured ratio * ratio)"
-    sentence = "the steering's ratio is not the configured one"
-    distinguished_by = "drive full circles slowly, to both sides"
+    wording = Wording(
+        formula="delta = reading / (configured ratio * ratio)",
+        sentence="the steering's ratio is not the configured one",
+        distinguished_by="drive full circles slowly, to both sides",
+    )
     channel = "yaw_rate"
     covariate = "steering"
     twins = ("cornering_stiffness_error", "yaw_rate_scale")

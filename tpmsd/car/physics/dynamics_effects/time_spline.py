@@ -12,6 +12,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import FREE, PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.car.physics.parameters import TextParameter, VectorParameter
 from tpmsd.foundation.errors import ConfigError
@@ -67,9 +68,11 @@ class DynamicsRoadGrade(_Spline):
 
     name = "road_grade"
     kind = PHYSICS
-    formula = "du/dt gains -g * sin(grade(t))"
-    sentence = "the road rises and falls"
-    distinguished_by = "drive the same road there and back"
+    wording = Wording(
+        formula="du/dt gains -g * sin(grade(t))",
+        sentence="the road rises and falls",
+        distinguished_by="drive the same road there and back",
+    )
     channel = "speed"
     needs_forces = True
     parameters = _vectors("rad")
@@ -88,9 +91,11 @@ class DynamicsRoadBank(_Spline):
 
     name = "road_bank"
     kind = PHYSICS
-    formula = "dv/dt gains -g * sin(bank(t))"
-    sentence = "the road is banked"
-    distinguished_by = "drive the same road there and back"
+    wording = Wording(
+        formula="dv/dt gains -g * sin(bank(t))",
+        sentence="the road is banked",
+        distinguished_by="drive the same road there and back",
+    )
     channel = "velocity_lat"
     parameters = _vectors("rad")
 
@@ -105,8 +110,10 @@ class DynamicsUnknown(_Spline):
 
     name = "unknown"
     kind = FREE
-    formula = "an equation or an output gains a spline over a covariate"
-    sentence = "something that no effect of the catalogue describes"
+    wording = Wording(
+        formula="an equation or an output gains a spline over a covariate",
+        sentence="something that no effect of the catalogue describes",
+    )
     parameters = (
         TextParameter("on", "moment", "equation (force_x force_y moment force_front force_rear) or output"),
         TextParameter("over", "speed", "covariate"),

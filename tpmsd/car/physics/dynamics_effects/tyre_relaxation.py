@@ -9,6 +9,7 @@ from scipy.linalg import lapack
 
 from tpmsd.car.physics.baselines.frame import Frame, Real
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 from tpmsd.foundation.wheels import FloatArray
 
@@ -27,9 +28,11 @@ class TyreRelaxation(DynamicsEffect):
     name = "tyre_relaxation"
     order = 1
     kind = PHYSICS
-    formula = "length_m / u * d(alpha')/dt = alpha - alpha'"
-    sentence = "the tyres' side force follows with a length"
-    distinguished_by = "steer quickly from side to side at 10 and at 25 m/s"
+    wording = Wording(
+        formula="length_m / u * d(alpha')/dt = alpha - alpha'",
+        sentence="the tyres' side force follows with a length",
+        distinguished_by="steer quickly from side to side at 10 and at 25 m/s",
+    )
     channel = "yaw_rate"
     covariate = "steering_rate"
     states = ("relaxed_front", "relaxed_rear")

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -22,9 +23,11 @@ class TyreSaturation(DynamicsEffect):
 
     name = "tyre_saturation"
     kind = PHYSICS
-    formula = "F = (2 - l) l * F_linear, l = mu * F_z / (2 * F_linear) < 1"
-    sentence = "the tyres' side force is limited by friction"
-    distinguished_by = "steer slowly into a bend until the tyres slide"
+    wording = Wording(
+        formula="F = (2 - l) l * F_linear, l = mu * F_z / (2 * F_linear) < 1",
+        sentence="the tyres' side force is limited by friction",
+        distinguished_by="steer slowly into a bend until the tyres slide",
+    )
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("load_dependent_stiffness", "cg_height_error")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class VelocityPosition(DynamicsEffect):
 
     name = "velocity_position"
     kind = INSTRUMENT
-    formula = "v read = v + forward_m * r"
-    sentence = "the lateral speed is read ahead of or behind the centre of gravity"
-    distinguished_by = "turn tightly at walking pace and hold steady bends at 20 m/s"
+    wording = Wording(
+        formula="v read = v + forward_m * r",
+        sentence="the lateral speed is read ahead of or behind the centre of gravity",
+        distinguished_by="turn tightly at walking pace and hold steady bends at 20 m/s",
+    )
     channel = "velocity_lat"
     covariate = "yaw_rate"
     twins = ("cg_position_error", "cornering_stiffness_error")

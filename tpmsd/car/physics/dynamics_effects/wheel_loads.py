@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
 from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.effect_records import Wording
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,11 @@ class WheelLoads(DynamicsEffect):
 
     name = "wheel_loads"
     kind = NUISANCE
-    formula = "F_axle = F(F_z / 2 * (1 - z)) + F(F_z / 2 * (1 + z)), z = 2 h u r / (g t)"
-    sentence = "an axle's two wheels carry unequal loads in bends"
-    distinguished_by = "hold steady bends up to the limit"
+    wording = Wording(
+        formula="F_axle = F(F_z / 2 * (1 - z)) + F(F_z / 2 * (1 + z)), z = 2 h u r / (g t)",
+        sentence="an axle's two wheels carry unequal loads in bends",
+        distinguished_by="hold steady bends up to the limit",
+    )
     channel = "accel_lat"
     covariate = "accel_lat"
     twins = ("tyre_saturation", "load_dependent_stiffness")

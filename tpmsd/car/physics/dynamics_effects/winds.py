@@ -12,6 +12,7 @@ import numpy as np
 from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 from tpmsd.foundation.wheels import FloatArray
 
@@ -49,9 +50,11 @@ class SideWind(DynamicsEffect):
 
     name = "side_wind"
     kind = EVENT
-    formula = "F_y = rho/2 * 4.5 m2 * u * speed, M_z = 0.25 m * F_y, in a span of time"
-    sentence = "a wind blows from the side"
-    distinguished_by = "drive the same road there and back at a constant speed"
+    wording = Wording(
+        formula="F_y = rho/2 * 4.5 m2 * u * speed, M_z = 0.25 m * F_y, in a span of time",
+        sentence="a wind blows from the side",
+        distinguished_by="drive the same road there and back at a constant speed",
+    )
     channel = "accel_lat"
     twins = ("road_bank", "steering_offset")
     parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
@@ -75,9 +78,11 @@ class DynamicsHeadWind(DynamicsEffect):
 
     name = "head_wind"
     kind = EVENT
-    formula = "F_x = -rho/2 * A * ((u + speed)^2 - u^2) in a span of time"
-    sentence = "a wind blows from ahead"
-    distinguished_by = "drive the same road there and back at a constant speed"
+    wording = Wording(
+        formula="F_x = -rho/2 * A * ((u + speed)^2 - u^2) in a span of time",
+        sentence="a wind blows from ahead",
+        distinguished_by="drive the same road there and back at a constant speed",
+    )
     channel = "speed"
     needs_forces = True
     twins = ("road_grade",)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class YawInertiaError(DynamicsEffect):
 
     name = "yaw_inertia_error"
     kind = PHYSICS
-    formula = "I_z = configured * (1 + relative)"
-    sentence = "the yaw inertia is not the configured one"
-    distinguished_by = "steer quickly from side to side at 20 m/s"
+    wording = Wording(
+        formula="I_z = configured * (1 + relative)",
+        sentence="the yaw inertia is not the configured one",
+        distinguished_by="steer quickly from side to side at 20 m/s",
+    )
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("tyre_relaxation", "steering_delay")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class YawMoment(DynamicsEffect):
 
     name = "yaw_moment"
     kind = PHYSICS
-    formula = "M_z = c * F_x"
-    sentence = "drive or brake forces turn the car"
-    distinguished_by = "brake firmly on a straight with the steering wheel held"
+    wording = Wording(
+        formula="M_z = c * F_x",
+        sentence="drive or brake forces turn the car",
+        distinguished_by="brake firmly on a straight with the steering wheel held",
+    )
     channel = "yaw_rate"
     covariate = "accel_long"
     twins = ("accelerometer_tilt",)

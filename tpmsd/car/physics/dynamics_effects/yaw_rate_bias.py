@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -19,9 +20,11 @@ class DynamicsYawRateBias(DynamicsEffect):
     name = "yaw_rate_bias"
     order = 1
     kind = INSTRUMENT
-    formula = "yaw rate read = truth + bias"
-    sentence = "the gyro reads a rate on the straight"
-    distinguished_by = "stand still for a minute with the ignition on"
+    wording = Wording(
+        formula="yaw rate read = truth + bias",
+        sentence="the gyro reads a rate on the straight",
+        distinguished_by="stand still for a minute with the ignition on",
+    )
     channel = "yaw_rate"
     covariate = "time"
     twins = ("steering_offset",)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
@@ -18,9 +19,11 @@ class DynamicsYawRateScale(DynamicsEffect):
 
     name = "yaw_rate_scale"
     kind = INSTRUMENT
-    formula = "yaw rate read = scale * truth"
-    sentence = "the gyro's scale is off"
-    distinguished_by = "drive ten full circles to each side"
+    wording = Wording(
+        formula="yaw rate read = scale * truth",
+        sentence="the gyro's scale is off",
+        distinguished_by="drive ten full circles to each side",
+    )
     channel = "yaw_rate"
     covariate = "yaw_rate"
     twins = ("steering_ratio_error",)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -25,17 +26,18 @@ class AccelerometerBias(Effect):
 
     name = "accelerometer_bias"
     kind = Kind.INSTRUMENT
-    formula = "accelerations read = accelerations + (long_mps2, lat_mps2)"
-    sentence = "the accelerometers read a constant more than acts"
-    noun = "an offset of the accelerometers"
-    answers = (
-        "the accelerometers read {long_mps2:size} {long_mps2:too much|too little} forward",
-        "the accelerometers read {lat_mps2:size} {lat_mps2:too much|too little} to the left",
+    wording = Wording(
+        formula="accelerations read = accelerations + (long_mps2, lat_mps2)",
+        sentence="the accelerometers read a constant more than acts",
+        noun="an offset of the accelerometers",
+        answers=(
+            "the accelerometers read {long_mps2:size} {long_mps2:too much|too little} forward",
+            "the accelerometers read {lat_mps2:size} {lat_mps2:too much|too little} to the left",
+        ),
+        distinguished_by="drive the same road there and back: a bank and a slope change their signs",
     )
-    distinguished_by = "drive the same road there and back: a bank and a slope change their signs"
-    shows_in = ("accel_lat", "time")
-    reads = ("accel_long", "accel_lat")
-    confounded = ("accelerometer_tilt", "road_bank")
+    identification = Identification(shows_in=("accel_lat", "time"), reads=("accel_long", "accel_lat"))
+    rivals = Rivals(confounded=("accelerometer_tilt", "road_bank"))
     stays = "no estimate depends on the accelerometers' zero"
     parameters = (
         Parameter(

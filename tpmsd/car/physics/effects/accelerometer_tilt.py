@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -28,17 +29,18 @@ class AccelerometerTilt(Effect):
 
     name = "accelerometer_tilt"
     kind = Kind.INSTRUMENT
-    formula = "(a_x + yaw_rad * a_y + g * sin(pitch_rad), a_y - yaw_rad * a_x + g * sin(roll_rad)) is read"
-    sentence = "the accelerometers are turned in their mount"
-    noun = "a turned accelerometer"
-    answers = (
-        "the accelerometers are turned by {yaw_rad:size deg} to the {yaw_rad:left|right} in their mount",
-        "they are pitched by {pitch_rad:size deg} {pitch_rad:nose up|nose down}",
-        "they lean by {roll_rad:size deg} to the {roll_rad:right|left}",
+    wording = Wording(
+        formula="(a_x + yaw_rad * a_y + g * sin(pitch_rad), a_y - yaw_rad * a_x + g * sin(roll_rad)) is read",
+        sentence="the accelerometers are turned in their mount",
+        noun="a turned accelerometer",
+        answers=(
+            "the accelerometers are turned by {yaw_rad:size deg} to the {yaw_rad:left|right} in their mount",
+            "they are pitched by {pitch_rad:size deg} {pitch_rad:nose up|nose down}",
+            "they lean by {roll_rad:size deg} to the {roll_rad:right|left}",
+        ),
+        distinguished_by="brake firmly on a straight and take bends at a constant speed, ten times each",
     )
-    distinguished_by = "brake firmly on a straight and take bends at a constant speed, ten times each"
-    shows_in = ("accel_lat", "accel_long")
-    reads = ("accel_long", "accel_lat")
+    identification = Identification(shows_in=("accel_lat", "accel_long"), reads=("accel_long", "accel_lat"))
     stays = "no estimate depends on the accelerometers' mount"
     parameters = (
         Parameter(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion, integrate
 from tpmsd.foundation.wheels import FloatArray
 
@@ -20,17 +21,18 @@ class AmbientPressure(Effect):
     """
 
     name = "ambient_pressure"
-    formula = "delta_r = per_m * (height - height at the start) on all wheels"
-    sentence = "the tyres grow with the height above the sea"
-    noun = "growth with height"
-    answers = (
-        "the tyres {per_m:grow|shrink} with the height above the sea, by {per_m} of the radius per metre",
+    wording = Wording(
+        formula="delta_r = per_m * (height - height at the start) on all wheels",
+        sentence="the tyres grow with the height above the sea",
+        noun="growth with height",
+        answers=(
+            "the tyres {per_m:grow|shrink} with the height above the sea, by {per_m} of the radius per metre",
+        ),
+        distinguished_by="drive up and down a mountain of 500 m",
     )
-    distinguished_by = "drive up and down a mountain of 500 m"
-    shows_in = ("wheel", "grade")
-    needs = ("gnss", "slopes")
+    identification = Identification(shows_in=("wheel", "grade"), needs=("gnss", "slopes"))
+    rivals = Rivals(resembles=NoiseResemblance.COMMON)
     one_sign = True
-    looks = NoiseResemblance.COMMON
     stays = "the height since the start is not kept"
     parameters = (
         Parameter(

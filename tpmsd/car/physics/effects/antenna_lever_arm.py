@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import ANTENNA_FORWARD_M
 
@@ -23,21 +24,22 @@ class AntennaLeverArm(Effect):
 
     name = "antenna_lever_arm"
     kind = Kind.INSTRUMENT
-    formula = "antenna at (forward_m, left_m) from its configured place"
-    needs = ("gnss",)
+    wording = Wording(
+        formula="antenna at (forward_m, left_m) from its configured place",
+        sentence="the antenna is not where the configuration says",
+        noun="an antenna out of place",
+        answers=(
+            "the antenna is {forward_m:size m} further {forward_m:ahead|back} than configured",
+            "the antenna is {left_m:size m} further to the {left_m:left|right} than configured",
+        ),
+        distinguished_by="drive full circles at walking pace, to both sides, then bends at speed",
+    )
+    identification = Identification(shows_in=("gnss_course", "yaw_rate"), needs=("gnss",))
+    rivals = Rivals(beside_value=("lateral_slip",))
     in_calibration = (
         ("antenna_forward", "forward_m", "m"),
         ("antenna_left", "left_m", "m"),
     )
-    sentence = "the antenna is not where the configuration says"
-    noun = "an antenna out of place"
-    answers = (
-        "the antenna is {forward_m:size m} further {forward_m:ahead|back} than configured",
-        "the antenna is {left_m:size m} further to the {left_m:left|right} than configured",
-    )
-    distinguished_by = "drive full circles at walking pace, to both sides, then bends at speed"
-    shows_in = ("gnss_course", "yaw_rate")
-    beside_value = ("lateral_slip",)
     parameters = (
         Parameter(
             "forward_m",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -30,29 +31,29 @@ class BrakeDrag(Effect):
     """
 
     name = "brake_drag"
-    formula = (
-        "omega * r = v * (1 - slip * (1 + h)), delta_r = growth_m * slip * h on one wheel, "
-        "cooling_s * dh/dt = v / 20 m/s - h"
+    wording = Wording(
+        formula="omega * r = v * (1 - slip * (1 + h)), delta_r = growth_m * slip * h on one wheel, "
+        "cooling_s * dh/dt = v / 20 m/s - h",
+        sentence="a brake drags on one wheel, which grows as it warms up",
+        noun="a dragging brake",
+        answers=("the brake of {wheel} drags, by a slip of {slip:size %}",),
+        distinguished_by="roll fast for ten minutes and slowly for ten, without braking, twice",
     )
-    sentence = "a brake drags on one wheel, which grows as it warms up"
-    noun = "a dragging brake"
-    answers = ("the brake of {wheel} drags, by a slip of {slip:size %}",)
-    distinguished_by = "roll fast for ten minutes and slowly for ten, without braking, twice"
-    shows_in = ("wheel_ratio", "time")
+    identification = Identification(shows_in=("wheel_ratio", "time"), wheel_patterns=("fl", "fr", "rl", "rr"))
+    rivals = Rivals(rare=True, resembles=NoiseResemblance.WHEEL)
+    nonlinear = Nonlinear(
+        # Discs and rims take two to ten minutes.
+        grid=Grid(
+            "cooling_s",
+            values=(120.0, 360.0),
+            middle=360.0,
+            range=(40.0, 1500.0),
+            price=lambda tau: 0.7 + 0.5 * (math.log(tau / 240.0) / 0.7) ** 2,
+            step=1.7,
+        )
+    )
     one_sign = True
-    rare = True
     own_per_drive = True
-    looks = NoiseResemblance.WHEEL
-    wheel_patterns = ("fl", "fr", "rl", "rr")
-    grid = Grid(
-        "cooling_s",
-        values=(120.0, 360.0),
-        middle=360.0,
-        range=(40.0, 1500.0),
-        price=lambda tau: 0.7 + 0.5 * (math.log(tau / 240.0) / 0.7) ** 2,
-        step=1.7,
-    )
-    """Discs and rims take two to ten minutes."""
     stays = "it belongs to the drive on which it was found"
     parameters = (
         WheelParameter(),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Beside, Effect, Grid, GroupParameter, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -28,30 +29,36 @@ class BrakeHeat(Effect):
     """
 
     name = "brake_heat"
-    formula = (
-        "delta_r = k * h on its wheels, dh/dt = q / soak_s - h / cooling_s, "
-        "dq/dt = max(-a_x, 0) * v - q / soak_s"
+    wording = Wording(
+        formula="delta_r = k * h on its wheels, dh/dt = q / soak_s - h / cooling_s, "
+        "dq/dt = max(-a_x, 0) * v - q / soak_s",
+        sentence="brakes warm wheels, which grow and cool down again",
+        noun="heat of the brakes",
+        answers=("brakes warm the wheels {wheels}, which grow by {growth} of braking work per mass",),
+        distinguished_by="brake firmly from 30 m/s ten times, then roll for ten minutes",
     )
-    sentence = "brakes warm wheels, which grow and cool down again"
-    noun = "heat of the brakes"
-    answers = ("brakes warm the wheels {wheels}, which grow by {growth} of braking work per mass",)
-    distinguished_by = "brake firmly from 30 m/s ten times, then roll for ten minutes"
-    shows_in = ("wheel_ratio", "time")
+    identification = Identification(
+        shows_in=("wheel_ratio", "time"), wheel_patterns=("front", "rear", "fl", "fr", "rl", "rr")
+    )
+    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    nonlinear = Nonlinear(
+        # Discs and rims take two to ten minutes; how soon the tyre has it is known to a factor of three.
+        grid=Grid(
+            "cooling_s",
+            values=(80.0, 200.0, 500.0),
+            middle=200.0,
+            range=(30.0, 2000.0),
+            price=lambda tau: 1.1 + 0.5 * (math.log(tau / 200.0) / 0.7) ** 2,
+            step=1.5,
+            second=Beside(
+                "soak_s",
+                range=(0.3, 300.0),
+                price=lambda tau: 0.5 * (math.log(tau / 30.0) / 1.1) ** 2,
+                step=4.0,
+            ),
+        )
+    )
     one_sign = True
-    looks = NoiseResemblance.WHEEL
-    wheel_patterns = ("front", "rear", "fl", "fr", "rl", "rr")
-    grid = Grid(
-        "cooling_s",
-        values=(80.0, 200.0, 500.0),
-        middle=200.0,
-        range=(30.0, 2000.0),
-        price=lambda tau: 1.1 + 0.5 * (math.log(tau / 200.0) / 0.7) ** 2,
-        step=1.5,
-        second=Beside(
-            "soak_s", range=(0.3, 300.0), price=lambda tau: 0.5 * (math.log(tau / 30.0) / 1.1) ** 2, step=4.0
-        ),
-    )
-    """Discs and rims take two to ten minutes; how soon the tyre has it is known to a factor of three."""
     parameters = (
         GroupParameter("wheels", "front", "wheels that warm up: their names, or front, rear"),
         Parameter(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
@@ -26,28 +27,32 @@ class BrakeSlip(Effect):
     """
 
     name = "brake_slip"
-    common = True
-    formula = "omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c = front or rear"
-    sentence = "all wheels slip under the brakes"
-    noun = "slip under the brakes"
-    answers = (
-        "the front wheels slip by {front} under the brakes",
-        "the rear wheels slip by {rear} under the brakes",
+    wording = Wording(
+        formula="omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c = front or rear",
+        sentence="all wheels slip under the brakes",
+        noun="slip under the brakes",
+        answers=(
+            "the front wheels slip by {front} under the brakes",
+            "the rear wheels slip by {rear} under the brakes",
+        ),
+        distinguished_by="brake firmly and gently from the same speed on a straight, ten times",
     )
-    distinguished_by = "brake firmly and gently from the same speed on a straight, ten times"
-    shows_in = ("wheel_ratio", "accel_long")
+    identification = Identification(shows_in=("wheel_ratio", "accel_long"))
+    rivals = Rivals(common=True)
+    nonlinear = Nonlinear(
+        # No drag, and that at usual speeds.
+        grid=Grid(
+            "from_mps2",
+            values=(0.02, 0.2),
+            middle=0.02,
+            range=(0.01, 0.8),
+            price=lambda least: 0.7 + 0.5 * (math.log(least / 0.1) / 1.5) ** 2,
+            step=2.0,
+        ),
+        # The front brakes bear half to five sixths of the force.
+        ratio_limits=(0.2, 1.0),
+    )
     one_sign = True
-    ratio_limits = (0.2, 1.0)
-    """The front brakes bear half to five sixths of the force."""
-    grid = Grid(
-        "from_mps2",
-        values=(0.02, 0.2),
-        middle=0.02,
-        range=(0.01, 0.8),
-        price=lambda least: 0.7 + 0.5 * (math.log(least / 0.1) / 1.5) ** 2,
-        step=2.0,
-    )
-    """No drag, and that at usual speeds."""
     parameters = (
         Parameter(
             "front",

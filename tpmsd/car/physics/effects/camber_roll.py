@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -21,12 +22,14 @@ class CamberRoll(Effect):
     """
 
     name = "camber_roll"
-    formula = "delta_r = -c * a_y^2 on all wheels"
-    sentence = "in bends the wheels lean and roll on a smaller radius"
-    noun = "lean of the wheels in bends"
-    answers = ("in bends the wheels lean and roll on a smaller radius, by {coefficient}",)
-    distinguished_by = "drive the same bend slowly and fast, to both sides"
-    shows_in = ("wheel", "accel_lat")
+    wording = Wording(
+        formula="delta_r = -c * a_y^2 on all wheels",
+        sentence="in bends the wheels lean and roll on a smaller radius",
+        noun="lean of the wheels in bends",
+        answers=("in bends the wheels lean and roll on a smaller radius, by {coefficient}",),
+        distinguished_by="drive the same bend slowly and fast, to both sides",
+    )
+    identification = Identification(shows_in=("wheel", "accel_lat"))
     one_sign = True
     parameters = (
         Parameter(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -21,14 +22,16 @@ class CentrifugalGrowth(Effect):
     """
 
     name = "centrifugal_growth"
-    formula = "delta_r = k * v^2 on all wheels"
-    looks = NoiseResemblance.COMMON
+    wording = Wording(
+        formula="delta_r = k * v^2 on all wheels",
+        sentence="the tyres grow with speed",
+        noun="growth with speed",
+        answers=("the tyres {coefficient:grow|shrink} with speed, by {coefficient:size} times its square",),
+        distinguished_by="hold 30 m/s for two minutes, then coast to 15 m/s, twice",
+    )
+    identification = Identification(shows_in=("wheel", "speed"))
+    rivals = Rivals(resembles=NoiseResemblance.COMMON)
     in_calibration = (("growth", "coefficient", "s2/m"),)
-    sentence = "the tyres grow with speed"
-    noun = "growth with speed"
-    answers = ("the tyres {coefficient:grow|shrink} with speed, by {coefficient:size} times its square",)
-    distinguished_by = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
-    shows_in = ("wheel", "speed")
     one_sign = True
     parameters = (
         Parameter(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Wording
 from tpmsd.car.physics.slip_event import LONGEST_S, SlipEvent
 
 THINNEST, THICKEST = 0.01, 0.06
@@ -21,14 +22,16 @@ class Chains(SlipEvent):
 
     name = "chains"
     kind = Kind.EVENT
-    formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
-    sentence = "an axle rolls on chains for a while"
-    noun = "chains"
-    answers = ("{wheels} rolled on chains for {duration_s:min}",)
-    distinguished_by = "drive the stretch again without chains"
-    shows_in = ("wheel_ratio", "time")
+    wording = Wording(
+        formula="omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s",
+        sentence="an axle rolls on chains for a while",
+        noun="chains",
+        answers=("{wheels} rolled on chains for {duration_s:min}",),
+        distinguished_by="drive the stretch again without chains",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "time"))
+    nonlinear = Nonlinear(span=True)
     own_per_drive = True
-    span = True
     parameters = (
         GroupParameter("wheels", "front", "wheels with chains, by name, or front, rear"),
         Parameter(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.foundation.wheels import FloatArray
 
 USUAL_RATE = 1.5e-4
@@ -26,13 +27,14 @@ class ClockDrift(Effect):
 
     name = "clock_drift"
     kind = Kind.INSTRUMENT
-    formula = "host clock - UTC = constant + rate * t + step_s * (t >= at_s)"
-    sentence = "the host's clock drifts against UTC"
-    noun = "drift of the host's clock"
-    answers = ("the host's clock runs {rate:size ppm} {rate:fast|slow}",)
-    distinguished_by = "any drive of ten minutes with fixes that carry UTC"
-    shows_in = ("clock", "time")
-    reads = ("clock",)
+    wording = Wording(
+        formula="host clock - UTC = constant + rate * t + step_s * (t >= at_s)",
+        sentence="the host's clock drifts against UTC",
+        noun="drift of the host's clock",
+        answers=("the host's clock runs {rate:size ppm} {rate:fast|slow}",),
+        distinguished_by="any drive of ten minutes with fixes that carry UTC",
+    )
+    identification = Identification(shows_in=("clock", "time"), reads=("clock",))
     own_per_drive = True
     stays = "the clock is followed as it drifts"
     parameters = (

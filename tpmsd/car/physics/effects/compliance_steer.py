@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -26,13 +27,14 @@ class ComplianceSteer(Effect):
     """
 
     name = "compliance_steer"
-    formula = "steering wheel read = ratio * (atan(wheelbase * curvature) + c * a_y)"
-    sentence = "the steering gives way in bends by more or less than a car's does"
-    noun = "give in the steering"
-    answers = ("the steering gives way in bends, by {coefficient} beside that of a usual car",)
-    distinguished_by = "drive the same bend slowly and fast, to both sides"
-    shows_in = ("steering", "accel_lat")
-    reads = ("steering",)
+    wording = Wording(
+        formula="steering wheel read = ratio * (atan(wheelbase * curvature) + c * a_y)",
+        sentence="the steering gives way in bends by more or less than a car's does",
+        noun="give in the steering",
+        answers=("the steering gives way in bends, by {coefficient} beside that of a usual car",),
+        distinguished_by="drive the same bend slowly and fast, to both sides",
+    )
+    identification = Identification(shows_in=("steering", "accel_lat"), reads=("steering",))
     stays = "no estimate depends on the steering wheel"
     parameters = (
         Parameter(

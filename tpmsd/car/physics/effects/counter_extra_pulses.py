@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tpmsd.car.physics.pulse_rate import PulseRate, rate_per_s
 
@@ -17,10 +17,13 @@ class CounterExtraPulses(PulseRate):
     """
 
     name = "counter_extra_pulses"
-    formula = "omega shown = omega + 2 * pi * rate_per_s / teeth on one wheel"
-    sentence = "a wheel's counter adds pulses"
-    mirror_of = "counter_missed_pulses"
-    noun = "added pulses"
-    answers = ("the counter of {wheel} adds {rate_per_s}",)
+    wording = replace(
+        PulseRate.wording,
+        formula="omega shown = omega + 2 * pi * rate_per_s / teeth on one wheel",
+        sentence="a wheel's counter adds pulses",
+        noun="added pulses",
+        answers=("the counter of {wheel} adds {rate_per_s}",),
+    )
+    rivals = replace(PulseRate.rivals, mirror_of="counter_missed_pulses")
     parameters = rate_per_s("pulses added per second")
     more = 1.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
 from tpmsd.foundation.wheels import FloatArray
@@ -23,14 +24,14 @@ class CounterLostLowSpeed(Effect):
 
     name = "counter_lost_low_speed"
     kind = Kind.INSTRUMENT
-    formula = "omega shown = omega * (1 - lost) where v < below_mps"
-    sentence = "counts are lost below a speed"
-    noun = "counts lost at walking pace"
-    answers = ("the counters of {wheels} lose {lost:%} of their counts below {below_mps}",)
-    distinguished_by = "roll at walking pace for a minute, under the open sky"
-    shows_in = ("wheel", "speed")
-    needs = ("gnss_speed",)
-    at_walking_pace = True
+    wording = Wording(
+        formula="omega shown = omega * (1 - lost) where v < below_mps",
+        sentence="counts are lost below a speed",
+        noun="counts lost at walking pace",
+        answers=("the counters of {wheels} lose {lost:%} of their counts below {below_mps}",),
+        distinguished_by="roll at walking pace for a minute, under the open sky",
+    )
+    identification = Identification(shows_in=("wheel", "speed"), needs=("gnss_speed",), at_walking_pace=True)
     stays = "what was not counted cannot be put back"
     parameters = (
         GroupParameter("wheels", "all", "wheels that lose counts: their names, or all"),

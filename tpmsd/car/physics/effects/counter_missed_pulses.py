@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tpmsd.car.physics.pulse_rate import PulseRate, rate_per_s
 
@@ -18,10 +18,13 @@ class CounterMissedPulses(PulseRate):
     """
 
     name = "counter_missed_pulses"
-    formula = "omega shown = omega - 2 * pi * rate_per_s / teeth on one wheel"
-    sentence = "a wheel's counter loses pulses"
-    noun = "lost pulses"
-    answers = ("the counter of {wheel} loses {rate_per_s}",)
+    wording = replace(
+        PulseRate.wording,
+        formula="omega shown = omega - 2 * pi * rate_per_s / teeth on one wheel",
+        sentence="a wheel's counter loses pulses",
+        noun="lost pulses",
+        answers=("the counter of {wheel} loses {rate_per_s}",),
+    )
+    identification = replace(PulseRate.identification, by_ripple=True)
     parameters = rate_per_s("pulses lost per second")
-    by_ripple = True
     more = -1.0

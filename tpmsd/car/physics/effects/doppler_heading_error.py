@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -24,17 +25,20 @@ class DopplerHeadingError(Effect):
 
     name = "doppler_heading_error"
     kind = Kind.INSTRUMENT
-    formula = "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
-    sentence = "the receiver's velocity has a constant error"
-    noun = "a constant error of the receiver's velocity"
-    answers = (
-        "the receiver's velocity is {east_mps:size cm/s} too much to the {east_mps:east|west}",
-        "the receiver's velocity is {north_mps:size cm/s} too much to the {north_mps:north|south}",
+    wording = Wording(
+        formula=(
+            "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
+        ),
+        sentence="the receiver's velocity has a constant error",
+        noun="a constant error of the receiver's velocity",
+        answers=(
+            "the receiver's velocity is {east_mps:size cm/s} too much to the {east_mps:east|west}",
+            "the receiver's velocity is {north_mps:size cm/s} too much to the {north_mps:north|south}",
+        ),
+        distinguished_by="drive the same road there and back",
     )
-    distinguished_by = "drive the same road there and back"
-    shows_in = ("gnss_speed", "time")
-    looks = NoiseResemblance.VELOCITY
-    needs = ("gnss_speed",)
+    identification = Identification(shows_in=("gnss_speed", "time"), needs=("gnss_speed",))
+    rivals = Rivals(resembles=NoiseResemblance.VELOCITY)
     own_per_drive = True
     stays = "it belongs to the drive on which it was found"
     parameters = (

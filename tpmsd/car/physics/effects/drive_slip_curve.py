@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmsd.car.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
 from tpmsd.car.physics.effect import Grid, Parameter, Prior
+from tpmsd.car.physics.effect_records import Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -33,27 +34,30 @@ class DriveSlipCurve(DriveSlip):
     """
 
     name = "drive_slip_curve"
-    formula = (
-        "omega * r = v * (1 + s + d * v^2) on driven wheels, s = c * a_x for |a_x| < A/2,"
-        " else sign(a_x) * c * A^2 / (4 * (A - |a_x|))"
+    wording = Wording(
+        formula="omega * r = v * (1 + s + d * v^2) on driven wheels, s = c * a_x for |a_x| < A/2,"
+        " else sign(a_x) * c * A^2 / (4 * (A - |a_x|))",
+        sentence="driven wheels slip more than in proportion to the drive force",
+        noun="slip that grows faster than the drive force",
+        answers=(
+            "driven wheels slip under drive force by {slip_per_accel}, and more than in proportion to it",
+            "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
+        ),
+        distinguished_by="accelerate gently and as firmly as the road allows, ten times each",
     )
-    sentence = "driven wheels slip more than in proportion to the drive force"
-    noun = "slip that grows faster than the drive force"
-    answers = (
-        "driven wheels slip under drive force by {slip_per_accel}, and more than in proportion to it",
-        "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
+    rivals = Rivals(limit="longitudinal_slip")
+    nonlinear = replace(
+        DriveSlip.nonlinear,
+        # Snow, a wet road, a dry one.
+        grid=Grid(
+            "saturation_mps2",
+            values=(1.3, 2.6, 5.2),
+            middle=2.6,
+            range=(0.8, 12.0),
+            price=lambda most: 2.0 + 0.5 * (math.log(most / 5.0) / 0.7) ** 2,
+            step=1.4,
+        ),
     )
-    distinguished_by = "accelerate gently and as firmly as the road allows, ten times each"
-    limit = "longitudinal_slip"
-    grid = Grid(
-        "saturation_mps2",
-        values=(1.3, 2.6, 5.2),
-        middle=2.6,
-        range=(0.8, 12.0),
-        price=lambda most: 2.0 + 0.5 * (math.log(most / 5.0) / 0.7) ** 2,
-        step=1.4,
-    )
-    """Snow, a wet road, a dry one."""
     parameters = (
         Parameter(
             "slip_per_accel",

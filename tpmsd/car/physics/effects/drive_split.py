@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import IMPOSSIBLE_SIGN, Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
@@ -29,14 +30,15 @@ class DriveSplit(Effect):
     """
 
     name = "drive_split"
-    formula = "omega * r = v * (1 +- d/2 * a_x), + front, - rear, on a car that drives all wheels"
-    contrast = True
-    sentence = "one axle of a car that drives all wheels slips more than the other"
-    noun = "unequal slip of the axles"
-    answers = ("the {difference:front|rear} axle slips more under drive force, by {difference:size}",)
-    distinguished_by = "accelerate firmly and coast at the same speeds on a straight, ten times"
-    shows_in = ("wheel_ratio", "accel_long")
-    limit = "load_transfer_longitudinal"
+    wording = Wording(
+        formula="omega * r = v * (1 +- d/2 * a_x), + front, - rear, on a car that drives all wheels",
+        sentence="one axle of a car that drives all wheels slips more than the other",
+        noun="unequal slip of the axles",
+        answers=("the {difference:front|rear} axle slips more under drive force, by {difference:size}",),
+        distinguished_by="accelerate firmly and coast at the same speeds on a straight, ten times",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "accel_long"), contrast=True)
+    rivals = Rivals(limit="load_transfer_longitudinal")
     parameters = (
         Parameter(
             "difference",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.priors import FIX_AGE_S
 
 FRAME_AGE_S = 0.04
@@ -22,16 +23,16 @@ class GnssLatency(Effect):
 
     name = "gnss_latency"
     kind = Kind.INSTRUMENT
-    formula = "position, speed and course of t arrive at t + latency_s"
-    needs = ("gnss",)
-    beside = ("velocity_lag",)
-    beside_value = ("lateral_slip", "velocity_lag")
+    wording = Wording(
+        formula="position, speed and course of t arrive at t + latency_s",
+        sentence="a fix arrives later than it was valid (GNSS latency)",
+        noun="age of the fixes",
+        answers=("the fixes are {latency_s:size ms} {latency_s:older|younger} than configured",),
+        distinguished_by="accelerate and brake firmly on a straight, ten times",
+    )
+    identification = Identification(shows_in=("gnss_speed", "accel_long"), needs=("gnss",))
+    rivals = Rivals(beside=("velocity_lag",), beside_value=("lateral_slip", "velocity_lag"))
     in_calibration = (("latency", "latency_s", "s"),)
-    sentence = "a fix arrives later than it was valid (GNSS latency)"
-    noun = "age of the fixes"
-    answers = ("the fixes are {latency_s:size ms} {latency_s:older|younger} than configured",)
-    distinguished_by = "accelerate and brake firmly on a straight, ten times"
-    shows_in = ("gnss_speed", "accel_long")
     one_sign = True
     parameters = (
         Parameter(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.first_order import low_passed
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
@@ -25,14 +26,15 @@ class GnssSmoothing(Effect):
 
     name = "gnss_smoothing"
     kind = Kind.INSTRUMENT
-    formula = "speed and course shown = first-order low-pass of time_constant_s"
-    sentence = "the receiver smooths its speed and course"
-    noun = "smoothing in the receiver"
-    answers = ("the receiver smooths its speed and course over {time_constant_s}",)
-    distinguished_by = "accelerate and brake as hard as the traffic allows, ten times"
-    shows_in = ("gnss_speed", "accel_long")
-    needs = ("gnss_speed",)
-    beside = ("velocity_lag",)
+    wording = Wording(
+        formula="speed and course shown = first-order low-pass of time_constant_s",
+        sentence="the receiver smooths its speed and course",
+        noun="smoothing in the receiver",
+        answers=("the receiver smooths its speed and course over {time_constant_s}",),
+        distinguished_by="accelerate and brake as hard as the traffic allows, ten times",
+    )
+    identification = Identification(shows_in=("gnss_speed", "accel_long"), needs=("gnss_speed",))
+    rivals = Rivals(beside=("velocity_lag",))
     one_sign = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (

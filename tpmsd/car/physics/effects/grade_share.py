@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 
 
 @dataclass(frozen=True)
@@ -18,10 +19,11 @@ class GradeShare(Effect):
 
     name = "grade_share"
     kind = Kind.NUISANCE
-    formula = "grade = share * grade by heights"
-    sentence = "slopes by the receiver's heights are not those that the wheels feel"
-    shows_in = ("wheel_ratio", "grade")
-    needs = ("heights",)
+    wording = Wording(
+        formula="grade = share * grade by heights",
+        sentence="slopes by the receiver's heights are not those that the wheels feel",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "grade"), needs=("heights",))
     parameters = (
         Parameter(
             "share",

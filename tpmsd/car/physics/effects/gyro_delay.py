@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -20,14 +21,14 @@ class GyroDelay(Effect):
 
     name = "gyro_delay"
     kind = Kind.NUISANCE
-    formula = "reading = truth - delay_s * d truth / dt"
-    sentence = "the gyro's readings are old"
-    shows_in = ("yaw_rate", "time")
-    needs = ("yaw_rate",)
+    wording = Wording(
+        formula="reading = truth - delay_s * d truth / dt",
+        sentence="the gyro's readings are old",
+        noun="age of the gyro's readings",
+        answers=("the gyro's readings are {delay_s:size ms} old",),
+    )
+    identification = Identification(shows_in=("yaw_rate", "time"), needs=("yaw_rate",), always_fitted=True)
     own_per_drive = True
-    always_fitted = True
-    noun = "age of the gyro's readings"
-    answers = ("the gyro's readings are {delay_s:size ms} old",)
     parameters = (
         Parameter(
             "delay_s",

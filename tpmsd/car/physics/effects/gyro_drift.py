@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -21,15 +22,16 @@ class GyroDrift(Effect):
 
     name = "gyro_drift"
     kind = Kind.INSTRUMENT
-    formula = "reading = truth + rate * t"
-    sentence = "the gyro's zero drifts through the drive"
-    noun = "drift of the gyro's zero"
-    answers = ("the gyro's zero drifts by {rate:deg/h/s} each second",)
-    distinguished_by = "stand still for a minute at the beginning and at the end"
-    shows_in = ("yaw_rate", "time")
-    needs = ("yaw_rate",)
+    wording = Wording(
+        formula="reading = truth + rate * t",
+        sentence="the gyro's zero drifts through the drive",
+        noun="drift of the gyro's zero",
+        answers=("the gyro's zero drifts by {rate:deg/h/s} each second",),
+        distinguished_by="stand still for a minute at the beginning and at the end",
+    )
+    identification = Identification(shows_in=("yaw_rate", "time"), needs=("yaw_rate",))
+    rivals = Rivals(drifts_into="yaw_rate")
     own_per_drive = True
-    drifts_into = "yaw_rate"
     stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(

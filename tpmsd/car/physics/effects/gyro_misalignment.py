@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -31,16 +32,17 @@ class GyroMisalignment(Effect):
 
     name = "gyro_misalignment"
     kind = Kind.INSTRUMENT
-    formula = "reading = truth - sideways_rad * d(grade)/dt + forward_rad * K * d(a_y)/dt"
-    sentence = "the gyro is not mounted upright"
-    noun = "a leaning gyro"
-    answers = (
-        "the gyro leans {sideways_rad:size deg} to the {sideways_rad:left|right}",
-        "the gyro leans {forward_rad:size deg} {forward_rad:forward|back}",
+    wording = Wording(
+        formula="reading = truth - sideways_rad * d(grade)/dt + forward_rad * K * d(a_y)/dt",
+        sentence="the gyro is not mounted upright",
+        noun="a leaning gyro",
+        answers=(
+            "the gyro leans {sideways_rad:size deg} to the {sideways_rad:left|right}",
+            "the gyro leans {forward_rad:size deg} {forward_rad:forward|back}",
+        ),
+        distinguished_by="drive straight over sharp crests and dips, ten times",
     )
-    distinguished_by = "drive straight over sharp crests and dips, ten times"
-    shows_in = ("yaw_rate", "grade")
-    needs = ("yaw_rate", "slopes")
+    identification = Identification(shows_in=("yaw_rate", "grade"), needs=("yaw_rate", "slopes"))
     parameters = (
         Parameter(
             "sideways_rad",

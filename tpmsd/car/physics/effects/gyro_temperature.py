@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.covariates import covariate
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -24,13 +25,14 @@ class GyroTemperature(Effect):
 
     name = "gyro_temperature"
     kind = Kind.INSTRUMENT
-    formula = "reading = truth + per_kelvin * (T - 293 K)"
-    sentence = "the gyro's zero goes with the temperature"
-    noun = "warmth in the gyro's zero"
-    answers = ("the gyro's zero goes with the temperature, by {per_kelvin}",)
-    distinguished_by = "drive from a warm garage into the cold"
-    shows_in = ("yaw_rate", "temperature")
-    needs = ("yaw_rate", "temperature")
+    wording = Wording(
+        formula="reading = truth + per_kelvin * (T - 293 K)",
+        sentence="the gyro's zero goes with the temperature",
+        noun="warmth in the gyro's zero",
+        answers=("the gyro's zero goes with the temperature, by {per_kelvin}",),
+        distinguished_by="drive from a warm garage into the cold",
+    )
+    identification = Identification(shows_in=("yaw_rate", "temperature"), needs=("yaw_rate", "temperature"))
     parameters = (
         Parameter(
             "per_kelvin",

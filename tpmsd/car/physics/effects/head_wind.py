@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -28,19 +29,20 @@ class HeadWind(Effect):
     """
 
     name = "head_wind"
-    formula = (
-        "omega * r = v * (1 + slip_per_accel * 2.7e-4 /m * (u * abs(u) - v^2)) on driven wheels, "
-        "u = v + east_mps * cos(heading) + north_mps * sin(heading)"
+    wording = Wording(
+        formula="omega * r = v * (1 + slip_per_accel * 2.7e-4 /m * (u * abs(u) - v^2)) on driven wheels, "
+        "u = v + east_mps * cos(heading) + north_mps * sin(heading)",
+        sentence="driven wheels slip more against the wind than with it",
+        noun="wind",
+        answers=(
+            "the wind blows from the east at {east_mps}",
+            "the wind blows from the north at {north_mps}",
+        ),
+        distinguished_by="drive the same fast road there and back in the wind",
     )
-    sentence = "driven wheels slip more against the wind than with it"
-    noun = "wind"
-    answers = ("the wind blows from the east at {east_mps}", "the wind blows from the north at {north_mps}")
-    distinguished_by = "drive the same fast road there and back in the wind"
-    shows_in = ("wheel_ratio", "time")
-    needs = ("gnss", "both_axles")
-    looks = NoiseResemblance.WHEEL
+    identification = Identification(shows_in=("wheel_ratio", "time"), needs=("gnss", "both_axles"))
+    rivals = Rivals(rare=True, resembles=NoiseResemblance.WHEEL)
     own_per_drive = True
-    rare = True
     stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_LEFT, WHEELS, FloatArray
 
@@ -30,21 +31,20 @@ class InnerWheelSlip(Effect):
     """
 
     name = "inner_wheel_slip"
-    common = True
-    formula = (
-        "omega * r = v * (1 +- q * f * a_y), + left, - right, f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2, "
-        "q = driven (f > 0), braked, free"
+    wording = Wording(
+        formula="omega * r = v * (1 +- q * f * a_y), + left, - right, f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2, "
+        "q = driven (f > 0), braked, free",
+        sentence="the inner wheels, which carry less load, slip more in bends",
+        noun="slip of the inner wheels",
+        answers=(
+            "in bends the inner driven wheels slip more, by {driven}",
+            "the inner driven wheels slip under the brakes, by {braked}",
+            "the other inner wheels slip under the brakes, by {free}",
+        ),
+        distinguished_by="speed up and brake in bends to both sides, ten times each",
     )
-    contrast = True
-    sentence = "the inner wheels, which carry less load, slip more in bends"
-    noun = "slip of the inner wheels"
-    answers = (
-        "in bends the inner driven wheels slip more, by {driven}",
-        "the inner driven wheels slip under the brakes, by {braked}",
-        "the other inner wheels slip under the brakes, by {free}",
-    )
-    distinguished_by = "speed up and brake in bends to both sides, ten times each"
-    shows_in = ("wheel_ratio", "accel_lat")
+    identification = Identification(shows_in=("wheel_ratio", "accel_lat"), contrast=True)
+    rivals = Rivals(common=True)
     one_sign = True
     parameters = (
         Parameter(

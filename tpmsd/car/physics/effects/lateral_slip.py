@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -19,15 +20,16 @@ class LateralSlip(Effect):
     """
 
     name = "lateral_slip"
-    common = True
-    formula = "beta = -c * a_y at the rear axle"
-    needs = ("gnss",)
+    wording = Wording(
+        formula="beta = -c * a_y at the rear axle",
+        sentence="the rear axle drifts outwards in bends",
+        noun="drift of the rear axle in bends",
+        answers=("in bends the rear axle drifts {coefficient:outwards|inwards}, by {coefficient:size}",),
+        distinguished_by="drive the same bend slowly and fast: slip grows with speed, a lever arm does not",
+    )
+    identification = Identification(shows_in=("gnss_course", "accel_lat"), needs=("gnss",))
+    rivals = Rivals(common=True)
     in_calibration = (("slip_lateral", "coefficient", "rad.s2/m"),)
-    sentence = "the rear axle drifts outwards in bends"
-    noun = "drift of the rear axle in bends"
-    answers = ("in bends the rear axle drifts {coefficient:outwards|inwards}, by {coefficient:size}",)
-    distinguished_by = "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
-    shows_in = ("gnss_course", "accel_lat")
     one_sign = True
     parameters = (
         Parameter(

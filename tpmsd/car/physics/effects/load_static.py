@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
@@ -27,16 +28,18 @@ class LoadStatic(Effect):
     """
 
     name = "load_static"
-    formula = "delta_r = front_m (front) or rear_m (rear) after the longest stop"
-    sentence = "the load of an axle changed at a stop"
-    noun = "a load taken up at a stop"
-    answers = (
-        "at a stop the rear axle was {rear_m:relieved|loaded}: its radii changed by {rear_m:mm}",
-        "at a stop the front axle was {front_m:relieved|loaded}: its radii changed by {front_m:mm}",
+    wording = Wording(
+        formula="delta_r = front_m (front) or rear_m (rear) after the longest stop",
+        sentence="the load of an axle changed at a stop",
+        noun="a load taken up at a stop",
+        answers=(
+            "at a stop the rear axle was {rear_m:relieved|loaded}: its radii changed by {rear_m:mm}",
+            "at a stop the front axle was {front_m:relieved|loaded}: its radii changed by {front_m:mm}",
+        ),
+        distinguished_by="drive the same road with the load and without, a stop of a minute between",
     )
-    distinguished_by = "drive the same road with the load and without, a stop of a minute between"
-    shows_in = ("wheel_ratio", "time")
-    looks = NoiseResemblance.WHEEL
+    identification = Identification(shows_in=("wheel_ratio", "time"))
+    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
     own_per_drive = True
     kind = Kind.PHYSICS
     stays = "it belongs to the drive on which it was found"

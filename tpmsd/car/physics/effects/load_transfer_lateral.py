@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import LATERAL_LOAD_S2
 from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
@@ -25,18 +26,20 @@ class LoadTransferLateral(Effect):
     """
 
     name = "load_transfer_lateral"
-    common = True
-    formula = "delta_r = +(c + d) * a_y left, -(c + d) * a_y right in front; c - d at the rear"
-    contrast = True
-    in_calibration = (("load_lateral", "coefficient", "s2"),)
-    sentence = "bends shift load between the sides and change the radii"
-    noun = "load shifted by bends"
-    answers = (
-        "bends shift load between the sides and change the radii, by {coefficient}",
-        "they do by {front_more} more in front, and as much less at the rear",
+    wording = Wording(
+        formula="delta_r = +(c + d) * a_y left, -(c + d) * a_y right in front; c - d at the rear",
+        sentence="bends shift load between the sides and change the radii",
+        noun="load shifted by bends",
+        answers=(
+            "bends shift load between the sides and change the radii, by {coefficient}",
+            "they do by {front_more} more in front, and as much less at the rear",
+        ),
+        distinguished_by="drive the same bend slowly and fast, to both sides",
     )
-    distinguished_by = "drive the same bend slowly and fast, to both sides"
-    shows_in = ("wheel_ratio", "accel_lat")
+    identification = Identification(shows_in=("wheel_ratio", "accel_lat"), contrast=True)
+    rivals = Rivals(common=True)
+    nonlinear = Nonlinear(ratio_limits=(-0.7, 0.7))
+    in_calibration = (("load_lateral", "coefficient", "s2"),)
     one_sign = True
     parameters = (
         Parameter(
@@ -60,7 +63,6 @@ class LoadTransferLateral(Effect):
             prior=ROLL_DIFFERENCE_S2,
         ),
     )
-    ratio_limits = (-0.7, 0.7)
     coefficient: float
     front_more: float = 0.0
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
@@ -25,14 +26,15 @@ class LoadTransferLongitudinal(Effect):
     """
 
     name = "load_transfer_longitudinal"
-    common = True
-    formula = "delta_r = +c * a_x front, -c * a_x rear"
-    contrast = True
-    sentence = "driving and braking shift load between the axles and change the radii"
-    noun = "load shifted by driving and braking"
-    answers = ("driving and braking shift load between the axles and change the radii, by {coefficient}",)
-    distinguished_by = "brake and accelerate firmly on a straight, ten times"
-    shows_in = ("wheel_ratio", "accel_long")
+    wording = Wording(
+        formula="delta_r = +c * a_x front, -c * a_x rear",
+        sentence="driving and braking shift load between the axles and change the radii",
+        noun="load shifted by driving and braking",
+        answers=("driving and braking shift load between the axles and change the radii, by {coefficient}",),
+        distinguished_by="brake and accelerate firmly on a straight, ten times",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "accel_long"), contrast=True)
+    rivals = Rivals(common=True)
     one_sign = True
     parameters = (
         Parameter(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
@@ -27,16 +28,16 @@ class LockedDifferential(Effect):
     """
 
     name = "locked_differential"
-    formula = "omega * r = v_i + c * (v_axle - v_i) on driven wheels, v_axle the mean of the axle"
-    contrast = True
-    sentence = "the wheels of the driven axle turn alike in bends"
-    noun = "a locked differential"
-    answers = ("the wheels of the driven axle turn alike in bends, by {coefficient:just %}",)
-    distinguished_by = "drive full circles slowly, to both sides: load transfer is small there"
-    shows_in = ("wheel_ratio", "yaw_rate")
+    wording = Wording(
+        formula="omega * r = v_i + c * (v_axle - v_i) on driven wheels, v_axle the mean of the axle",
+        sentence="the wheels of the driven axle turn alike in bends",
+        noun="a locked differential",
+        answers=("the wheels of the driven axle turn alike in bends, by {coefficient:just %}",),
+        distinguished_by="drive full circles slowly, to both sides: load transfer is small there",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "yaw_rate"), contrast=True)
+    rivals = Rivals(rare=True, limit="track_width_error")
     one_sign = True
-    rare = True
-    limit = "track_width_error"
     parameters = (
         Parameter(
             "coefficient",

@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
 from tpmsd.car.physics.effect import Parameter
+from tpmsd.car.physics.effect_records import Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -25,16 +26,18 @@ class LongitudinalSlip(DriveSlip):
     """
 
     name = "longitudinal_slip"
-    common = True
-    formula = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
-    in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
-    sentence = "driven wheels slip under drive force"
-    noun = "slip under drive force"
-    answers = (
-        "driven wheels slip under drive force, by {slip_per_accel}",
-        "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
+    wording = Wording(
+        formula="omega * r = v * (1 + c * a_x + d * v^2) on driven wheels",
+        sentence="driven wheels slip under drive force",
+        noun="slip under drive force",
+        answers=(
+            "driven wheels slip under drive force, by {slip_per_accel}",
+            "driven wheels slip against the drag, by {slip_per_speed2} times speed squared",
+        ),
+        distinguished_by="accelerate firmly and coast at the same speeds on a straight, ten times",
     )
-    distinguished_by = "accelerate firmly and coast at the same speeds on a straight, ten times"
+    rivals = Rivals(common=True)
+    in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
     parameters = (
         Parameter(
             "slip_per_accel",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
@@ -23,15 +24,21 @@ class MessageDelay(Effect):
 
     name = "message_delay"
     kind = Kind.INSTRUMENT
-    formula = "front wheels show v(t - front_s)"
-    sentence = "the wheels of one message are older than those of another"
-    noun = "wheels of unequal age"
-    answers = ("the front wheels' readings are {front_s:size ms} {front_s:older|younger} than the rear ones",)
-    distinguished_by = "accelerate and brake firmly on a straight, ten times"
-    shows_in = ("wheel_ratio", "accel_long")
-    needs = ("accelerometer",)
-    """With slopes from heights, drive force is too uncertain to be told from a delay."""
-    contrast = True
+    wording = Wording(
+        formula="front wheels show v(t - front_s)",
+        sentence="the wheels of one message are older than those of another",
+        noun="wheels of unequal age",
+        answers=(
+            "the front wheels' readings are {front_s:size ms} {front_s:older|younger} than the rear ones",
+        ),
+        distinguished_by="accelerate and brake firmly on a straight, ten times",
+    )
+    identification = Identification(
+        shows_in=("wheel_ratio", "accel_long"),
+        # With slopes from heights, drive force is too uncertain to be told from a delay.
+        needs=("accelerometer",),
+        contrast=True,
+    )
     parameters = (
         Parameter(
             "front_s",

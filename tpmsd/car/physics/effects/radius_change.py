@@ -15,6 +15,7 @@ from tpmsd.car.physics.effect import (
     TextParameter,
     WheelParameter,
 )
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
 from tpmsd.foundation.errors import ConfigError
@@ -38,22 +39,21 @@ class RadiusChange(Effect):
 
     name = "radius_change"
     kind = Kind.FAULT
-    formula = (
-        "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels; "
-        "exponential: deviation_m * (1 - exp(-(t - onset_s) / duration_s))"
+    wording = Wording(
+        formula="delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels; "
+        "exponential: deviation_m * (1 - exp(-(t - onset_s) / duration_s))",
+        sentence="the radius of a tyre changed during the drive: the fault itself",
+        noun="a radius that changes",
+        answers=(
+            "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
+            "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
+        ),
+        distinguished_by="repeat the drive: a tyre that lost air stays small, warm-up starts anew",
     )
-    looks = NoiseResemblance.WHEEL
+    identification = Identification(shows_in=("wheel_ratio", "time"))
+    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    nonlinear = Nonlinear(ramp=True, courses=(RAMP, EXPONENTIAL))
     own_per_drive = True
-    ramp = True
-    courses = (RAMP, EXPONENTIAL)
-    sentence = "the radius of a tyre changed during the drive: the fault itself"
-    noun = "a radius that changes"
-    answers = (
-        "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
-        "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
-    )
-    distinguished_by = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
-    shows_in = ("wheel_ratio", "time")
     parameters = (
         WheelParameter(description="which wheel, or wheels that change alike", several=True),
         Parameter(
@@ -84,7 +84,7 @@ class RadiusChange(Effect):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.course not in self.courses:
+        if self.course not in self.nonlinear.courses:
             raise ConfigError(
                 f"effect {self.name}: course = {self.course!r} is not one of {RAMP} {EXPONENTIAL}"
             )

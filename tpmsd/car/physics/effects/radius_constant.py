@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
@@ -21,12 +22,11 @@ class RadiusConstant(Effect):
 
     name = "radius_constant"
     kind = Kind.NUISANCE
-    formula = "delta_r = offset_m on one wheel"
-    sentence = "a wheel's radius is not the configured one"
-    shows_in = ("wheel", "speed")
+    wording = Wording(
+        formula="delta_r = offset_m on one wheel", sentence="a wheel's radius is not the configured one"
+    )
+    identification = Identification(shows_in=("wheel", "speed"), wheel_patterns=WHEELS, always_fitted=True)
     own_per_drive = True
-    always_fitted = True
-    wheel_patterns = WHEELS
     parameters = (
         WheelParameter(),
         Parameter(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
@@ -32,27 +33,29 @@ class RearAxleSteering(Effect):
     """
 
     name = "rear_axle_steering"
-    formula = (
-        "beta = gain * (v^2 - crossover_mps^2) / (v^2 + crossover_mps^2) * atan(wheelbase * curvature)"
-        " at the rear axle, whose wheels roll 1 / cos(beta) times as far"
+    wording = Wording(
+        formula="beta = gain * (v^2 - crossover_mps^2) / (v^2 + crossover_mps^2) *"
+        " atan(wheelbase * curvature)"
+        " at the rear axle, whose wheels roll 1 / cos(beta) times as far",
+        sentence="the rear wheels are steered",
+        noun="steered rear wheels",
+        answers=("the rear wheels are steered, by {gain:just %} of the front ones' angle",),
+        distinguished_by="drive the same bends slowly and fast, to both sides",
     )
-    needs = ("gnss",)
-    sentence = "the rear wheels are steered"
-    noun = "steered rear wheels"
-    answers = ("the rear wheels are steered, by {gain:just %} of the front ones' angle",)
-    distinguished_by = "drive the same bends slowly and fast, to both sides"
-    shows_in = ("gnss_course", "accel_lat")
+    identification = Identification(shows_in=("gnss_course", "accel_lat"), needs=("gnss",))
+    rivals = Rivals(rare=True)
+    nonlinear = Nonlinear(
+        # 40 to 80 km/h.
+        grid=Grid(
+            "crossover_mps",
+            values=(10.0, 16.0),
+            middle=16.0,
+            range=(5.0, 30.0),
+            price=lambda speed: 0.7 + 0.5 * (math.log(speed / 15.0) / 0.3) ** 2,
+            step=1.4,
+        )
+    )
     one_sign = True
-    rare = True
-    grid = Grid(
-        "crossover_mps",
-        values=(10.0, 16.0),
-        middle=16.0,
-        range=(5.0, 30.0),
-        price=lambda speed: 0.7 + 0.5 * (math.log(speed / 15.0) / 0.3) ** 2,
-        step=1.4,
-    )
-    """40 to 80 km/h."""
     parameters = (
         Parameter(
             "gain",

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -28,16 +29,17 @@ class RoadBank(Effect):
     """
 
     name = "road_bank"
-    formula = "a_y read = a_y * (1 - bank_share) + g * sin(crown_rad)"
-    sentence = "the road is banked: gravity bears a share of the force in bends"
-    noun = "bank of the road"
-    answers = (
-        "the road is banked: gravity bears {bank_share:%} of the force in bends",
-        "the road leans by {crown_rad:size deg} to the {crown_rad:right|left}",
+    wording = Wording(
+        formula="a_y read = a_y * (1 - bank_share) + g * sin(crown_rad)",
+        sentence="the road is banked: gravity bears a share of the force in bends",
+        noun="bank of the road",
+        answers=(
+            "the road is banked: gravity bears {bank_share:%} of the force in bends",
+            "the road leans by {crown_rad:size deg} to the {crown_rad:right|left}",
+        ),
+        distinguished_by="drive the same bends at two speeds, and flat ones",
     )
-    distinguished_by = "drive the same bends at two speeds, and flat ones"
-    shows_in = ("accel_lat", "accel_lat")
-    reads = ("accel_lat",)
+    identification = Identification(shows_in=("accel_lat", "accel_lat"), reads=("accel_lat",))
     stays = "it belongs to the road"
     parameters = (
         Parameter(

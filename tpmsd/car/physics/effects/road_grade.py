@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -25,16 +26,17 @@ class RoadGrade(Effect):
     """
 
     name = "road_grade"
-    formula = "horizontal way = cos(grade) * way rolled"
-    needs = ("gnss", "slopes")
-    looks = NoiseResemblance.COMMON
+    wording = Wording(
+        formula="horizontal way = cos(grade) * way rolled",
+        sentence="wheels roll along slopes, the receiver reports the horizontal",
+        noun="slopes",
+        answers=("wheels roll along slopes, of which the receiver reports the horizontal",),
+        distinguished_by="drive up and down a long slope of 5 % or more at constant speed",
+    )
+    identification = Identification(shows_in=("wheel", "grade"), needs=("gnss", "slopes"))
+    rivals = Rivals(resembles=NoiseResemblance.COMMON)
     alike_on_every_drive = True
     shortens = True
-    sentence = "wheels roll along slopes, the receiver reports the horizontal"
-    noun = "slopes"
-    answers = ("wheels roll along slopes, of which the receiver reports the horizontal",)
-    distinguished_by = "drive up and down a long slope of 5 % or more at constant speed"
-    shows_in = ("wheel", "grade")
     one_sign = True
 
     def horizontal_factor(self, motion: Motion) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
@@ -22,16 +23,19 @@ class SpareOrMixedTyre(Effect):
     """
 
     name = "spare_or_mixed_tyre"
-    formula = "delta_r = deviation_m on one wheel, for the whole drive"
-    sentence = "one wheel has a tyre of another size"
-    noun = "a tyre of another size"
-    answers = (
-        "the tyre of {wheel} is {deviation_m:size mm} {deviation_m:larger|smaller} in radius than the others",
+    wording = Wording(
+        formula="delta_r = deviation_m on one wheel, for the whole drive",
+        sentence="one wheel has a tyre of another size",
+        noun="a tyre of another size",
+        answers=(
+            "the tyre of {wheel} is {deviation_m:size mm} {deviation_m:larger|smaller} in"
+            " radius than the others",
+        ),
+        distinguished_by="drive once with the spare and once without",
     )
-    distinguished_by = "drive once with the spare and once without"
-    shows_in = ("wheel_ratio", "time")
+    identification = Identification(shows_in=("wheel_ratio", "time"))
+    rivals = Rivals(confounded=("radius_constant", "tone_ring_error"))
     own_per_drive = True
-    confounded = ("radius_constant", "tone_ring_error")
     parameters = (
         WheelParameter(),
         Parameter(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,10 +24,13 @@ class SpeedRoundingOffset(SpeedSignalFault):
     """
 
     name = "speed_rounding_offset"
-    formula = "speed shown = speed + offset_mps on all wheels"
-    sentence = "the bus's wheel speeds have a constant offset"
-    noun = "an offset of the bus's wheel speeds"
-    answers = ("the bus's wheel speeds are {offset_mps:size cm/s} too {offset_mps:high|low}",)
+    wording = replace(
+        SpeedSignalFault.wording,
+        formula="speed shown = speed + offset_mps on all wheels",
+        sentence="the bus's wheel speeds have a constant offset",
+        noun="an offset of the bus's wheel speeds",
+        answers=("the bus's wheel speeds are {offset_mps:size cm/s} too {offset_mps:high|low}",),
+    )
     parameters = (
         Parameter(
             "offset_mps",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tpmsd.car.physics.effect import Parameter, Prior
 from tpmsd.car.physics.kinematics import wheel_speeds
@@ -24,10 +24,13 @@ class SpeedScaleNonlinearity(SpeedSignalFault):
     """
 
     name = "speed_scale_nonlinearity"
-    formula = "speed shown = v * (1 + k * v) on all wheels"
-    sentence = "the scale of the bus's wheel speeds changes with speed"
-    noun = "a bent scale of the bus's wheel speeds"
-    answers = ("the scale of the bus's wheel speeds changes with speed, by {per_mps}",)
+    wording = replace(
+        SpeedSignalFault.wording,
+        formula="speed shown = v * (1 + k * v) on all wheels",
+        sentence="the scale of the bus's wheel speeds changes with speed",
+        noun="a bent scale of the bus's wheel speeds",
+        answers=("the scale of the bus's wheel speeds changes with speed, by {per_mps}",),
+    )
     parameters = (
         Parameter(
             "per_mps",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -24,15 +25,16 @@ class SteeringOffset(Effect):
 
     name = "steering_offset"
     kind = Kind.INSTRUMENT
-    formula = "steering wheel read = ratio * atan(wheelbase * curvature) + offset_rad"
-    sentence = "the steering wheel's sensor is off on the straight"
-    noun = "an offset of the steering wheel's sensor"
-    answers = (
-        "the steering wheel's sensor reads {offset_rad:size deg} {offset_rad:left|right} on the straight",
+    wording = Wording(
+        formula="steering wheel read = ratio * atan(wheelbase * curvature) + offset_rad",
+        sentence="the steering wheel's sensor is off on the straight",
+        noun="an offset of the steering wheel's sensor",
+        answers=(
+            "the steering wheel's sensor reads {offset_rad:size deg} {offset_rad:left|right} on the straight",
+        ),
+        distinguished_by="drive straight on for a minute there and back",
     )
-    distinguished_by = "drive straight on for a minute there and back"
-    shows_in = ("steering", "time")
-    reads = ("steering",)
+    identification = Identification(shows_in=("steering", "time"), reads=("steering",))
     stays = "no estimate depends on the steering wheel"
     parameters = (
         Parameter(

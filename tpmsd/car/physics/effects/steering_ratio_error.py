@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -24,13 +25,14 @@ class SteeringRatioError(Effect):
 
     name = "steering_ratio_error"
     kind = Kind.INSTRUMENT
-    formula = "steering wheel read = ratio * configured ratio * atan(wheelbase * curvature)"
-    sentence = "the steering's ratio is not the configured one"
-    noun = "an error of the steering's ratio"
-    answers = ("the steering's ratio is {ratio:just %} {ratio:larger|smaller} than configured ({ratio})",)
-    distinguished_by = "drive full circles slowly, to both sides: nothing slips sideways there"
-    shows_in = ("steering", "steering")
-    reads = ("steering",)
+    wording = Wording(
+        formula="steering wheel read = ratio * configured ratio * atan(wheelbase * curvature)",
+        sentence="the steering's ratio is not the configured one",
+        noun="an error of the steering's ratio",
+        answers=("the steering's ratio is {ratio:just %} {ratio:larger|smaller} than configured ({ratio})",),
+        distinguished_by="drive full circles slowly, to both sides: nothing slips sideways there",
+    )
+    identification = Identification(shows_in=("steering", "steering"), reads=("steering",))
     stays = "no estimate depends on the steering wheel"
     parameters = (
         Parameter(

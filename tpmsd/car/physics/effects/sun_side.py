@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_LEFT, FloatArray
@@ -23,29 +24,33 @@ class SunSide(Effect):
     """
 
     name = "sun_side"
-    formula = (
-        "delta_r = +-s, + left, - right, lag_s * ds/dt = -east_m * sin(heading) + north_m * cos(heading) - s"
+    wording = Wording(
+        formula=(
+            "delta_r = +-s, + left, - right, lag_s * ds/dt = -east_m * sin(heading) +"
+            " north_m * cos(heading) - s"
+        ),
+        sentence="the sunny side is warmer",
+        noun="a sunny side",
+        answers=(
+            "the sunny side is warmer: with the sun in the east its radii differ by {east_m:mm} in half",
+            "with the sun in the north the sides differ by {north_m:mm} in half",
+        ),
+        distinguished_by="drive the same road there and back in the sun",
     )
-    sentence = "the sunny side is warmer"
-    noun = "a sunny side"
-    answers = (
-        "the sunny side is warmer: with the sun in the east its radii differ by {east_m:mm} in half",
-        "with the sun in the north the sides differ by {north_m:mm} in half",
+    identification = Identification(shows_in=("wheel_ratio", "time"), contrast=True)
+    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    nonlinear = Nonlinear(
+        # A flank alone answers within two minutes, tread and air within ten.
+        grid=Grid(
+            "lag_s",
+            values=(75.0, 150.0, 300.0, 600.0),
+            middle=300.0,
+            range=(30.0, 3000.0),
+            price=lambda lag: 1.4 + 0.5 * (math.log(lag / 300.0) / 0.7) ** 2,
+            step=1.5,
+        )
     )
-    distinguished_by = "drive the same road there and back in the sun"
-    shows_in = ("wheel_ratio", "time")
-    looks = NoiseResemblance.WHEEL
     own_per_drive = True
-    contrast = True
-    grid = Grid(
-        "lag_s",
-        values=(75.0, 150.0, 300.0, 600.0),
-        middle=300.0,
-        range=(30.0, 3000.0),
-        price=lambda lag: 1.4 + 0.5 * (math.log(lag / 300.0) / 0.7) ** 2,
-        step=1.5,
-    )
-    """A flank alone answers within two minutes, tread and air within ten."""
     stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import WARMTH_M
 from tpmsd.foundation.wheels import FloatArray
@@ -23,24 +24,29 @@ class ThermalGrowth(Effect):
     """
 
     name = "thermal_growth"
-    formula = "delta_r = A * (1 - exp(-t / tau)) on all wheels"
-    looks = NoiseResemblance.COMMON
-    grid = Grid(
-        "time_constant_s",
-        values=(120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0),
-        middle=450.0,
-        range=(60.0, 6000.0),
-        price=lambda tau: 1.5 + 0.5 * (math.log(tau / 500.0) / 0.7) ** 2,
-        step=1.4,
+    wording = Wording(
+        formula="delta_r = A * (1 - exp(-t / tau)) on all wheels",
+        sentence="the tyres grow as they warm up",
+        noun="growth by warmth",
+        answers=(
+            "the tyres {amplitude_m:grow|shrink} by {amplitude_m:size mm} in warming up"
+            " ({time_constant_s:min})",
+        ),
+        distinguished_by="after half an hour, hold the speed of the first minutes once more",
     )
-    """Tyres take ten minutes, give or take a factor of two."""
-    sentence = "the tyres grow as they warm up"
-    noun = "growth by warmth"
-    answers = (
-        "the tyres {amplitude_m:grow|shrink} by {amplitude_m:size mm} in warming up ({time_constant_s:min})",
+    identification = Identification(shows_in=("wheel", "time"))
+    rivals = Rivals(resembles=NoiseResemblance.COMMON)
+    nonlinear = Nonlinear(
+        # Tyres take ten minutes, give or take a factor of two.
+        grid=Grid(
+            "time_constant_s",
+            values=(120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0),
+            middle=450.0,
+            range=(60.0, 6000.0),
+            price=lambda tau: 1.5 + 0.5 * (math.log(tau / 500.0) / 0.7) ** 2,
+            step=1.4,
+        )
     )
-    distinguished_by = "after half an hour, hold the speed of the first minutes once more"
-    shows_in = ("wheel", "time")
     one_sign = True
     parameters = (
         Parameter(

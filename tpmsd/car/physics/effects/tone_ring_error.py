@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.rings.ring import harmonic_rad
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
@@ -30,16 +31,17 @@ class ToneRingError(Effect):
 
     name = "tone_ring_error"
     kind = Kind.INSTRUMENT
-    formula = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
-    by_teeth = True
-    sentence = "a wheel's teeth are unevenly spaced or their number is wrong"
-    noun = "an uneven ring"
-    answers = (
-        "the ring of {wheel} is uneven by {amplitude_rad:deg}",
-        "the ring of {wheel} has {teeth_per_rev} teeth",
+    wording = Wording(
+        formula="counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)",
+        sentence="a wheel's teeth are unevenly spaced or their number is wrong",
+        noun="an uneven ring",
+        answers=(
+            "the ring of {wheel} is uneven by {amplitude_rad:deg}",
+            "the ring of {wheel} has {teeth_per_rev} teeth",
+        ),
+        distinguished_by="roll at walking pace on a smooth straight for a minute",
     )
-    distinguished_by = "roll at walking pace on a smooth straight for a minute"
-    shows_in = ("wheel_ratio", "wheel_angle")
+    identification = Identification(shows_in=("wheel_ratio", "wheel_angle"), by_teeth=True)
     parameters = (
         WheelParameter(description="which wheel; all of them where it is not given"),
         Parameter(

@@ -9,6 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.covariates import covariate
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
@@ -24,25 +25,29 @@ class TorqueSlip(Effect):
     """
 
     name = "torque_slip"
-    common = True
-    formula = "omega * r = v * (1 + c * T(t - lag_s)) on driven wheels, T the drive torque"
-    sentence = "driven wheels slip under the drive torque"
-    noun = "slip under drive torque"
-    answers = ("driven wheels slip under the drive torque, by {slip_per_nm}",)
-    distinguished_by = "accelerate firmly, coast and brake at the same speeds on a straight, ten times each"
-    shows_in = ("wheel_ratio", "torque")
-    needs = ("torque",)
-    one_sign = True
-    limit = "longitudinal_slip"
-    grid = Grid(
-        "lag_s",
-        values=(0.03, 0.15),
-        middle=0.03,
-        range=(0.005, 1.0),
-        price=lambda lag: 0.7 + 0.5 * (math.log(lag / 0.1) / 1.0) ** 2,
-        step=2.0,
+    wording = Wording(
+        formula="omega * r = v * (1 + c * T(t - lag_s)) on driven wheels, T the drive torque",
+        sentence="driven wheels slip under the drive torque",
+        noun="slip under drive torque",
+        answers=("driven wheels slip under the drive torque, by {slip_per_nm}",),
+        distinguished_by=(
+            "accelerate firmly, coast and brake at the same speeds on a straight, ten times each"
+        ),
     )
-    """A filling manifold and a drive shaft take a tenth of a second or two."""
+    identification = Identification(shows_in=("wheel_ratio", "torque"), needs=("torque",))
+    rivals = Rivals(common=True, limit="longitudinal_slip")
+    nonlinear = Nonlinear(
+        # A filling manifold and a drive shaft take a tenth of a second or two.
+        grid=Grid(
+            "lag_s",
+            values=(0.03, 0.15),
+            middle=0.03,
+            range=(0.005, 1.0),
+            price=lambda lag: 0.7 + 0.5 * (math.log(lag / 0.1) / 1.0) ** 2,
+            step=2.0,
+        )
+    )
+    one_sign = True
     parameters = (
         Parameter(
             "slip_per_nm",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import TRACK_M
 from tpmsd.foundation.wheels import WHEELS
@@ -20,21 +21,22 @@ class TrackWidthError(Effect):
 
     name = "track_width_error"
     kind = Kind.INSTRUMENT
-    formula = "hub speeds = v -+ yaw rate * (track + error) / 2"
-    contrast = True
-    beside_value = ("yaw_rate_scale",)
+    wording = Wording(
+        formula="hub speeds = v -+ yaw rate * (track + error) / 2",
+        sentence="the track differs from the configured one",
+        noun="an error of the track",
+        answers=(
+            "the rear track is {rear_m:size mm} {rear_m:wider|narrower} than configured",
+            "the front track is {front_m:size mm} {front_m:wider|narrower} than configured",
+        ),
+        distinguished_by="drive full circles slowly, to both sides: load transfer is small there",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "yaw_rate"), contrast=True)
+    rivals = Rivals(beside_value=("yaw_rate_scale",))
     in_calibration = (
         ("track_rear", "rear_relative", "1"),
         ("track_front", "front_relative", "1"),
     )
-    sentence = "the track differs from the configured one"
-    noun = "an error of the track"
-    answers = (
-        "the rear track is {rear_m:size mm} {rear_m:wider|narrower} than configured",
-        "the front track is {front_m:size mm} {front_m:wider|narrower} than configured",
-    )
-    distinguished_by = "drive full circles slowly, to both sides: load transfer is small there"
-    shows_in = ("wheel_ratio", "yaw_rate")
     parameters = (
         Parameter(
             "rear_m",

@@ -9,6 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.covariates import COVARIATES, ROLES, covariate
 from tpmsd.car.physics.effect import Effect, Kind, TextParameter, VectorParameter
+from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -36,9 +37,11 @@ class Unknown(Effect):
 
     name = "unknown"
     kind = Kind.FREE
-    formula = "delta_r, or a reading's error, = f(covariate), piecewise linear"
-    sentence = "something that no effect of the catalogue explains"
-    noun = "something without a name"
+    wording = Wording(
+        formula="delta_r, or a reading's error, = f(covariate), piecewise linear",
+        sentence="something that no effect of the catalogue explains",
+        noun="something without a name",
+    )
     parameters = (
         TextParameter("on", "rl rr", "wheels with their signs, gnss_speed, gnss_course or yaw_rate"),
         TextParameter("covariate", "speed", "what the shape is a function of"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.priors import SPEED_AGE_S
 
 USUAL_S, UNUSUAL_S = 0.05, 0.08
@@ -26,14 +27,19 @@ class VelocityLag(Effect):
 
     name = "velocity_lag"
     kind = Kind.INSTRUMENT
-    formula = "speed and course of t - lag_s stand beside the position of t"
+    wording = Wording(
+        formula="speed and course of t - lag_s stand beside the position of t",
+        sentence="the receiver's speed and course are older than its position",
+        noun="a lag of the receiver's speed",
+        answers=(
+            "the receiver's speed and course are {lag_s:size ms} {lag_s:older|younger} than its position",
+        ),
+        distinguished_by="accelerate and brake firmly on a straight under the open sky, ten times",
+    )
+    identification = Identification(
+        shows_in=("gnss_speed", "accel_long"), needs=("gnss_speed", "gnss_position")
+    )
     in_calibration = (("doppler_lag", "lag_s", "s"),)
-    sentence = "the receiver's speed and course are older than its position"
-    noun = "a lag of the receiver's speed"
-    answers = ("the receiver's speed and course are {lag_s:size ms} {lag_s:older|younger} than its position",)
-    distinguished_by = "accelerate and brake firmly on a straight under the open sky, ten times"
-    shows_in = ("gnss_speed", "accel_long")
-    needs = ("gnss_speed", "gnss_position")
     parameters = (
         Parameter(
             "lag_s",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -27,15 +28,16 @@ class Wear(Effect):
     """
 
     name = "wear"
-    formula = "delta_r = -rate * distance on all wheels"
-    sentence = "the treads of all tyres wear off"
-    noun = "wear of the treads"
-    answers = ("the treads of all tyres wear off, by {rate:mm/km}",)
-    distinguished_by = "compare the radii of drives that lie thousands of kilometres apart"
-    shows_in = ("wheel", "distance")
-    needs = ("gnss",)
+    wording = Wording(
+        formula="delta_r = -rate * distance on all wheels",
+        sentence="the treads of all tyres wear off",
+        noun="wear of the treads",
+        answers=("the treads of all tyres wear off, by {rate:mm/km}",),
+        distinguished_by="compare the radii of drives that lie thousands of kilometres apart",
+    )
+    identification = Identification(shows_in=("wheel", "distance"), needs=("gnss",))
+    rivals = Rivals(resembles=NoiseResemblance.COMMON)
     one_sign = True
-    looks = NoiseResemblance.COMMON
     parameters = (
         Parameter(
             "rate",

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Wording
 from tpmsd.car.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
 
 
@@ -18,14 +19,16 @@ class WheelLock(SlipEvent):
 
     name = "wheel_lock"
     kind = Kind.EVENT
-    formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
-    sentence = "braked wheels turn slower than they roll for a while, or stand"
-    noun = "locked wheels"
-    answers = ("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",)
-    distinguished_by = "brake gently on the stretch, and look whether a brake drags"
-    shows_in = ("wheel_ratio", "time")
+    wording = Wording(
+        formula="omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s",
+        sentence="braked wheels turn slower than they roll for a while, or stand",
+        noun="locked wheels",
+        answers=("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",),
+        distinguished_by="brake gently on the stretch, and look whether a brake drags",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "time"))
+    nonlinear = Nonlinear(span=True)
     own_per_drive = True
-    span = True
     parameters = (
         GroupParameter("wheels", "rear", "wheels that slip, by name, or front, rear"),
         Parameter(

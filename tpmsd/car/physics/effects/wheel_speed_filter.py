@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.first_order import low_passed
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
@@ -32,16 +33,16 @@ class WheelSpeedFilter(Effect):
 
     name = "wheel_speed_filter"
     kind = Kind.INSTRUMENT
-    formula = "wheel speeds shown = first-order low-pass of time_constant_s of the speeds of the hubs"
-    sentence = "the control unit smooths the wheel speeds"
-    noun = "smoothing of the wheel speeds"
-    answers = ("the control unit smooths the wheel speeds over {time_constant_s}",)
-    distinguished_by = "accelerate and brake as hard as the traffic allows, ten times"
-    shows_in = ("wheel", "accel_long")
-    needs = ("speeds", "gnss")
-    beside = ("velocity_lag", "gnss_latency")
+    wording = Wording(
+        formula="wheel speeds shown = first-order low-pass of time_constant_s of the speeds of the hubs",
+        sentence="the control unit smooths the wheel speeds",
+        noun="smoothing of the wheel speeds",
+        answers=("the control unit smooths the wheel speeds over {time_constant_s}",),
+        distinguished_by="accelerate and brake as hard as the traffic allows, ten times",
+    )
+    identification = Identification(shows_in=("wheel", "accel_long"), needs=("speeds", "gnss"))
+    rivals = Rivals(rare=True, beside=("velocity_lag", "gnss_latency"))
     one_sign = True
-    rare = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (
         Parameter(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.effect_records import Identification, Nonlinear, Wording
 from tpmsd.car.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
 
 
@@ -18,14 +19,16 @@ class WheelSpin(SlipEvent):
 
     name = "wheel_spin"
     kind = Kind.EVENT
-    formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
-    sentence = "driven wheels spin for a while"
-    noun = "spinning wheels"
-    answers = ("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",)
-    distinguished_by = "drive the stretch again with less drive"
-    shows_in = ("wheel_ratio", "time")
+    wording = Wording(
+        formula="omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s",
+        sentence="driven wheels spin for a while",
+        noun="spinning wheels",
+        answers=("{wheels} turned by {slip:just %} {slip:faster|slower} than they roll for {duration_s}",),
+        distinguished_by="drive the stretch again with less drive",
+    )
+    identification = Identification(shows_in=("wheel_ratio", "time"))
+    nonlinear = Nonlinear(span=True)
     own_per_drive = True
-    span = True
     parameters = (
         GroupParameter("wheels", "front", "wheels that slip, by name, or front, rear"),
         Parameter(

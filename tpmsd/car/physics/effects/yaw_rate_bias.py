@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.priors import GYRO_ZERO_RADPS
 from tpmsd.foundation.wheels import FloatArray
 
@@ -22,15 +23,15 @@ class YawRateBias(Effect):
 
     name = "yaw_rate_bias"
     kind = Kind.INSTRUMENT
-    formula = "reading = truth + bias"
-    needs = ("yaw_rate",)
-    everywhere = True
-    drifts_into = "yaw_rate"
-    sentence = "the gyro reads a rate on the straight"
-    noun = "an offset of the gyro"
-    answers = ("the gyro reads {bias:deg/s} on the straight",)
-    distinguished_by = "stand still for a minute with the ignition on"
-    shows_in = ("yaw_rate", "time")
+    wording = Wording(
+        formula="reading = truth + bias",
+        sentence="the gyro reads a rate on the straight",
+        noun="an offset of the gyro",
+        answers=("the gyro reads {bias:deg/s} on the straight",),
+        distinguished_by="stand still for a minute with the ignition on",
+    )
+    identification = Identification(shows_in=("yaw_rate", "time"), needs=("yaw_rate",), everywhere=True)
+    rivals = Rivals(drifts_into="yaw_rate")
     parameters = (
         Parameter(
             "bias",

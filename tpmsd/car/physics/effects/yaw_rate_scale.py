@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
 from tpmsd.car.physics.priors import GYRO_SCALE
 from tpmsd.foundation.wheels import FloatArray
 
@@ -18,15 +19,16 @@ class YawRateScale(Effect):
 
     name = "yaw_rate_scale"
     kind = Kind.INSTRUMENT
-    formula = "reading = scale * truth"
-    needs = ("yaw_rate",)
-    beside_value = ("track_width_error",)
+    wording = Wording(
+        formula="reading = scale * truth",
+        sentence="the gyro's scale is off",
+        noun="an error of the gyro's scale",
+        answers=("your gyro reads {scale:just %} {scale:high|low} ({scale})",),
+        distinguished_by="drive ten full circles to each side",
+    )
+    identification = Identification(shows_in=("yaw_rate", "yaw_rate"), needs=("yaw_rate",))
+    rivals = Rivals(beside_value=("track_width_error",))
     in_calibration = (("gyro_gain", "scale_minus_one", "1"),)
-    sentence = "the gyro's scale is off"
-    noun = "an error of the gyro's scale"
-    answers = ("your gyro reads {scale:just %} {scale:high|low} ({scale})",)
-    distinguished_by = "drive ten full circles to each side"
-    shows_in = ("yaw_rate", "yaw_rate")
     parameters = (
         Parameter(
             "scale",

@@ -98,6 +98,6 @@ def advice(effect: str, rivals: tuple[str, ...]) -> str:
     """Return the drive that would separate an effect from the first of its rivals; empty without rivals."""
     if not rivals:
         return ""
-    known = (EFFECTS[name].distinguished_by for name in (effect, rivals[0]) if name in EFFECTS)
+    known = (EFFECTS[name].wording.distinguished_by for name in (effect, rivals[0]) if name in EFFECTS)
     order = [drive for drive in known if drive]
     return f"to tell {effect} from {rivals[0]}: " + "; and ".join(dict.fromkeys(order))

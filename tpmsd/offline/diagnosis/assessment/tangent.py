@@ -96,7 +96,7 @@ def _of_grid(
     maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
     """
     one = selection.chosen[which]
-    grid, tau = one.term.kind_of.grid, one.term.at
+    grid, tau = one.term.kind_of.nonlinear.grid, one.term.at
     assert grid is not None
     assert tau is not None
     seconds = np.zeros(1)

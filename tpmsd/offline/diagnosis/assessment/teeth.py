@@ -26,7 +26,7 @@ ALL = ""
 """Name of all wheels together."""
 RING = "ripple of the ring"
 """The search of this module, as `Finding.found_by` names it."""
-CHANNEL, COVARIATE = TEETH.shows_in
+CHANNEL, COVARIATE = TEETH.identification.shows_in
 
 
 def teeth(study: Study, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:

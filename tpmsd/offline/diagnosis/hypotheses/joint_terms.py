@@ -104,7 +104,7 @@ class JointHypotheses(Hypotheses):
         singles = [
             term.design
             for term in own
-            if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
+            if term.design.shape[1] == 1 and term.typical and not term.kind_of.rivals.mirror_of
         ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 

@@ -72,7 +72,7 @@ class DriveHypotheses(Hypotheses):
                 continue
             name, place, at = group[0].effect, group[0].wheel_pattern, group[0].at
             price = SETTINGS.hypotheses.per_value_nats * len(group) + grid_price(EFFECTS[name], at)
-            price += math.log(max(len(EFFECTS[name].wheel_patterns), 1))
+            price += math.log(max(len(EFFECTS[name].identification.wheel_patterns), 1))
             design = self._unit([probe.key for probe in group])
             parameters = tuple(probe.parameter for probe in group)
             out.append(Term(name, design, parameters, price, place=place, at=at))

@@ -88,7 +88,7 @@ def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
 
 def ratio_limits(term: Term) -> tuple[float, float] | None:
     """Least and greatest ratio of a term's two values, if its effect has such limits."""
-    return None if len(term.parameters) != 2 else term.kind_of.ratio_limits
+    return None if len(term.parameters) != 2 else term.kind_of.nonlinear.ratio_limits
 
 
 def against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:

@@ -17,18 +17,18 @@ RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
 
 def grid_price(effect: type[Effect], at: float | None, second: float | None = None) -> float:
     """Penalty of values of the parameters that enter nonlinearly."""
-    if effect.grid is None or at is None:
+    if effect.nonlinear.grid is None or at is None:
         return 0.0
-    more = effect.grid.second
-    return effect.grid.price(at) + (0.0 if more is None or second is None else more.price(second))
+    more = effect.nonlinear.grid.second
+    return effect.nonlinear.grid.price(at) + (0.0 if more is None or second is None else more.price(second))
 
 
 def ramp_price(course: str = "") -> float:
     """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
     which takes no choice, less than of others."""
     choices = len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots
-    if course not in ("", FAULT.courses[0]):
-        choices *= len(FAULT.courses)
+    if course not in ("", FAULT.nonlinear.courses[0]):
+        choices *= len(FAULT.nonlinear.courses)
     return SETTINGS.hypotheses.per_value_nats + math.log(choices)
 
 

@@ -115,7 +115,11 @@ def radius_columns(reader: Reader) -> Columns:
     here = available(reader)
     for probe in probes():
         effect = EFFECTS[probe.effect]
-        if effect.always_fitted and effect is not RADIUS and here >= set(effect.needs):
+        if (
+            effect.identification.always_fitted
+            and effect is not RADIUS
+            and here >= set(effect.identification.needs)
+        ):
             out.add(probe.key, reader.change(ROLLING, probe.made()) / (probe.value - probe.neutral))
     return out
 
@@ -133,7 +137,7 @@ def catalogue_columns(
         effect = EFFECTS[probe.effect]
         if only is not None and probe.effect not in only:
             continue
-        if not effect.always_fitted and here >= set(effect.needs):
+        if not effect.identification.always_fitted and here >= set(effect.identification.needs):
             out.add(probe.key, _response(reader, probe, base))
     return out
 
@@ -179,7 +183,7 @@ def ramp_column(
         deviation_m=SETTINGS.hypotheses.probe_m,
         onset_s=span[0],
         duration_s=span[1],
-        course=course or FAULT.courses[0],
+        course=course or FAULT.nonlinear.courses[0],
     )
     motion, car = reader.reference.motion, reader.reference.car
     share = unit.radius_change_m(motion, car)[:, wheel] / SETTINGS.hypotheses.probe_m

@@ -110,7 +110,7 @@ class Term:
     @property
     def ramp(self) -> bool:
         """True if this is a radius that steps or ramps once."""
-        return self.kind_of.ramp
+        return self.kind_of.nonlinear.ramp
 
     @property
     def on_radii(self) -> bool:
@@ -136,7 +136,7 @@ class Term:
     @property
     def typical(self) -> bool:
         """True if the parameter that enters nonlinearly, if there is one, has its middle value."""
-        grid = self.kind_of.grid
+        grid = self.kind_of.nonlinear.grid
         return grid is None or self.at == grid.middle
 
 
@@ -186,7 +186,7 @@ class Hypotheses(ABC):
             for term in self.catalogue
             if term.design.shape[1] == 1
             and term.typical
-            and not (term.kind_of.mirror_of or term.kind_of.rare)
+            and not (term.kind_of.rivals.mirror_of or term.kind_of.rivals.rare)
         ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 

@@ -175,5 +175,5 @@ def unusable(reader: Reader) -> frozenset[str]:
     return frozenset(
         name
         for name, effect in EFFECTS.items()
-        if not here >= set(effect.needs) or not effect.observable(motion, car)
+        if not here >= set(effect.identification.needs) or not effect.observable(motion, car)
     )

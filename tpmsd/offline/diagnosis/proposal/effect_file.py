@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.covariates import covariate
-from tpmsd.car.physics.effect import Effect, Parameter
+from tpmsd.car.physics.effect import Effect, Identification, Parameter, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -39,9 +39,11 @@ class {title}(Effect):
     """
 
     name = "{name}"
-    formula = "{what} = coefficient * {formula}"
-    sentence = "a closed form that was proposed and has no physics yet"
-    shows_in = ("{channel}", "{covariate}")
+    wording = Wording(
+        formula="{what} = coefficient * {formula}",
+        sentence="a closed form that was proposed and has no physics yet",
+    )
+    identification = Identification(shows_in=("{channel}", "{covariate}"))
     parameters = (
         Parameter(
             "coefficient",

@@ -208,7 +208,7 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
 
 def _second(term: Term) -> Beside:
     """Return a term's second nonlinear parameter, which it has."""
-    grid = term.kind_of.grid
+    grid = term.kind_of.nonlinear.grid
     assert grid is not None
     assert grid.second is not None
     return grid.second
@@ -223,7 +223,7 @@ def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> t
     if term.ramp and point.second > SETTINGS.selection.step_s:
         # The mean delay of a ramp is half of it, that of an exponential its time constant.
         tau = point.second / 2
-        for course in term.kind_of.courses[1:]:
+        for course in term.kind_of.nonlinear.courses[1:]:
             begin = Point(_onset(point), tau, course)
             other = _searched(study, evidence, design, term, begin, Point(tau, 2.0, course))
             long = other[0].second > SETTINGS.selection.step_s
@@ -243,7 +243,7 @@ def _begin(study: Study, term: Term) -> tuple[Point, Point]:
         step = 0.5 * float(np.median(np.diff(knots)))
         centre, width = Point(*term.span_s), Point(step, step)
     else:
-        grid = term.kind_of.grid
+        grid = term.kind_of.nonlinear.grid
         assert grid is not None
         assert term.at is not None
         centre, width = Point(term.at), Point(grid.step)

@@ -26,9 +26,6 @@ from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
-SEARCHED_APART = ("ramp", "span", "by_teeth", "by_ripple", "at_walking_pace", "reads", "mirror_of")
-"""Marks of effects that have searches of their own, whose sizes are not told by a column."""
-
 
 def not_detectable(study: Study, selection: Selection, selector: Selector) -> tuple[NotDetectable, ...]:
     """Return what would have had to be larger than usual, the nearest to its usual size first.
@@ -59,7 +56,10 @@ def not_detectable(study: Study, selection: Selection, selector: Selector) -> tu
 def _is_asked_for(effect: type[Effect]) -> bool:
     if effect.kind in (Kind.FREE, Kind.NUISANCE, Kind.EVENT):
         return False
-    return not any(getattr(effect, mark) for mark in SEARCHED_APART)
+    # These have searches of their own, and no column tells their sizes.
+    how, change = effect.identification, effect.nonlinear
+    searched_apart = (change.ramp, change.span, how.by_teeth, how.by_ripple, how.at_walking_pace, how.reads)
+    return not (any(searched_apart) or effect.rivals.mirror_of)
 
 
 def smallest_sizes(

@@ -35,7 +35,7 @@ def where_of(study: Study, one: Chosen) -> Where:
     values = values_of(study, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
-    if term.kind_of.everywhere:
+    if term.kind_of.identification.everywhere:
         return whole_range(study, term)
     weight = np.concatenate([_energy(study, study.drives[number], one) for number in study.acting(term)])
     return Where(wheels, channel, covariate, _quantiles(values, weight, 0.025, 0.975))
@@ -64,14 +64,14 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
     if term.free:
         return *_place_of_shape(term, read), term.covariate
-    channel, covariate = EFFECTS[term.effect].shows_in
+    channel, covariate = EFFECTS[term.effect].identification.shows_in
     if channel.startswith(("gnss", "yaw")):
         return (), *_measured_by(drives, channel, covariate)
     acts = _acting_wheels(term, drives[0])
     wheels = tuple(wheel for wheel in read if wheel in acts)
     # Without another wheel to be compared with, only the receiver shows it.
     alone = set(wheels) == set(read) or (term.ramp and len(read) < 4)
-    if channel == "wheel_ratio" and alone and not term.kind_of.contrast:
+    if channel == "wheel_ratio" and alone and not term.kind_of.identification.contrast:
         channel = "wheel"
     return wheels, channel, covariate
 

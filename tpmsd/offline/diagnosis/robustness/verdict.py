@@ -97,7 +97,7 @@ def outweighed(one: Chosen, selection: Selection) -> bool:
     covariate may take up a part without acting itself.
     """
     effect = one.term.kind_of
-    if effect.kind is not Kind.INSTRUMENT or effect.shows_in[0] != "wheel_ratio":
+    if effect.kind is not Kind.INSTRUMENT or effect.identification.shows_in[0] != "wheel_ratio":
         return False
     shapes = (
         each for each in selection.chosen if each.term.free and each.term.on_radii and not each.term.pulse

@@ -46,7 +46,7 @@ class Candidates:
 
         The values of the terms stand where they stand in their own fit.
         """
-        usual = set(of.kind_of.beside_value) - {term.effect for term in terms}
+        usual = set(of.kind_of.rivals.beside_value) - {term.effect for term in terms}
         by_effect: dict[str, Term] = {}
         for t in self.hypotheses.catalogue:
             if t.effect in usual and t.drive is None:
@@ -166,7 +166,9 @@ class Candidates:
         over = [
             term
             for term in self.hypotheses.catalogue
-            if not term.free and term.kind_of.shows_in[1] == covariate and term.key not in taken
+            if not term.free
+            and term.kind_of.identification.shows_in[1] == covariate
+            and term.key not in taken
         ]
         out = []
         for one, other in itertools.combinations(over, 2):

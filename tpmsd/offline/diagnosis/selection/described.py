@@ -46,7 +46,7 @@ def words_of(term: Term) -> dict[str, str]:
 def nonlinear_of(term: Term) -> dict[str, float]:
     """Parameters that enter nonlinearly: a grid's, an onset, a duration."""
     out = {}
-    grid = term.kind_of.grid
+    grid = term.kind_of.nonlinear.grid
     if grid is not None and term.at is not None:
         out[grid.parameter] = term.at
         if grid.second is not None and term.second is not None:

@@ -55,10 +55,10 @@ def same_statement(rival: Term, term: Term, first: float) -> bool:
     place, an effect that differs by sign alone, or one whose simpler limit the term is. `first` is the
     term's first value.
     """
-    if rival.kind_of.limit == term.effect and term.kind_of.goes_before(first):
+    if rival.kind_of.rivals.limit == term.effect and term.kind_of.goes_before(first):
         return True
     if (rival.wheel, rival.place) != (term.wheel, term.place):
         return False
     if rival.effect == term.effect or (rival.pulse and term.pulse):
         return True
-    return (rival.kind_of.mirror_of or rival.effect) == (term.kind_of.mirror_of or term.effect)
+    return (rival.kind_of.rivals.mirror_of or rival.effect) == (term.kind_of.rivals.mirror_of or term.effect)

@@ -160,7 +160,7 @@ class Selector(Candidates):
 
     def _sane(self, terms: list[Term]) -> bool:
         """Return whether the terms can be told apart at all, and their values are physically thinkable."""
-        if {term.kind_of.limit for term in terms} & {term.effect for term in terms}:
+        if {term.kind_of.rivals.limit for term in terms} & {term.effect for term in terms}:
             return False
         design = self.design(terms)
         rows = np.flatnonzero(np.any(design != 0.0, axis=1))
@@ -234,9 +234,9 @@ class Selector(Candidates):
     def _over(self, terms: list[Term], which: int) -> list[Term]:
         """Return the spline terms among the terms over the covariate that an effect depends on."""
         effect = terms[which].kind_of
-        if not self.last or effect is FREE or effect.shows_in[1] in ("time", "distance"):
+        if not self.last or effect is FREE or effect.identification.shows_in[1] in ("time", "distance"):
             return []
-        return [t for t in terms if t.free and t.covariate == effect.shows_in[1]]
+        return [t for t in terms if t.free and t.covariate == effect.identification.shows_in[1]]
 
     def _apart(self, terms: list[Term], which: int) -> list[Term]:
         """Return the spline terms of wheels among the terms over another covariate than that of an effect
@@ -246,10 +246,10 @@ class Selector(Candidates):
         effect = term.kind_of
         if not self.last or effect is FREE or term.wheel or term.place:
             return []
-        if effect.shows_in[0] != "wheel_ratio":
+        if effect.identification.shows_in[0] != "wheel_ratio":
             return []
         shapes = [t for t in terms if t.free and t.on_radii and not t.pulse]
-        return [t for t in shapes if t.covariate != effect.shows_in[1]]
+        return [t for t in shapes if t.covariate != effect.identification.shows_in[1]]
 
     @staticmethod
     def _completes(chosen: list[Term], term: Term) -> bool:
@@ -270,7 +270,7 @@ class Selector(Candidates):
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
         out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
-        alike = set(terms[which].kind_of.beside) - {term.effect for term in terms}
+        alike = set(terms[which].kind_of.rivals.beside) - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
 
     def _replaced(self, term: Term, shape: Term) -> float:
@@ -365,7 +365,10 @@ class Selector(Candidates):
             others = [term for term in chosen if term is not shape]
             ahead = handicap(shape) * (self.gain(chosen) - self.gain(others))
             must = self._margin(chosen) - ahead + SETTINGS.selection.exchange_nats
-            for rest in (others, [t for t in others if t.kind_of.shows_in[1] != shape.covariate]):
+            for rest in (
+                others,
+                [t for t in others if t.kind_of.identification.shows_in[1] != shape.covariate],
+            ):
                 for _, terms in self.pairs_over(shape.covariate, rest)[: SETTINGS.selection.pairs_tried]:
                     named = self._prune([*rest, *terms])
                     if self._margin(named) > must and self._sane(named):
@@ -380,7 +383,7 @@ class Selector(Candidates):
         beside it among the `others`; empty where the model with the shape is `worth` more (nats)."""
         if shape.covariate in ("time", "distance") or shape.drive is not None:
             return []
-        rest = [term for term in others if not term.kind_of.common]
+        rest = [term for term in others if not term.kind_of.rivals.common]
         gram, b = self.evidence.projected(self.design(rest))
         found = max((best_set(usual, gram, b) for usual in self._usual(rest)), key=lambda one: one.log_bayes)
         named = [*rest, *found.terms]
@@ -391,13 +394,13 @@ class Selector(Candidates):
         """Return the catalogue's terms of effects that every car has, which may stand beside others; once for
         each effect of which one is the limit.
         """
-        limits = {term.kind_of.limit for term in beside}
+        limits = {term.kind_of.rivals.limit for term in beside}
         every = [
             term
             for term in self.hypotheses.catalogue
-            if term.kind_of.common and term.drive is None and term.effect not in limits
+            if term.kind_of.rivals.common and term.drive is None and term.effect not in limits
         ]
-        limited = {term.effect: term.kind_of.limit for term in every if term.kind_of.limit}
+        limited = {term.effect: term.kind_of.rivals.limit for term in every if term.kind_of.rivals.limit}
         return [
             [term for term in every if term.effect not in limited],
             *(

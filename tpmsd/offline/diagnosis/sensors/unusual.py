@@ -69,16 +69,18 @@ def _finding(
         loglik_gain_per_s=gain / seconds,
         gain=gain,
         indistinguishable_from=tuple(
-            name for name in effect.confounded if not EFFECTS[name].reads or shown & set(EFFECTS[name].reads)
+            name
+            for name in effect.rivals.confounded
+            if not EFFECTS[name].identification.reads or shown & set(EFFECTS[name].identification.reads)
         ),
-        advice=effect.distinguished_by,
+        advice=effect.wording.distinguished_by,
         own_chance=chance,
     )
 
 
 def _where(effect: type[Effect], sensor: str, reader: Reader) -> Where:
-    values = reader.windows.covariates.get(effect.shows_in[1])
-    if values is None or effect.shows_in[1] == "time":
+    values = reader.windows.covariates.get(effect.identification.shows_in[1])
+    if values is None or effect.identification.shows_in[1] == "time":
         end = float(reader.recording.edges_s[-1])
         return Where((), sensor, None, None, ((0.0, end),))
-    return Where((), sensor, effect.shows_in[1], (float(values.min()), float(values.max())))
+    return Where((), sensor, effect.identification.shows_in[1], (float(values.min()), float(values.max())))
