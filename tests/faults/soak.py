@@ -35,9 +35,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tpmsd.foundation.lean import leave_out_mf4
+from tpmsd.foundation.lean import import_on_demand, leave_out_mf4
 
 leave_out_mf4()  # as the daemon does: it takes as much memory as all the rest
+import_on_demand()
 
 from tpmsd.car.config.load import load_config  # noqa: E402
 from tpmsd.car.config.model import DEFAULT_METHOD, FILTER_METHODS, CanConfig, Config  # noqa: E402

@@ -94,3 +94,18 @@ print(np.polynomial.Polynomial([1.0, 2.0])(3.0), type(np.polynomial) is ModuleTy
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ["", "7.0 True"] == done.stdout.splitlines(), done.stderr
+
+
+def test_what_is_imported_is_left_out_of_the_collection_of_cycles(tmp_path: Path) -> None:
+    """A command's modules are searched for cycles neither while it runs nor when it ends."""
+    code = f"""
+import atexit, gc
+from tpmsd.interfaces.cli.main import main
+kept = gc.get_freeze_count()
+atexit.register(lambda: print(gc.get_freeze_count() > during))  # the first registered runs last
+main(["replay", {str(tmp_path)!r}])
+during = gc.get_freeze_count()
+print(kept, during > 50_000)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ["0 True", "True"] == done.stdout.splitlines(), done.stderr

@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 
+from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
@@ -68,7 +69,7 @@ class RingErrors:
             energy += np.abs(harmonic @ flat) ** 2
         self._score += energy / (float(flat @ flat) * flat.size)
         best = int(np.argmax(self._score))
-        clear = self._score[best] > CLEAR * float(np.median(self._score))
+        clear = self._score[best] > CLEAR * float(median(self._score))
         self.scale = float(self._scales[best]) if clear else 1.0
 
     def to_json(self) -> float:

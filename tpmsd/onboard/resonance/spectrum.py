@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
@@ -110,7 +111,7 @@ class Spectrum:
     def is_rounding(self, rounding_density: float) -> bool:
         """Return whether much of it is the signal's own resolution, whose pattern may look like a
         resonance."""
-        return rounding_density > ROUNDING_SHARE * float(np.median(self.mean()))
+        return rounding_density > ROUNDING_SHARE * float(median(self.mean()))
 
     def fade(self, share: float) -> None:
         """Let what was gathered count for less: times `share`."""

@@ -15,6 +15,8 @@ from itertools import compress
 
 import numpy as np
 
+from tpmsd.foundation.median import median
+
 WINDOW_S = 10.0
 """Memory of the envelope: long against jitter, short against drift (1 ms/s moves it by 5 ms)."""
 QUANTILE = 0.15
@@ -90,7 +92,7 @@ class UtcOffsetTracker:
 
     def _without_utc(self, arrival_s: float) -> float:
         self.status = "no_utc"
-        self.lag_s = float(np.median(self._lags)) if self._lags else self._latency_s
+        self.lag_s = float(median(np.array(self._lags))) if self._lags else self._latency_s
         return arrival_s - self.lag_s
 
     def _follow(self, utc_s: float, offset_s: float, since_s: float) -> None:

@@ -25,6 +25,7 @@ import numpy as np
 from tpmsd.car.config.model import VehicleConfig
 from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.bounds import number, whole
+from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.baseline.reference import RadiusReference, speed_range
@@ -55,12 +56,12 @@ def typical(
     """
     rest = np.stack([deviation - h @ expected * radius_m for deviation, _, _, h in moments])
     apart = rest @ axle_contrasts.T
-    off = apart[-1] - np.median(apart, axis=0)
+    off = apart[-1] - median(apart)
     nuisance_m2 = JUDGE.nuisance.own**2 * np.diag(radius_m**2)
     variance = np.diag(axle_contrasts @ (moments[-1][1] + nuisance_m2) @ axle_contrasts.T)
     if np.all(off**2 <= FIT_LIMIT[1] * variance):
         return moments[-1]
-    return moments[int(np.abs(rest - np.median(rest, axis=0)).sum(axis=1).argmin())]
+    return moments[int(np.abs(rest - median(rest)).sum(axis=1).argmin())]
 
 
 def _added(one: _Sample, other: _Sample) -> _Sample:

@@ -16,6 +16,7 @@ import math
 import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 from tpmsd.onboard.monitor.settings import CONFIGURATION
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -124,7 +125,7 @@ class ConfigurationWatch:
         # The wheel that is least off: one soft, spinning or locked wheel is no configuration.
         self._ratios.append(float(seen[np.argmin(np.abs(np.log(np.maximum(seen, 1e-6))))]))
         if len(self._ratios) == CONFIGURATION.radius_intervals:
-            ratio_all = float(np.median(self._ratios))
+            ratio_all = float(median(np.array(self._ratios)))
             if abs(math.log(ratio_all)) > CONFIGURATION.radius_share:
                 radius = float(np.mean(self._radius[self._wheels]))
                 self.contradiction = (

@@ -18,6 +18,7 @@ import numpy as np
 from tpmsd.car.config.model import VehicleConfig
 from tpmsd.car.rings.ring import TURN_RAD
 from tpmsd.car.rings.ripple import LOST_SHARES, OUTLIER_STDS, of_one_size, ripple_gain, robust_std
+from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import AXLES, FloatArray
 from tpmsd.onboard.monitor.settings import ENCODERS
 from tpmsd.onboard.timeline.tick import Tick
@@ -97,7 +98,7 @@ def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, floa
     The ripple of one wheel shows in the angle of the other, too, at the share by which they turned unlike
     each other: so what the other ring shows is no proof that this one should.
     """
-    if min(np.ptp((np.median(gains), gains.max())) for gains in (own, other)) < limit:
+    if min(gains.max() - median(gains) for gains in (own, other)) < limit:
         return 0.0, 0.0
     at, whole = int(own.argmax()), float(_SHARES[other.argmax()])
     share = float(_SHARES[at]) - whole
