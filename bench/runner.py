@@ -148,8 +148,8 @@ def resume(
                 log.flush()
                 done[key_of(unit)] = result
                 left = (time.monotonic() - begun) / number * (len(todo) - number) / 60.0
-                told = f"{number}/{len(todo)}, {left:.0f} min left: {line(unit, result)}"
-                print(told, file=sys.stderr, flush=True)
+                reported = f"{number}/{len(todo)}, {left:.0f} min left: {line(unit, result)}"
+                print(reported, file=sys.stderr, flush=True)
                 after(done)
         except KeyboardInterrupt:
             print("interrupted: what was done is kept", file=sys.stderr)

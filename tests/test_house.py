@@ -512,6 +512,8 @@ TERMS: dict[str, str] = {
     **dict.fromkeys(("take_up", "taken_up"), "restore"),
     **dict.fromkeys(("sure", "spare", "net", "worth"), "margin, gain or probability"),
     "anew": "again",
+    "alike": "similar, common or shared",
+    **dict.fromkeys(("hear", "hears", "heard"), "receive, received"),
 }
 """Words of identifiers, and the terms that stand for them."""
 _TERMS_KEPT = {
@@ -519,6 +521,8 @@ _TERMS_KEPT = {
     "tpmsd/offline/rings/settings.py": {"even_count", "odd_count"},  # parity of a number of teeth
     "tpmsd/offline/report/mpl_style.py": {"place_labels"},  # to place, a verb
     "tpmsd/offline/planning/search.py": {"told"},  # a key of tpmsd.plan/1
+    "tpmsd/car/physics/effect.py": {"alike_on_every_drive"},  # an attribute of effects, of users' own as well
+    "tpmsd/car/physics/effects/road_grade.py": {"alike_on_every_drive"},
     "tpmsd/offline/tables/from_file.py": {"names_told"},  # used by the API
 }
 

@@ -64,7 +64,7 @@ def test_every_drive_ends_monitored(document: dict[str, Any]) -> None:
     assert {"monitoring"} == {entry["state"] for entry in document["wheels"].values()}
 
 
-def test_duration_and_way(document: dict[str, Any]) -> None:
+def test_duration_and_distance(document: dict[str, Any]) -> None:
     """The drive is as long as its log, and its way what the vehicle's speeds allow."""
     seconds = {"rav4-suburb-60s": 60, "van-motorway-a": 569, "van-motorway-b": 590, "van-oval": 175}
     metres = {"rav4-suburb-60s": 1015, "van-motorway-a": 12_880, "van-motorway-b": 12_880, "van-oval": 1790}
@@ -92,7 +92,7 @@ def test_radii_are_known_while_there_is_something_to_learn(result: ReplayResult)
     assert np.isfinite(std_m).sum() >= 2
 
 
-def test_the_vans_tyres_are_alike_on_the_motorway(result: ReplayResult) -> None:
+def test_the_vans_tyres_are_equal_on_the_motorway(result: ReplayResult) -> None:
     """At the end of the motorway (the last time above 20 m/s) left and right differ by less than 2 mm; the
     filter is sure of each to a millimetre."""
     if not result.drive.startswith("van-motorway"):

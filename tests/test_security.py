@@ -38,8 +38,8 @@ FORBIDDEN_MODULES = {
 ALLOWED_MODULES = {
     ("tpmsd/offline/simulator/live.py", "pty"),
     ("tpmsd/onboard/daemon/notify.py", "subprocess"),
-    ("tpmsd/foundation/apart.py", "subprocess"),
-    ("tpmsd/foundation/lean.py", "ctypes"),
+    ("tpmsd/foundation/child_reader.py", "subprocess"),
+    ("tpmsd/foundation/startup.py", "ctypes"),
     ("tpmsd/offline/signals/fmu.py", "zipfile"),
 }
 """The simulator's receiver is a pseudo terminal; `[notify] command` is the one foreign program that is

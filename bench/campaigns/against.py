@@ -291,7 +291,7 @@ def _memory(measured: _Measured) -> None:
     """Measure the daemon's resident memory over `SOAK_H` hours of logical time with faults."""
     name = f"daemon, {SOAK_H:g} h, resident"
     if measured.asked(name):
-        said = _told(["-m", "tests.faults.soak", "--hours", str(SOAK_H)])
+        said = _printed(["-m", "tests.faults.soak", "--hours", str(SOAK_H)])
         found = re.search(r"memory: at most ([0-9.]+) MB", said)
         assert found is not None
         measured.alone(name, "MB", float(found[1]), 60.0)
@@ -317,7 +317,7 @@ def _store(measured: _Measured) -> None:
         measured.alone(memory, "MB", max(result[f"{step}_peak_mb"] for step in BARS_S), MEMORY_MB)
 
 
-def _told(words: list[str]) -> str:
+def _printed(words: list[str]) -> str:
     """Return what a Python process in the repository prints."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, *words]
@@ -330,6 +330,6 @@ def _result(campaign: str, *options: str) -> dict[str, float]:
     """Return the figures of another campaign, which runs in a process of its own."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "result.json"
-        _told(["-m", "bench", "run", campaign, *options, "--json", str(file)])
+        _printed(["-m", "bench", "run", campaign, *options, "--json", str(file)])
         found: dict[str, float] = json.loads(file.read_text())
     return found

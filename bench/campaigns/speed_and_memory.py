@@ -191,11 +191,13 @@ def figures(runs: int, drive_s: float, say: Callable[[Figure], None], only: str 
                 return cost
 
             take(f"whole pipeline, {method}", "ms/tick", replayed, lambda ms: period_ms / ms)
-            told = iter(factors)
+            reported = iter(factors)
             take(
                 f"replay, {minutes} simulated, {method}",
                 "x",
-                lambda told=told, chosen=chosen: next(told, None) or replay_factor(folder, chosen)[0],  # type: ignore[misc]
+                lambda reported=reported, chosen=chosen: (
+                    next(reported, None) or replay_factor(folder, chosen)[0]
+                ),  # type: ignore[misc]
                 lambda factor: factor,
             )
     with tempfile.TemporaryDirectory() as folder_name:

@@ -29,7 +29,7 @@ from bench.worlds.course import Array, Course, rigid, summed
 from bench.worlds.spec import Spec, draw_spec
 
 STEP_S = 0.02
-WAY_STEP_M = 0.25
+PATH_STEP_M = 0.25
 FAULTS = ("spin_on_ice", "counts_lost_at_low_speed", "teeth_44_as_48")
 
 
@@ -95,19 +95,19 @@ def course(spec: Spec, rng: np.random.Generator) -> Course:
         angle = float(rng.uniform(0.5, 2.2) * rng.choice([-1, 1]))
         fast = float(rng.uniform(1.2, 3.5) if park else rng.uniform(7, 14) if tight else rng.uniform(10, 30))
         for length, kappa in ((straight, 0.0), (abs(angle) * radius, np.sign(angle) / radius)):
-            n = max(round(length / WAY_STEP_M), 1)
+            n = max(round(length / PATH_STEP_M), 1)
             bends.append(np.full(n, kappa))
             limits.append(np.full(n, min(fast, np.sqrt(most * radius)) if kappa else fast))
-            total += n * WAY_STEP_M
+            total += n * PATH_STEP_M
         if rng.random() < 0.08:
             limits[-1][-1] = 0.3
-    bend = gaussian_filter1d(np.concatenate(bends), (1.5 if tight or park else 6.0) / WAY_STEP_M)
+    bend = gaussian_filter1d(np.concatenate(bends), (1.5 if tight or park else 6.0) / PATH_STEP_M)
     speed = _reachable(np.concatenate(limits), up, down)
-    moments = np.concatenate([[0.0], np.cumsum(WAY_STEP_M / (0.5 * (speed[1:] + speed[:-1])))])
+    moments = np.concatenate([[0.0], np.cumsum(PATH_STEP_M / (0.5 * (speed[1:] + speed[:-1])))])
     time_s: Array = np.arange(0.0, min(spec.duration_s, moments[-1]), STEP_S)
     fast_s = np.maximum(gaussian_filter1d(np.interp(time_s, moments, speed), 0.5 / STEP_S), 0.0)
-    way = summed(fast_s, time_s)
-    curve = np.interp(way, np.arange(len(bend)) * WAY_STEP_M, bend)
+    distance = summed(fast_s, time_s)
+    curve = np.interp(distance, np.arange(len(bend)) * PATH_STEP_M, bend)
     return rigid(time_s, fast_s, curve, np.zeros(len(time_s)), float(rng.uniform(-3, 3)))
 
 
@@ -116,9 +116,9 @@ def _reachable(limit: Array, up: float, down: float) -> Array:
     squares = np.square(np.maximum(limit, 0.3)).tolist()
     squares[0] = 0.09
     for k in range(1, len(squares)):
-        squares[k] = min(squares[k], squares[k - 1] + 2.0 * up * WAY_STEP_M)
+        squares[k] = min(squares[k], squares[k - 1] + 2.0 * up * PATH_STEP_M)
     for k in range(len(squares) - 2, -1, -1):
-        squares[k] = min(squares[k], squares[k + 1] + 2.0 * down * WAY_STEP_M)
+        squares[k] = min(squares[k], squares[k + 1] + 2.0 * down * PATH_STEP_M)
     return np.sqrt(np.array(squares))
 
 

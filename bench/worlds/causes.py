@@ -250,8 +250,8 @@ def _rolled_along(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
 
 def _airstream(course: Course, spec: Spec, p: dict[str, Any]) -> Array:
     """The drag in the wind, less that in calm air, on tyres of that stiffness."""
-    way = np.exp(1j * course.heading)
-    air = np.real((course.speed * way + p["east_mps"] + 1j * p["north_mps"]) * way.conj())
+    direction = np.exp(1j * course.heading)
+    air = np.real((course.speed * direction + p["east_mps"] + 1j * p["north_mps"]) * direction.conj())
     more = DRAG_PER_M * (np.sign(air) * air**2 - course.speed**2)
     return grip_slip(more, p["stiffness"], 9.0)[:, None] * DRIVEN[spec.driven]
 

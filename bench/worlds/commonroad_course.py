@@ -53,13 +53,13 @@ def drive(length_m: float = 2200.0) -> CourseTruth:
     x = at_rest_on_springs(SPEED_MPS, p)
     rows: list[list[float]] = []
     angle, path = np.zeros(4), np.zeros(4)
-    way = heading_error = 0.0
+    distance = heading_error = 0.0
     target_heading = 0.0
     step = 0
-    while way < length_m:
+    while distance < length_m:
         speed = math.hypot(x[3], x[10])
-        kappa = float(np.interp(way + 0.35 * speed, curvature[0], curvature[1]))
-        target_heading += float(np.interp(way, curvature[0], curvature[1])) * speed * STEP_S
+        kappa = float(np.interp(distance + 0.35 * speed, curvature[0], curvature[1]))
+        target_heading += float(np.interp(distance, curvature[0], curvature[1])) * speed * STEP_S
         heading_error = target_heading - (x[4] + math.atan2(x[10], x[3]))
         wanted = math.atan((p.a + p.b) * kappa) + 0.0012 * kappa * speed**2 + 0.35 * heading_error
         steer_rate = float(np.clip(12.0 * (wanted - x[2]), -0.4, 0.4))
@@ -70,7 +70,7 @@ def drive(length_m: float = 2200.0) -> CourseTruth:
             rows.append(_row(step * STEP_S, before, rates, angle, path, p))
         angle = angle + STEP_S * np.array([x[k] for k in SPINS])
         path = path + STEP_S * hub_speeds(x[2], x[3], x[10], x[5], p)
-        way += speed * STEP_S
+        distance += speed * STEP_S
         step += 1
     table = np.array(rows)
     return CourseTruth(*table[:, :7].T, table[:, 7:11], table[:, 11:15], p.T_f, p.T_r, p.a + p.b, p.R_w)

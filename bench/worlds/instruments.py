@@ -95,8 +95,10 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int, err
         for k in range(4):
             wander[:, k] = spec.radius_m * markov(more, n, step, spec.radius_wander, spec.radius_wander_tau_s)
     rate = wheel_rates(course, spec, offset + wander)
-    way_noise = rng.standard_normal((n, 4)) * spec.rough * np.sqrt(np.maximum(speed, 0.0) * step)[:, None]
-    angle = summed(rate, t) + np.cumsum(way_noise / spec.radius_m, axis=0) + rng.uniform(0, 6, 4)
+    distance_noise = (
+        rng.standard_normal((n, 4)) * spec.rough * np.sqrt(np.maximum(speed, 0.0) * step)[:, None]
+    )
+    angle = summed(rate, t) + np.cumsum(distance_noise / spec.radius_m, axis=0) + rng.uniform(0, 6, 4)
     if "tone_ring_error" in spec.physics:
         p = spec.physics["tone_ring_error"]
         k = WHEELS.index(p["wheel"])
@@ -144,7 +146,7 @@ def _received(
     seed: int,
     errors: Errors,
 ) -> Drive:
-    t, way = course.time_s, antenna(course, spec)
+    t, antenna_path = course.time_s, antenna(course, spec)
     period = 1.0 / spec.receiver_hz
     fix = np.arange(0.5, t[-1] - 0.5, period)
     m = len(fix)
@@ -161,8 +163,8 @@ def _received(
     if errors.receiver is not None:
         jumps, shaken = errors.receiver(fix, at(course.speed, fix), at(course.heading, fix), more)
         white[:, :2] = jumps
-    me = at(way.east_mps, when) + shaken[:, 0]
-    mn = at(way.north_mps, when) + shaken[:, 1]
+    me = at(antenna_path.east_mps, when) + shaken[:, 0]
+    mn = at(antenna_path.north_mps, when) + shaken[:, 1]
     course_math = np.arctan2(mn, me)
     fast = np.hypot(me, mn)
     course_math[fast < 1.0] = np.nan
@@ -179,9 +181,9 @@ def _received(
         **felt(course, spec, rng),
         fix_true_s=fix[kept],
         fix_age_s=float(spec.physics.get("gnss_latency", {}).get("latency_s", 0.0)),
-        fix_east=(at(way.east, fix) + slow[0] + white[:, 0] + place[:, 0])[kept],
-        fix_north=(at(way.north, fix) + slow[1] + white[:, 1] + place[:, 1])[kept],
-        fix_up=(at(way.up, fix) + slow[2] + white[:, 2])[kept],
+        fix_east=(at(antenna_path.east, fix) + slow[0] + white[:, 0] + place[:, 0])[kept],
+        fix_north=(at(antenna_path.north, fix) + slow[1] + white[:, 1] + place[:, 1])[kept],
+        fix_up=(at(antenna_path.up, fix) + slow[2] + white[:, 2])[kept],
         fix_speed=np.maximum(fast + at(strange_speed(course, spec), when), 0.0)[kept],
         fix_course_math=course_math[kept],
         radius_m=radius_m,

@@ -105,7 +105,7 @@ class Driven:
     """(n + 1, 3) east, north, heading, from the start on."""
     speed_mps: Array
     """(n + 1,)"""
-    way_m: Array
+    distance_m: Array
     """(n,) of the middle of the rear axle."""
     reading_rad: Array
     """(n + 1, 4) true angle minus reading, less half a count."""
@@ -152,10 +152,10 @@ def drive(
     count = rolled.shape[0] - 1
     drawn = drawn_offsets(scenario, route.speed_mps[::every], rng)
     offsets = (drawn if offsets_m is None else offsets_m) + added_m
-    ways = np.diff(rolled, axis=0)
-    rough = ROUGHNESS_M * np.sqrt(np.abs(ways)) * rng.standard_normal(ways.shape)
+    distances = np.diff(rolled, axis=0)
+    rough = ROUGHNESS_M * np.sqrt(np.abs(distances)) * rng.standard_normal(distances.shape)
     middle = RADIUS_M + (offsets[1:] + offsets[:-1]) / 2
-    angle = np.concatenate([[rng.random(4)], (ways + rough) / middle]).cumsum(axis=0)
+    angle = np.concatenate([[rng.random(4)], (distances + rough) / middle]).cumsum(axis=0)
     shown = np.floor(angle / QUANTUM_RAD) * QUANTUM_RAD
     fixes = _fixes(route, errors, rng)
     reading = np.full(4, QUANTUM_RAD / math.sqrt(6.0))
@@ -184,7 +184,7 @@ def drive(
         offsets_m=offsets[1:],
         pose=pose,
         speed_mps=route.speed_mps[::every],
-        way_m=ways[:, [RL, RR]].mean(axis=1),
+        distance_m=distances[:, [RL, RR]].mean(axis=1),
         reading_rad=angle - shown - QUANTUM_RAD / 2,
     )
 

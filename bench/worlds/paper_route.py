@@ -129,7 +129,7 @@ def paper_route() -> Route:
     at = np.interp(time_s, times, places)
     turned = _integral(bend, GRID_M)
     heading = 0.4 + turned
-    way_east, way_north = _integral(np.cos(heading), GRID_M), _integral(np.sin(heading), GRID_M)
+    path_east, path_north = _integral(np.cos(heading), GRID_M), _integral(np.sin(heading), GRID_M)
     half = TRACK_M / 2
     # A rigid car on the path: rear wheels run parallel to it, front hubs on their own, longer ways.
     rolled = [
@@ -143,7 +143,7 @@ def paper_route() -> Route:
         time_s=time_s,
         speed_mps=moving,
         heading_rad=np.interp(at, place, heading),
-        east_m=np.interp(at, place, way_east),
-        north_m=np.interp(at, place, way_north),
+        east_m=np.interp(at, place, path_east),
+        north_m=np.interp(at, place, path_north),
         rolled_m=np.stack([np.interp(at, place, each) for each in rolled], axis=1),
     )

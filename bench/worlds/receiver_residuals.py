@@ -100,9 +100,9 @@ def residuals(recorded: Recorded) -> list[Block]:
     end = min(recorded.fix_utc_s[-1], recorded.time_s[-1]) - 3.0
     grid = np.arange(begin, end, 1.0 / RATE_HZ)
     utc, offset = recorded.fix_utc_s, _clock_offset(recorded, begin, end)
-    way = np.interp(grid + offset, recorded.time_s, recorded.way_m.mean(axis=1))
+    distance = np.interp(grid + offset, recorded.time_s, recorded.distance_m.mean(axis=1))
     # the frames' stamps jitter by milliseconds; the car's speed changes over tenths of a second
-    rolled = gaussian_filter1d(np.gradient(way, 1.0 / RATE_HZ), ROLLED_S * RATE_HZ)
+    rolled = gaussian_filter1d(np.gradient(distance, 1.0 / RATE_HZ), ROLLED_S * RATE_HZ)
     place = np.stack([np.interp(grid, utc, column) for column in recorded.fix_m.T], axis=1)
     path = savgol_filter(place, round(PATH_S * RATE_HZ) + 1, 3, axis=0)
     step = np.gradient(path, axis=0)
@@ -141,11 +141,11 @@ def _clock_offset(recorded: Recorded, begin: float, end: float) -> float:
     """Host time minus UTC at which wheels and receiver tell the same speed."""
     grid = np.arange(begin + 2.0, end - 2.0, 1.0 / RATE_HZ)
     stated = np.interp(grid, recorded.fix_utc_s, recorded.fix_speed_mps)
-    way = recorded.way_m.mean(axis=1)
+    distance = recorded.distance_m.mean(axis=1)
     known = np.isfinite(stated)
 
     def apart(offset: float) -> float:
-        ends = [np.interp(grid + offset + side, recorded.time_s, way) for side in (-0.25, 0.25)]
+        ends = [np.interp(grid + offset + side, recorded.time_s, distance) for side in (-0.25, 0.25)]
         return float(np.mean(np.abs(((ends[1] - ends[0]) / 0.5 - stated)[known])))
 
     return float(minimize_scalar(apart, bounds=(-1.5, 1.5), method="bounded").x)

@@ -27,7 +27,7 @@ class Recorded:
 
     name: str
     time_s: Array
-    way_m: Array
+    distance_m: Array
     """(n, 2) of the rear wheels, by the configured radius."""
     fix_utc_s: Array
     """(m,) by the sentences, in seconds of the day's host time scale (the day is added)."""
@@ -72,9 +72,9 @@ def read(folder: Path) -> Recorded:
         step = (step + 2.0**31) % 2.0**32 - 2.0**31
         step[np.abs(step) > 1e5] = 0.0  # the counters start anew
         metres = 2 * math.pi * float(vehicle["wheel_radius_m"]) / float(vehicle["teeth_per_rev"])
-        way = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)]) * metres
+        distance = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)]) * metres
     else:
-        way = np.concatenate(
+        distance = np.concatenate(
             [
                 np.zeros((1, 2)),
                 np.cumsum(0.5 * (raw[1:] + raw[:-1]) / 3.6 * np.diff(time_s)[:, None], axis=0),
@@ -84,7 +84,7 @@ def read(folder: Path) -> Recorded:
     return Recorded(
         name=folder.name,
         time_s=time_s,
-        way_m=way,
+        distance_m=distance,
         fix_utc_s=utc,
         fix_m=place,
         fix_speed_mps=speed,

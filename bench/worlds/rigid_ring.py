@@ -150,14 +150,14 @@ def roll(
     nodes = np.append(speed_mps, speed_mps[-1])
     time = np.arange(speed_mps.size * CHUNK)
     speed = np.interp(time, np.arange(nodes.size) * CHUNK, nodes)
-    way = np.cumsum(speed) / RATE_HZ
+    distance = np.cumsum(speed) / RATE_HZ
     step_m = 0.01
-    profile = road(rng, way[-1] + 2.0, density, wheels, step_m)
+    profile = road(rng, distance[-1] + 2.0, density, wheels, step_m)
     state = np.zeros((13, wheels))
     fluctuation = np.empty((wheels, time.size))
     for chunk in range(speed_mps.size):
         at = slice(chunk * CHUNK, (chunk + 1) * CHUNK)
-        place = np.clip(way[at] / step_m, 0, profile.shape[1] - 2)
+        place = np.clip(distance[at] / step_m, 0, profile.shape[1] - 2)
         left = place.astype(int)
         share = place - left
         height = profile[:, left] * (1.0 - share) + profile[:, left + 1] * share

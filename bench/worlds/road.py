@@ -36,10 +36,10 @@ def profile(spec: Spec, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     speed = _followed(target, float(rng.uniform(1.0, 2.0)), float(rng.uniform(1.2, 2.5)))
     slope = np.zeros(n)
     if spec.hilly > 0:
-        way = np.cumsum(speed) * STEP_S
-        knots = np.arange(0.0, way[-1] + 800.0, 300.0)
-        slope = CubicSpline(knots, rng.normal(0, spec.hilly, len(knots)))(way)
-        slope = np.clip(slope + np.where(way < 0.5 * way[-1], spec.climb, -spec.climb), -0.15, 0.15)
+        distance = np.cumsum(speed) * STEP_S
+        knots = np.arange(0.0, distance[-1] + 800.0, 300.0)
+        slope = CubicSpline(knots, rng.normal(0, spec.hilly, len(knots)))(distance)
+        slope = np.clip(slope + np.where(distance < 0.5 * distance[-1], spec.climb, -spec.climb), -0.15, 0.15)
     return speed, bend, slope
 
 

@@ -172,14 +172,14 @@ def course_of(trace: Trace, rng: np.random.Generator, hilly: float = 0.0) -> Cou
     time_s: Array = np.arange(0.0, frames[-1], STEP_S)
     speed = np.maximum(CubicSpline(frames, speed10)(time_s), 0.0)
     curvature, along = _curvature(trace)
-    way = summed(speed, time_s)
-    fast = np.interp(along, way * along[-1] / max(float(way[-1]), 1.0), speed)
+    distance = summed(speed, time_s)
+    fast = np.interp(along, distance * along[-1] / max(float(distance[-1]), 1.0), speed)
     curvature = _drivable(curvature, fast)
-    bend = np.interp(way * along[-1] / max(float(way[-1]), 1.0), along, curvature)
+    bend = np.interp(distance * along[-1] / max(float(distance[-1]), 1.0), along, curvature)
     slope = np.zeros(len(time_s))
     if hilly > 0.0:
-        knots = np.arange(0.0, way[-1] + 800.0, 250.0)
-        slope = np.clip(CubicSpline(knots, rng.normal(0, hilly, len(knots)))(way), -0.12, 0.12)
+        knots = np.arange(0.0, distance[-1] + 800.0, 250.0)
+        slope = np.clip(CubicSpline(knots, rng.normal(0, hilly, len(knots)))(distance), -0.12, 0.12)
     return rigid(time_s, speed, bend, slope, float(rng.uniform(-3, 3)))
 
 

@@ -50,7 +50,7 @@ def observe(
 
 
 def _received(course: Course, spec: Spec, surface: Surface, rng: np.random.Generator) -> dict[str, Array]:
-    t, way = course.time_s, antenna(course, spec)
+    t, antenna_path = course.time_s, antenna(course, spec)
     period = 1.0 / spec.receiver_hz
     fix = np.arange(0.5, t[-1] - 0.5, period)
     m = len(fix)
@@ -66,14 +66,14 @@ def _received(course: Course, spec: Spec, surface: Surface, rng: np.random.Gener
     when = fix - spec.doppler_age_s
     east, north = (
         np.interp(when, t, values) + noisy * markov(rng, m, period, spec.doppler_mps, spec.doppler_tau_s)
-        for values in (way.east_mps, way.north_mps)
+        for values in (antenna_path.east_mps, antenna_path.north_mps)
     )
     fast = np.hypot(east, north)
     course_math = np.arctan2(north, east)
     course_math[(fast < 1.0) | (not spec.with_course)] = np.nan
     lag = rng.exponential(spec.arrival_jitter_s, m) if spec.arrival_jitter_s > 0.0 else np.zeros(m)
     kept = has > 0.5
-    tracks = {"fix_east": way.east, "fix_north": way.north, "fix_up": way.up}
+    tracks = {"fix_east": antenna_path.east, "fix_north": antenna_path.north, "fix_up": antenna_path.up}
     seen = {name: np.interp(fix, t, track) + place[k] for k, (name, track) in enumerate(tracks.items())}
     seen |= {"fix_true_s": fix, "fix_speed": fast, "fix_course_math": course_math, "fix_lag_s": lag}
     return {name: np.asarray(values[kept]) for name, values in seen.items()}

@@ -127,9 +127,11 @@ def _bends(road: Road, speed: Array, rng: np.random.Generator) -> Array:
 
 
 def _slopes(road: Road, speed: Array, rng: np.random.Generator) -> Array:
-    way = np.cumsum(speed) * STEP_S
-    knots = np.arange(0.0, way[-1] + 1200.0, 400.0)
-    return np.asarray(np.clip(CubicSpline(knots, rng.normal(0.0, road.slope, len(knots)))(way), -0.16, 0.16))
+    distance = np.cumsum(speed) * STEP_S
+    knots = np.arange(0.0, distance[-1] + 1200.0, 400.0)
+    return np.asarray(
+        np.clip(CubicSpline(knots, rng.normal(0.0, road.slope, len(knots)))(distance), -0.16, 0.16)
+    )
 
 
 def _followed(target: list[float], up: float, down: float) -> Array:

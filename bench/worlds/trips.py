@@ -75,7 +75,7 @@ class Driven:
 
     leg: Leg
     drive: Drive
-    way_m: Array
+    distance_m: Array
     """(n,) rolled on the car's own wheels."""
     radius_m: Array
     """(n, 4) effective rolling radii."""
@@ -87,7 +87,7 @@ class Driven:
     @property
     def kilometres(self) -> float:
         """Rolled."""
-        return float(self.way_m[-1]) / 1000.0
+        return float(self.distance_m[-1]) / 1000.0
 
 
 def drive_leg(car: Car, leg: Leg, temperature_k: Array | None = None) -> Driven:
@@ -115,8 +115,8 @@ def drive_leg(car: Car, leg: Leg, temperature_k: Array | None = None) -> Driven:
     hubs = np.abs(hub_speeds(course, car.spec)) * surface.turns + surface.driven_mps
     rate = hubs / radius * (1.0 + slip)
     drive = observe(course, car.spec, np.maximum(rate, 0.0), surface, rng, leg.seed, leg.start_s)
-    way = summed(np.where(surface.turns.all(axis=1), speed, 0.0), course.time_s)
-    return Driven(leg, drive, way, radius, lost, tyre_k[-1])
+    distance = summed(np.where(surface.turns.all(axis=1), speed, 0.0), course.time_s)
+    return Driven(leg, drive, distance, radius, lost, tyre_k[-1])
 
 
 def _course(car: Car, ride: Profile, rng: np.random.Generator) -> Course:

@@ -35,7 +35,7 @@ def test_every_campaign_is_there_and_takes_its_own_options(name: str) -> None:
         (["run", "speed", "--runs", "0"], "at least one run"),
     ],
 )
-def test_wrong_usage_is_told_in_one_line(
+def test_wrong_usage_is_reported_in_one_line(
     words: list[str], told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2, the reason on the last line."""

@@ -38,11 +38,11 @@ def test_a_car_follows_the_traffic_simulators_path(town: tuple[traffic.Trace, Co
     """Way and direction are the trace's; curvature and lateral acceleration are a car's."""
     trace, road = town
     steps = np.diff(np.stack([trace.x_m, trace.y_m]), axis=1)
-    way = float(np.hypot(*steps).sum())
+    distance = float(np.hypot(*steps).sum())
     moved = np.hypot(*steps) > 0.3
     turned = np.unwrap(np.arctan2(steps[1], steps[0])[moved])
 
-    assert float(np.sum(road.speed) * 0.02) == pytest.approx(way, rel=0.01)
+    assert float(np.sum(road.speed) * 0.02) == pytest.approx(distance, rel=0.01)
     apart = road.heading[-1] - road.heading[0] - (turned[-1] - turned[0])
     assert math.remainder(apart, 2 * math.pi) == pytest.approx(0.0, abs=0.1)
     assert np.abs(road.bend).max() <= traffic.TIGHTEST_PER_M
@@ -106,7 +106,7 @@ def _recorded(rng: np.random.Generator, place_m: float, doppler_mps: float) -> R
     return Recorded(
         name="made",
         time_s=time_s,
-        way_m=np.repeat(20.0 * time_s[:, None], 2, axis=1),
+        distance_m=np.repeat(20.0 * time_s[:, None], 2, axis=1),
         fix_utc_s=fixes,
         fix_m=where + rng.normal(0.0, place_m, where.shape),
         fix_speed_mps=20.0 + rng.normal(0.0, doppler_mps, len(fixes)),
@@ -284,7 +284,7 @@ def test_injected_latency_moves_the_sentences_stamps_alone(tmp_path: Path) -> No
     assert frames == (tmp_path / "can.log").read_text()
 
 
-def test_a_piece_of_a_recording_is_cut_alike_from_both_logs(tmp_path: Path) -> None:
+def test_a_piece_of_a_recording_is_cut_equally_from_both_logs(tmp_path: Path) -> None:
     """Frames and sentences of the piece's time and no others; the configuration goes along."""
     (tmp_path / "whole").mkdir()
     _van(tmp_path / "whole")
@@ -334,7 +334,7 @@ def test_an_effect_is_concealed_in_a_drive_of_any_origin() -> None:
 
     assert "mems" == case.world
     assert 0.08 == made.drive.fix_age_s
-    assert [("gnss_latency", True)] == [(each.effect, each.told) for each in truth.effects]
+    assert [("gnss_latency", True)] == [(each.effect, each.detectable) for each in truth.effects]
     with pytest.raises(ValueError, match="no such origin: atlantis"):
         draw_case("atlantis/nothing", 0.0, 1)
 

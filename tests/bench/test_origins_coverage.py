@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaigns.offline.origins_coverage import EFFECTS, KIND, TOGETHER, as_told, errors, known, table
+from bench.campaigns.offline.origins_coverage import (
+    EFFECTS,
+    KIND,
+    TOGETHER,
+    as_reported,
+    errors,
+    known,
+    table,
+)
 from bench.worlds.spec import Spec, draw_spec
 
 
@@ -41,7 +49,7 @@ def test_effects_are_drawn_that_the_bus_can_show() -> None:
     assert set(EFFECTS) - {"yaw_rate_scale"} == {name for each in drawn for name in each}
 
 
-def test_a_latency_is_told_beyond_the_age_of_the_wheels_frames() -> None:
+def test_a_latency_is_reported_beyond_the_age_of_the_wheels_frames() -> None:
     """A mean over 40 ms is 20 ms old, and a low-pass of 10 ms is 10 ms old; frames of counts come late."""
     spec = Spec(arrival_jitter_s=0.002, speed_window_s=0.04, speed_filter_s=0.01, wheel_signal="speeds")
     counted = replace(
@@ -49,8 +57,8 @@ def test_a_latency_is_told_beyond_the_age_of_the_wheels_frames() -> None:
     )
     truth = {"gnss_latency": {"latency_s": 0.1}}
 
-    assert as_told(truth, spec)["gnss_latency"]["latency_s"] == pytest.approx(0.1 + 0.002 - 0.03)
-    assert as_told(truth, counted)["gnss_latency"]["latency_s"] == pytest.approx(0.1 + 0.002 - 0.0005)
+    assert as_reported(truth, spec)["gnss_latency"]["latency_s"] == pytest.approx(0.1 + 0.002 - 0.03)
+    assert as_reported(truth, counted)["gnss_latency"]["latency_s"] == pytest.approx(0.1 + 0.002 - 0.0005)
     assert {"gnss_latency": {"latency_s": 0.1}} == truth
 
 
@@ -67,8 +75,8 @@ def test_the_table_counts_names_and_intervals() -> None:
     """Two drives with two effects each: one interval with the truth, one without, and a false name."""
     late = {"where": {"wheels": []}, "parameters": {"latency_s": [0.11, 0.01]}}
     wear = {"where": {"wheels": ["rl"]}, "parameters": {"rate": [1.0, 0.1]}}
-    told = table([_row(gnss_latency=late, wear=wear), _row(radius_change=_radius("rl", -0.7e-3))])
+    reported = table([_row(gnss_latency=late, wear=wear), _row(radius_change=_radius("rl", -0.7e-3))])
 
-    assert "| kinematic | 2 | 2/4 = 50.0 % [6.8, 93.2] | 1 | 1/2 = 50.0 % [1.3, 98.7] | 2.24 |" in told
-    assert "gnss_latency latency_s +1.00 (1/1)" in told
+    assert "| kinematic | 2 | 2/4 = 50.0 % [6.8, 93.2] | 1 | 1/2 = 50.0 % [1.3, 98.7] | 2.24 |" in reported
+    assert "gnss_latency latency_s +1.00 (1/1)" in reported
     assert "" == table([{**_row(), "kind": "null"}])

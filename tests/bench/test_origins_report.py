@@ -104,7 +104,7 @@ def test_an_event_is_right_by_name_wheels_and_span() -> None:
     assert ["4", "2/4", "2/4", "1/4", "0/4", "1/4", "1/4"] == cells[1:]
 
 
-def test_small_p_values_of_null_drives_are_told() -> None:
+def test_small_p_values_of_null_drives_are_reported() -> None:
     """The test of Kolmogorov and Smirnov in the origin's row."""
     rest = {"gain": 5.0, "p_value": 0.05, "exceeded": 0, "replicates": 19}
     rows = [row("traffic", k, remaining=rest) for k in range(1, 9)]
@@ -113,7 +113,7 @@ def test_small_p_values_of_null_drives_are_told() -> None:
     assert float(line.split("|")[3].split(" of ")[0]) < 1e-3
 
 
-def test_p_values_by_early_stopping_are_uniform_where_drive_and_replicates_are_alike() -> None:
+def test_p_values_by_early_stopping_are_uniform_where_drive_and_replicates_are_equal() -> None:
     """Drawing until three of at most nineteen exceed the drive's own value (Besag and Clifford 1991)."""
     rng = np.random.default_rng(4)
     values = []
@@ -144,9 +144,9 @@ def test_the_command_prints_what_stands_there(tmp_path: Path, capsys: pytest.Cap
     (tmp_path / "rows.jsonl").write_text("\n".join(map(json.dumps, entries)) + "\n")
 
     assert 0 == main(["report", "origins", "--out", str(tmp_path)])
-    told = capsys.readouterr().out
-    assert "| mems | 0/3 [" in told
-    assert "Drives by state of the program: 2, 1." in told
+    reported = capsys.readouterr().out
+    assert "| mems | 0/3 [" in reported
+    assert "Drives by state of the program: 2, 1." in reported
     with pytest.raises(SystemExit) as end:
         main(["report", "origins", "--out", str(tmp_path / "nowhere")])
     assert 2 == end.value.code

@@ -104,7 +104,7 @@ def test_uniform_p_values_pass_and_small_ones_do_not() -> None:
     assert statistics.uniform([0.1, 0.2]) is None
 
 
-def test_groups_that_differ_beyond_chance_are_told_apart() -> None:
+def test_groups_that_differ_beyond_chance_are_distinguished() -> None:
     """None of forty against ten of forty; two of forty against one of forty is chance."""
     share = statistics.share
 

@@ -198,8 +198,8 @@ def test_reports_are_whole_without_javascript_and_on_paper(reports: dict[str, Pa
         page.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
         page.get(reports[name].as_uri())
         asked = {"expression": visible, "returnByValue": True}
-        told = page.execute_cdp_cmd("Runtime.evaluate", asked)["result"]["value"]
-        assert {"svg"} == set(told)
+        reported = page.execute_cdp_cmd("Runtime.evaluate", asked)["result"]["value"]
+        assert {"svg"} == set(reported)
         page.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
         page.get(reports[name].as_uri())
         wait_until("ready", lambda: page.execute_script("return document.body.dataset.ready === '1'"))

@@ -67,7 +67,7 @@ def bridge(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
             assert 0 == process.wait(10.0), (folder / "log").read_text("utf-8")
 
 
-def heard(connection: DBusConnection, member: str, patience_s: float = 15.0) -> tuple[Any, ...]:
+def received(connection: DBusConnection, member: str, patience_s: float = 15.0) -> tuple[Any, ...]:
     """What the next signal of that name says."""
     end_s = time.monotonic() + patience_s
     while True:
@@ -79,20 +79,20 @@ def heard(connection: DBusConnection, member: str, patience_s: float = 15.0) -> 
 def test_alarms_are_signals(tmp_path: Path) -> None:
     """An alarm is raised and cleared by a signal each, health changes by one, and the state can be asked."""
     with served(tmp_path / "s") as daemon, bus(tmp_path), listener(tmp_path) as ear, bridge(tmp_path):
-        assert ("ok",) == heard(ear, "HealthChanged")
+        assert ("ok",) == received(ear, "HealthChanged")
         daemon.document = document(alarm())
-        assert ("deflation", "rl", 1000.0, -2.0, "soft") == heard(ear, "AlarmRaised")
+        assert ("deflation", "rl", 1000.0, -2.0, "soft") == received(ear, "AlarmRaised")
         state = new_method_call(DBusAddress(PATH, NAME, NAME), "GetState")
         (answer,) = unwrap_msg(ear.send_and_get_reply(state, timeout=10.0))
         assert "deflation" == json.loads(answer)["alarms"][0]["kind"]
         daemon.document = document()
-        assert ("deflation", "rl", 1000.0) == heard(ear, "AlarmCleared")
+        assert ("deflation", "rl", 1000.0) == received(ear, "AlarmCleared")
 
 
 def test_the_state_is_answered_without_a_daemon(tmp_path: Path) -> None:
     """Every GetState is answered while no daemon runs."""
     with bus(tmp_path), listener(tmp_path) as ear, bridge(tmp_path):
-        assert ("no daemon",) == heard(ear, "HealthChanged")
+        assert ("no daemon",) == received(ear, "HealthChanged")
         for _ in range(3):
             state = new_method_call(DBusAddress(PATH, NAME, NAME), "GetState")
             (answer,) = unwrap_msg(ear.send_and_get_reply(state, timeout=5.0))
@@ -112,4 +112,4 @@ def test_a_bus_that_is_restarted_loses_no_alarm(tmp_path: Path) -> None:
             process.send_signal(signal.SIGSTOP)
             with bus(tmp_path), listener(tmp_path) as ear:
                 process.send_signal(signal.SIGCONT)
-                assert ("deflation", "fr", 1000.0, -2.0, "soft") == heard(ear, "AlarmRaised")
+                assert ("deflation", "fr", 1000.0, -2.0, "soft") == received(ear, "AlarmRaised")

@@ -111,7 +111,7 @@ def test_fixes_come_through_gpsd_also_when_it_restarts(
         if b.utc_s - a.utc_s < 0.3
     ]
     assert len(steps) >= 20
-    assert [4.0] * len(steps) == pytest.approx([way_m for way_m, _ in steps], abs=0.1)
+    assert [4.0] * len(steps) == pytest.approx([distance_m for distance_m, _ in steps], abs=0.1)
     assert [0.2] * len(steps) == pytest.approx([time_s for _, time_s in steps], abs=1e-3)
     stated = {round(fix.speed_std_mps, 3) for fix in moving if fix.speed_std_mps == fix.speed_std_mps}
     assert (set() if accuracy is None else {accuracy}) == stated

@@ -97,7 +97,7 @@ def subscribed(port: int) -> Iterator[tuple[dict[str, str], list[str]]]:
     retained: dict[str, str] = {}
     events: list[str] = []
 
-    def heard(_client: object, _data: object, message: paho.MQTTMessage) -> None:
+    def received(_client: object, _data: object, message: paho.MQTTMessage) -> None:
         text = message.payload.decode()
         if message.topic.endswith("/event"):
             events.append(text)
@@ -106,7 +106,7 @@ def subscribed(port: int) -> Iterator[tuple[dict[str, str], list[str]]]:
 
     client = paho.Client(CallbackAPIVersion.VERSION2, client_id="ear", clean_session=False)
     client.on_connect = lambda client, *_: client.subscribe("#", qos=1)
-    client.on_message = heard
+    client.on_message = received
     client.connect("localhost", port)
     client.loop_start()
     try:

@@ -36,7 +36,7 @@ class Adapter:
 
     def __init__(self, master: int) -> None:
         self._master = master
-        self.heard = b""
+        self.received = b""
         self._over = threading.Event()
         os.set_blocking(master, False)
         self._thread = threading.Thread(target=self._loop)
@@ -51,13 +51,15 @@ class Adapter:
                 data = count.to_bytes(2, "little") * 4
                 os.write(self._master, b"t0B08" + data.hex().upper().encode() + b"\r")
             try:
-                self.heard += os.read(self._master, 4096)
+                self.received += os.read(self._master, 4096)
             except BlockingIOError:
                 time.sleep(0.002)
 
     def frames(self) -> list[bytes]:
         """The data of frames under 0x3D1 that were sent, from their text."""
-        return [bytes.fromhex(line[5:].decode()) for line in self.heard.split(b"\r") if line[:5] == b"t3D12"]
+        return [
+            bytes.fromhex(line[5:].decode()) for line in self.received.split(b"\r") if line[:5] == b"t3D12"
+        ]
 
     def close(self) -> None:
         self._over.set()

@@ -115,13 +115,13 @@ def utc_jumps(step_s: float, from_s: float = FROM_S, to_s: float = 1e9) -> Chang
 
 def _at_other_time(line: bytes, step_s: float) -> bytes:
     fields = line[1 : line.rindex(b"*")].split(b",")
-    told, dated = fields[1], fields[0].endswith(b"RMC")
+    reported, dated = fields[1], fields[0].endswith(b"RMC")
     day = datetime.datetime(2024, 7, 1, tzinfo=datetime.UTC)
     if dated:
         day = datetime.datetime.strptime(fields[9].decode(), "%d%m%y").replace(tzinfo=datetime.UTC)
-    of_day_s = 3600.0 * int(told[:2]) + 60.0 * int(told[2:4]) + float(told[4:])
+    of_day_s = 3600.0 * int(reported[:2]) + 60.0 * int(reported[2:4]) + float(reported[4:])
     moment = day + datetime.timedelta(seconds=round(of_day_s + step_s, 3))
-    digits = len(told.partition(b".")[2])
+    digits = len(reported.partition(b".")[2])
     fields[1] = moment.strftime("%H%M%S.%f").encode()[: 7 + digits]
     if dated:
         fields[9] = moment.strftime("%d%m%y").encode()
@@ -284,9 +284,9 @@ def jumped_position(items: list[Item], start_s: float) -> list[Item]:
         if isinstance(item, Sentence) and FROM_S <= item.time_s - start_s < TO_S:
             fields = item.line[1 : item.line.rindex(b"*")].split(b",")
             at = 3 if fields[0].endswith(b"RMC") else 2
-            told = fields[at]
-            minutes = float(told[2:]) + 5.4
-            degrees = int(told[:2]) + int(minutes // 60.0)
+            reported = fields[at]
+            minutes = float(reported[2:]) + 5.4
+            degrees = int(reported[:2]) + int(minutes // 60.0)
             fields[at] = f"{degrees:02d}{minutes % 60.0:010.7f}".encode()
             item = item._replace(line=sealed(fields))
         out.append(item)

@@ -183,8 +183,8 @@ class Verdict:
     @property
     def held(self) -> bool:
         """No tyre is accused, and the attack is told or does no harm."""
-        told = self.malfunction_s < SOON_S
-        return not self.tyre_alarms and (told or (self.monitored and self.off_stds <= FAR_STDS))
+        reported = self.malfunction_s < SOON_S
+        return not self.tyre_alarms and (reported or (self.monitored and self.off_stds <= FAR_STDS))
 
 
 def verdict(outcome: Outcome, honest: Outcome) -> Verdict:
@@ -193,10 +193,10 @@ def verdict(outcome: Outcome, honest: Outcome) -> Verdict:
     last, true = outcome.steps[-1], honest.steps[-1]
     off = np.abs(last.estimate.deviation_m - true.estimate.deviation_m)
     stds = off / np.array([wheel.std_m for wheel in last.report.wheels])  # NaN where nothing is stated
-    told = any(kind == "malfunction" for kind, _, _ in alarms)
+    reported = any(kind == "malfunction" for kind, _, _ in alarms)
     return Verdict(
         tuple((kind, wheel) for kind, wheel, state in alarms if kind != "malfunction" and state == "raised"),
-        outcome.when("malfunction") if told else math.nan,
+        outcome.when("malfunction") if reported else math.nan,
         {"monitoring"} == {str(wheel.state) for wheel in last.report.wheels},
         float(np.max(off)),
         float(np.max(stds)),
@@ -216,10 +216,10 @@ def table(methods: list[str], routes: list[str], wanted: list[Attack]) -> int:
                 found = verdict(attack.play(route), honest)
                 broken += attack.promised and not found.held
                 seen = "" if found.held else "BROKEN" if attack.promised else "not promised"
-                told = "-" if math.isnan(found.malfunction_s) else f"after {found.malfunction_s:.0f} s"
+                reported = "-" if math.isnan(found.malfunction_s) else f"after {found.malfunction_s:.0f} s"
                 named = ", ".join(f"{kind} {wheel or ''}".strip() for kind, wheel in found.tyre_alarms) or "-"
                 print(
-                    f"| {attack.name} | {route} | `{method}` | {named} | {told} | "
+                    f"| {attack.name} | {route} | `{method}` | {named} | {reported} | "
                     f"{'yes' if found.monitored else 'no'} | {1e3 * found.off_m:.2f} mm, "
                     f"{found.off_stds:.1f} std | {seen} |",
                     flush=True,
@@ -251,14 +251,14 @@ def summary(text: str) -> list[str]:
     for name, rows in plays.items():
         alarms = {cells[3] for cells in rows} - {"-"}
         accused = sum(cells[3] != "-" for cells in rows)
-        told = [float(cells[4].split()[1]) for cells in rows if cells[4] != "-"]
+        reported = [float(cells[4].split()[1]) for cells in rows if cells[4] != "-"]
         off_mm, stds = (max(float(cells[6].split()[k]) for cells in rows) for k in (0, 2))
         off = f"{off_mm:.2f} mm, {stds:.1f} std"
         verdicts = {cells[7] for cells in rows} - {""}
-        if not alarms and not told and not verdicts:
+        if not alarms and not reported and not verdicts:
             quiet.append((stds, name, off))
             continue
-        when = f"{len(told)}, after {min(told):.0f} to {max(told):.0f} s" if told else "-"
+        when = f"{len(reported)}, after {min(reported):.0f} to {max(reported):.0f} s" if reported else "-"
         broke = "not promised" if "not promised" in verdicts else sum(cells[7] == "BROKEN" for cells in rows)
         shown = f"{accused} ({'; '.join(sorted(alarms))})" if alarms else "0"
         out.append(f"| {name} | {len(rows)} | {shown} | {when} | {off} | {broke} |")

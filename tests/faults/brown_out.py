@@ -114,11 +114,11 @@ def lived(day: Day, config: Config, database: Database, life: Life, rights_clock
             os._exit(1)
     os.close(writing)
     with os.fdopen(reading, "rb") as pipe:
-        told = pipe.read()
+        reported = pipe.read()
     _, status = os.waitpid(child, 0)
     if os.waitstatus_to_exitcode(status) != -signal.SIGKILL:
         raise RuntimeError(f"the daemon that was started at {life.boot_s:.0f} s ended by itself: {status}")
-    return Life(**json.loads(told))
+    return Life(**json.loads(reported))
 
 
 def brown_out(seconds: float, seed: int, folder: Path) -> list[Life]:

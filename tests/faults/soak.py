@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tpmsd.foundation.lean import import_on_demand, leave_out_mf4
+from tpmsd.foundation.startup import import_on_demand, leave_out_mf4
 
 leave_out_mf4()  # as the daemon does: it takes as much memory as all the rest
 import_on_demand()
@@ -470,13 +470,13 @@ def soak(
     legs: int,
     seed: int,
     folder: Path,
-    told: Callable[[Mark, Soaked], None] = lambda mark, so_far: None,
+    reported: Callable[[Mark, Soaked], None] = lambda mark, so_far: None,
     leg_s: float = LEG_S,
     method: str = DEFAULT_METHOD,
     special: Special = USUAL,
 ) -> Soaked:
-    """Drive so many legs with this filter; `told` hears of each. What stands in `folder` of an earlier day,
-    the state above all, is taken up."""
+    """Drive so many legs with this filter; `reported` is called with each. What `folder` holds of an
+    earlier day, the state above all, is restored."""
     clock = DayClock(special.start_s)
     day = Day(folder, seed, legs, clock, leg_s, special)
     day.next_leg()
@@ -510,7 +510,7 @@ def soak(
             np.sqrt(np.diag(step.estimate.covariance_m2)).tolist(),
         )
         result.marks.append(made)
-        told(made, result)
+        reported(made, result)
 
     daemon = day_daemon(day, config, load_database(config.can.dbc), watch, log)
     daemon.run(legs * day.period_s)
@@ -556,7 +556,7 @@ def main() -> int:
         return week(args.days, args.seed, args.method)
     legs = max(2, round(args.hours * 3600.0 / (LEG_S + PARKED_S)))
 
-    def told(mark: Mark, so_far: Soaked) -> None:
+    def reported(mark: Mark, so_far: Soaked) -> None:
         off_mm = 1e3 * (np.array(mark.deviation_m) - OFFSET_M)
         print(
             f"leg {mark.leg + 1:3d}/{legs}  {mark.elapsed_s / 3600:5.2f} h  {mark.ticks:7d} ticks  "
@@ -568,7 +568,7 @@ def main() -> int:
         )
 
     with tempfile.TemporaryDirectory(prefix="tpmsd-soak-") as folder:
-        result = soak(legs, args.seed, Path(folder), told, method=args.method)
+        result = soak(legs, args.seed, Path(folder), reported, method=args.method)
     wrong = problems(result)
     print(f"\nfaults: {dict(sorted(result.happened.items()))}")
     print(f"bus: {result.document['can']['faults']}")

@@ -65,7 +65,7 @@ def week(
     seed: int,
     folder: Path,
     method: str,
-    told: Callable[[int, Mark, Soaked], None] = lambda number, mark, so_far: None,
+    reported: Callable[[int, Mark, Soaked], None] = lambda number, mark, so_far: None,
     legs: int = LEGS,
     leg_s: float = LEG_S,
 ) -> Week:
@@ -76,7 +76,7 @@ def week(
         special = day(number, days)
 
         def tell(mark: Mark, so_far: Soaked, number: int = number) -> None:
-            told(number, mark, so_far)
+            reported(number, mark, so_far)
 
         one = soak(legs, 100 * seed + number, folder, tell, leg_s, method, special)
         found.append(one)
@@ -96,7 +96,7 @@ def _counts(line: str, special: Special) -> bool:
 def main(days: int, seed: int, method: str) -> int:
     """Live a week and say how it went; 1 if something is not as it should be."""
 
-    def told(number: int, mark: Mark, so_far: Soaked) -> None:
+    def reported(number: int, mark: Mark, so_far: Soaked) -> None:
         off_mm = 1e3 * (np.array(mark.deviation_m) - so_far.offset_m)
         print(
             f"day {number + 1}/{days} leg {mark.leg + 1}  {mark.rss_kb / 1024:6.1f} MB  "
@@ -107,7 +107,7 @@ def main(days: int, seed: int, method: str) -> int:
         )
 
     with tempfile.TemporaryDirectory(prefix="tpmsd-week-") as folder:
-        result = week(days, seed, Path(folder), method, told)
+        result = week(days, seed, Path(folder), method, reported)
     for number, one in enumerate(result.days):
         if one.tyre_alarms:
             print(f"day {number + 1}: tyre alarms {[(round(t), *rest) for t, *rest in one.tyre_alarms]}")

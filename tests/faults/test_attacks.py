@@ -199,7 +199,7 @@ def test_the_command_prints_the_table(capsys: pytest.CaptureFixture[str], method
     assert "No alarm, and radii off: nothing (at most 0.00 mm, 0.0 std)." == summary(printed)[-1]
 
 
-def test_tyres_that_changed_places_without_a_reset_are_told_as_a_loss() -> None:
+def test_tyres_that_changed_places_without_a_reset_are_reported_as_a_loss() -> None:
     """A tyre that is 1 mm smaller than the one before it at its place is announced as one that lost air: the
     radii do not tell why. The driver is told within the drive, so that a set can be named (`tpmsd reset`)."""
     outcome = played_ticks(rotated_left, "motorway")

@@ -133,7 +133,7 @@ def test_a_frozen_position_is_not_believed(standing: bool) -> None:
         assert outcome.counts["gnss.frozen"] > 100
 
 
-def test_a_receiver_that_repeats_itself_is_told() -> None:
+def test_a_receiver_that_repeats_itself_is_reported() -> None:
     """The same epoch over and over: counted as repeated, used once, and missed as any other fix."""
     held: dict[bytes, list[bytes]] = {}
     outcome = played(sentences(lambda fields: held.setdefault(fields[0], fields)), config=impatient)

@@ -179,7 +179,7 @@ def test_frames_out_of_order_are_late() -> None:
     assert outcome.blind() < 0.5
 
 
-def test_jumps_are_told_and_left_out() -> None:
+def test_jumps_are_reported_and_left_out() -> None:
     """A counter leap every second, and odd values between: counted, and no radius moves by them."""
     rng = np.random.default_rng(5)
     offset = [np.zeros(4, dtype=np.int64)]

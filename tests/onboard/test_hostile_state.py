@@ -199,7 +199,7 @@ def test_an_estimate_that_is_no_number_is_a_malfunction_and_a_new_start(how: str
     assert ("deflation", "rl", "raised") in said
 
 
-def test_what_is_no_estimate_is_told_from_one() -> None:
+def test_what_is_no_estimate_is_distinguished_from_one() -> None:
     """Wheels that are not estimated may be unknown; the others must be numbers, near and with a variance."""
     outcome = played(lambda items, start_s: [i for i in items if i.time_s < start_s + 5.0])
     estimate = outcome.steps[-1].estimate

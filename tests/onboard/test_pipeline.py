@@ -230,9 +230,9 @@ def test_what_is_stated_holds_a_receivers_scale(tmp_path: Path) -> None:
     radius_m = load_config(tmp_path).vehicle.wheel_radius_m
     for step in steps:
         known_m2 = np.diag(step.estimate.covariance_m2) + (1e-3 * np.array(radius_m)) ** 2
-        told = [wheel.std_m for wheel in step.report.wheels if np.isfinite(wheel.std_m)]
-        assert len(told) in (0, 4)
-        np.testing.assert_allclose(told, np.sqrt(known_m2)[: len(told)], rtol=1e-12)
+        reported = [wheel.std_m for wheel in step.report.wheels if np.isfinite(wheel.std_m)]
+        assert len(reported) in (0, 4)
+        np.testing.assert_allclose(reported, np.sqrt(known_m2)[: len(reported)], rtol=1e-12)
         for event in step.report.events:
             assert event.wheel is not None
             assert event.std_m == step.report.wheels[WHEELS.index(event.wheel)].std_m

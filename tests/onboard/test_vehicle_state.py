@@ -49,7 +49,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, Items]:
     ), list(FolderStream(folder))
 
 
-def test_being_told_the_time_changes_no_state(played: tuple[Config, Items]) -> None:
+def test_updating_the_time_changes_no_state(played: tuple[Config, Items]) -> None:
     """The daemon, which is told the time between inputs, has the very states of the replay."""
     config, items = played
     replayed = fed(config, items, [])

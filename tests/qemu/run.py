@@ -99,15 +99,15 @@ def farthest_mm(one: dict[str, Any], other: dict[str, Any]) -> float:
 def differences(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
     """In what two replays of a drive differ by more than rounding."""
     apart_mm = farthest_mm(one, other)
-    told = [] if apart_mm <= SAME_MM else [f"radii differ by up to {apart_mm:g} mm"]
+    reported = [] if apart_mm <= SAME_MM else [f"radii differ by up to {apart_mm:g} mm"]
     alarms = [[(a["kind"], a["wheel"], a["state"]) for a in d["alarms"]] for d in (one, other)]
     if alarms[0] != alarms[1]:
-        told.append(f"alarms: {alarms[0]} and {alarms[1]}")
+        reported.append(f"alarms: {alarms[0]} and {alarms[1]}")
     elif any(
         abs(a["time"] - b["time"]) > SAME_S for a, b in zip(one["alarms"], other["alarms"], strict=True)
     ):
-        told.append("alarms at other times")
-    return told
+        reported.append("alarms at other times")
+    return reported
 
 
 def main() -> int:
@@ -134,11 +134,11 @@ def main() -> int:
     )
     # Hypothesis' own profile for slow machines: no deadline, and no complaint that examples take long.
     options = ("-q", "-x", "-p", "no:cacheprovider", "--hypothesis-profile=ci")
-    told = there.run("-m", "pytest", *options, *SMOKE)
-    print(f"{MACHINE}: {told.stdout.strip().splitlines()[-1] if told.stdout else told.stderr[-500:]}")
-    bad = told.returncode != 0
+    done = there.run("-m", "pytest", *options, *SMOKE)
+    print(f"{MACHINE}: {done.stdout.strip().splitlines()[-1] if done.stdout else done.stderr[-500:]}")
+    bad = done.returncode != 0
     if bad:
-        print(told.stdout[-4000:])
+        print(done.stdout[-4000:])
     drives, counts = {s: drive(s) for s in (SHORT_S, LONG_S)}, {}
     documents: dict[str, dict[str, Any]] = {}
     for processor in (here, there):

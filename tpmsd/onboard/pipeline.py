@@ -108,8 +108,8 @@ class Pipeline:
         """Take the data frames `start` to before `stop` of a block, as `on_frame` each in turn. `bus`
         (channels,): number of the bus of each channel."""
         if block is not self._block:
-            told = block.flags & (ERROR | REMOTE) == 0
-            heeded = np.flatnonzero(told & np.isin(block.identifier, self._heeded))
+            data_frame = block.flags & (ERROR | REMOTE) == 0
+            heeded = np.flatnonzero(data_frame & np.isin(block.identifier, self._heeded))
             self._block, self._heeded_at = block, heeded.tolist()
         first = bisect_left(self._heeded_at, start)
         for place in self._heeded_at[first : bisect_left(self._heeded_at, stop, first)]:
@@ -184,10 +184,10 @@ class Pipeline:
                 self._on_tick(raw)
             tick = raw if self._compensation is None else self._compensation.apply(raw)
             tick, estimate, agreement = self.estimator.step(tick)
-            heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
-            report = self.monitor.update(tick, estimate, heard, agreement)
+            received = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
+            report = self.monitor.update(tick, estimate, received, agreement)
             judged = self.monitor.judgement
-            self._explanation.update(tick, estimate, agreement, heard, judged, report)
+            self._explanation.update(tick, estimate, agreement, received, judged, report)
             state = None if self.vehicle_state is None else self._state(self.vehicle_state, tick, estimate)
             steps.append(Step(tick, estimate, report, state))
         return steps

@@ -85,15 +85,15 @@ def _reliability(claims: Claims) -> None:
     print("| --- | --- | --- | --- | --- | --- |")
     for what in sorted(claims):
         for low, high in pairwise(_BINS):
-            told = [(p, right) for p, right in claims[what] if low <= p < high]
-            if not told:
+            reported = [(p, right) for p, right in claims[what] if low <= p < high]
+            if not reported:
                 continue
-            right = sum(one for _, one in told)
-            mean = sum(p for p, _ in told) / len(told)
-            least, most = _wilson(right, len(told))
+            right = sum(one for _, one in reported)
+            mean = sum(p for p, _ in reported) / len(reported)
+            least, most = _wilson(right, len(reported))
             span = f"{low:g} to {min(high, 1.0):g}"
-            share = f"{right / len(told):.3f} | {least:.2f} to {most:.2f}"
-            print(f"| {what} | {span} | {len(told)} | {mean:.3f} | {share} |")
+            share = f"{right / len(reported):.3f} | {least:.2f} to {most:.2f}"
+            print(f"| {what} | {span} | {len(reported)} | {mean:.3f} | {share} |")
 
 
 def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found: BusDiscovery) -> None:

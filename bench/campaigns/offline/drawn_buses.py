@@ -199,7 +199,7 @@ def _bus(
     def stamps(period_s: float) -> FloatArray:
         return float(rng.uniform(0, period_s)) + period_s * np.arange(int(end / period_s) - 1)
 
-    def wheel_message(part: list[str], delay_s: float, told: bool) -> None:
+    def wheel_message(part: list[str], delay_s: float, reported: bool) -> None:
         identifier = ids.pop()
         message = f"M{identifier}"
         t = stamps(layout.period_s)
@@ -216,7 +216,7 @@ def _bus(
             )  # fmt: skip
             signals.append(signal)
             raw[signal.name] = _wheel_raw(drive, layout, signal, wheel, t - delay_s, rng)
-            if told:
+            if reported:
                 truth[wheel] = f"{message}.{signal.name}"
                 raw_truth[wheel] = identifier, signal.bit_positions()[0], layout.big_endian
         if layout.bits == 8:

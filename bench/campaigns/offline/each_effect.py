@@ -55,16 +55,16 @@ def make(job: Job, folder: Path) -> Row:
     course = kinematic.course(spec, rng)
     drive = observe(course, spec, rng, job.seed)
     write_folder(drive, folder)
-    told = tells(job.effect, drawn, windows_of(course, drive))
+    reported = tells(job.effect, drawn, windows_of(course, drive))
     late = ("velocity_lag",) if spec.doppler_age_s > 0.0 else ()
     return {
         "truth": {**drawn.truth, **(drawn.fitted(course, spec) if drawn.fitted else {})},
         "wheels": list(drawn.wheels),
         "also": [*drawn.also, *drawn.limit, *late],
-        "gain": told.gain,
-        "margin": told.margin,
-        "rival": told.rival,
-        "can": told.can,
+        "gain": reported.gain,
+        "margin": reported.margin,
+        "rival": reported.rival,
+        "can": reported.can,
         "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
         "receiver": [spec.receiver_hz, spec.with_course, round(spec.doppler_age_s, 3)],
         "car": [spec.driven, spec.road, round(spec.duration_s)],
@@ -79,8 +79,8 @@ def one(job: Job, program: Path) -> Row:
 def described(row: Row) -> str:
     """A row as one line."""
     found = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in row.get("findings", []))
-    told = row.get("benchmark_fault") or row.get("error") or found or row.get("verdict")
-    return f"{row['effect']} seed {row['seed']} (can tell: {row.get('can')}): {told}"
+    reported = row.get("benchmark_fault") or row.get("error") or found or row.get("verdict")
+    return f"{row['effect']} seed {row['seed']} (can tell: {row.get('can')}): {reported}"
 
 
 def options(parser: argparse.ArgumentParser) -> None:

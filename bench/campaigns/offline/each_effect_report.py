@@ -64,8 +64,8 @@ def markdown(rows: Sequence[Row]) -> str:
     for title, those in by_half(done):
         parts += [f"### {title}\n", _totals(those), _telling(those), _misses(those)]
     if failed:
-        told = ", ".join(f"{row['effect']} {row['seed']}" for row in failed)
-        parts.append(f"Not diagnosed, the program or the benchmark failed: {told}.\n")
+        reported = ", ".join(f"{row['effect']} {row['seed']}" for row in failed)
+        parts.append(f"Not diagnosed, the program or the benchmark failed: {reported}.\n")
     return "\n".join(parts)
 
 
@@ -103,8 +103,8 @@ def _telling(rows: Sequence[Row]) -> str:
             blind.append(f"`{effect}` {len(can) - sum(can)}/{len(can)}")
         elif can:
             others += 1
-    told = f"All of the other {others} effects can. Misses:\n"
-    return f"Drives that cannot tell: {', '.join(blind) or 'none'}. {told}"
+    reported = f"All of the other {others} effects can. Misses:\n"
+    return f"Drives that cannot tell: {', '.join(blind) or 'none'}. {reported}"
 
 
 def _misses(rows: Sequence[Row]) -> str:

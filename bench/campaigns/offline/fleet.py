@@ -59,7 +59,7 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="tpmsd-fleet-") as folder:
         root = Path(folder)
         simulate(root / "cars", args)
-        ways: dict[str, Callable[[Store], object]] = {
+        queries: dict[str, Callable[[Store], object]] = {
             "plain loop": plain_loop,
             "1 worker": lambda store: run(store, jobs=1),
             "2 workers": lambda store: run(store, jobs=2),
@@ -67,11 +67,11 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         measured: dict[str, dict[str, float]] = {}
         tables: dict[str, dict[str, bytes]] = {}
         sizes: list[int] = []
-        for name, way in ways.items():
+        for name, query in queries.items():
             store = Store.create(root / name.replace(" ", "-"))
             for entry in find_drives([str(root / "cars")]):
                 store.add(entry)
-            measured[name] = timed(lambda way=way, store=store: way(store))  # type: ignore[misc]
+            measured[name] = timed(lambda query=query, store=store: query(store))  # type: ignore[misc]
             write_tables(store)
             tables[name] = {t: (store.tables / f"{t}.parquet").read_bytes() for t in COLUMNS}
             sizes = list(store.bytes_per_result())

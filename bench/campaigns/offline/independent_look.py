@@ -90,12 +90,12 @@ def read(folder: Path, config: Config) -> Seconds:
     rolled = (angle[:, [RL, RR]] * radii[[RL, RR]]).mean(axis=1)
     # The fixes of a second are not spread evenly about its middle: bring them there.
     late = late / np.maximum(numbers[:, 1], 1)
-    way_course = np.arctan2(_central(mean[:, 2]), _central(mean[:, 1]))
+    path_course = np.arctan2(_central(mean[:, 2]), _central(mean[:, 1]))
     mean[:, 0] -= _central(rolled) * late
-    mean[:, 1] -= rolled * np.cos(way_course) * late
-    mean[:, 2] -= rolled * np.sin(way_course) * late
+    mean[:, 1] -= rolled * np.cos(path_course) * late
+    mean[:, 2] -= rolled * np.sin(path_course) * late
     course = _unwrapped(np.where(numbers[:, 4] > 0, np.arctan2(turns[:, 1], turns[:, 0]), np.nan))
-    yaw = _central(_unwrapped(way_course))
+    yaw = _central(_unwrapped(path_course))
     course = course - yaw * late
     if np.isfinite(gyro).mean() > 0.5 and np.isfinite(course).sum() > BLOCK:
         bias, _, _ = regress(np.nancumsum(gyro) - course, [np.arange(count, dtype=np.float64)], draws=2)

@@ -42,11 +42,11 @@ class Injected:
         self.recording = recording
         self.wheels = recording.wheels
         dt, radius = recording.dt_s, recording.car.radius_m
-        way = np.nan_to_num(recording.rotation_rad) * radius
-        self.time_s: Array = (np.arange(len(way)) + 0.5) * dt
-        self.speed: Array = gaussian_filter1d(way[:, self.wheels].mean(axis=1) / dt, SMOOTH_S / dt)
+        distance = np.nan_to_num(recording.rotation_rad) * radius
+        self.time_s: Array = (np.arange(len(distance)) + 0.5) * dt
+        self.speed: Array = gaussian_filter1d(distance[:, self.wheels].mean(axis=1) / dt, SMOOTH_S / dt)
         self.pull: Array = np.gradient(self.speed, dt) + G_MPS2 * self._slope()
-        turning = (way[:, 3] - way[:, 2]) / dt / recording.car.geometry.track_rear_m
+        turning = (distance[:, 3] - distance[:, 2]) / dt / recording.car.geometry.track_rear_m
         self.across: Array = self.speed * gaussian_filter1d(turning, SMOOTH_S / dt)
 
     def _slope(self) -> Array:
@@ -107,7 +107,7 @@ class Injected:
         )
 
 
-def told(finding: Finding) -> str:
+def reported(finding: Finding) -> str:
     """A finding in a few words."""
     if finding.effect == "unknown":
         where = finding.where
@@ -132,5 +132,7 @@ def main(args: argparse.Namespace) -> int:
     for folder in args.drives:
         print(f"\n{folder.name}")
         for name, recording in Injected(read_recording(folder)).all():
-            print(f"  {name:38} {'; '.join(map(told, diagnose([recording]).findings)) or '-'}", flush=True)
+            print(
+                f"  {name:38} {'; '.join(map(reported, diagnose([recording]).findings)) or '-'}", flush=True
+            )
     return 0

@@ -85,7 +85,7 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
         "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
     }
     if job.kind == origins_coverage.KIND:
-        known["truth"] = origins_coverage.as_told(spec.physics, spec)
+        known["truth"] = origins_coverage.as_reported(spec.physics, spec)
     if job.kind == "spin_on_ice":
         event = spec.physics["wheel_spin"]
         wheels = [("fl", "fr", "rl", "rr")[k] for k in event["wheels"]]
@@ -106,8 +106,8 @@ def described(row: Row) -> str:
         f"{each['where']['covariate']}; {','.join(each['where']['wheels'])})"
         for each in row.get("findings", [])
     )
-    told = row.get("benchmark_fault") or row.get("error") or found or row.get("verdict")
-    return f"{row['origin']}/{row['kind']} seed {row['seed']} [{' '.join(row.get('tags', []))}]: {told}"
+    reported = row.get("benchmark_fault") or row.get("error") or found or row.get("verdict")
+    return f"{row['origin']}/{row['kind']} seed {row['seed']} [{' '.join(row.get('tags', []))}]: {reported}"
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -133,8 +133,8 @@ def report(out: Path) -> str:
     if not rows:
         raise UsageError(f"no results in {out}")
     latest = {entry.unit: entry.state for entry in read(out / "rows.jsonl")}
-    told = ", ".join(str(number) for number in Counter(latest.values()).values())
-    return f"{markdown(rows)}\nDrives by state of the program: {told}.\n"
+    reported = ", ".join(str(number) for number in Counter(latest.values()).values())
+    return f"{markdown(rows)}\nDrives by state of the program: {reported}.\n"
 
 
 def main(args: argparse.Namespace) -> int:

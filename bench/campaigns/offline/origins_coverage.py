@@ -43,14 +43,14 @@ def known(spec: Spec, rng: np.random.Generator) -> Truth:
     return {name: concealed(name, float(np.exp(rng.uniform(low, high))), spec, rng) for name in names}
 
 
-def as_told(truth: Truth, spec: Spec) -> Truth:
+def as_reported(truth: Truth, spec: Spec) -> Truth:
     """The values that a diagnosis should tell: a latency is that beyond the age of the wheels' own frames."""
-    told = {name: dict(parameters) for name, parameters in truth.items()}
-    if "gnss_latency" in told:
+    reported = {name: dict(parameters) for name, parameters in truth.items()}
+    if "gnss_latency" in reported:
         wheels_s = 0.5 * spec.speed_window_s + spec.speed_filter_s
         wheels_s += spec.frame_jitter_s if spec.wheel_signal == "counts" else 0.0
-        told["gnss_latency"]["latency_s"] += spec.arrival_jitter_s - wheels_s
-    return told
+        reported["gnss_latency"]["latency_s"] += spec.arrival_jitter_s - wheels_s
+    return reported
 
 
 def errors(row: Row) -> Iterator[tuple[str, float]]:

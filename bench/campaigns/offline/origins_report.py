@@ -58,8 +58,8 @@ def markdown(rows: Sequence[Row]) -> str:
         parts += [origins_coverage.table(those), _conditions_table(those)]
     parts.append(_speed(done))
     if failed:
-        told = [f"{row['origin']}/{row['kind']} {row['seed']}" for row in failed]
-        parts.append(f"Not diagnosed, the program or the benchmark failed: {', '.join(told)}.\n")
+        reported = [f"{row['origin']}/{row['kind']} {row['seed']}" for row in failed]
+        parts.append(f"Not diagnosed, the program or the benchmark failed: {', '.join(reported)}.\n")
     return "\n".join(part for part in parts if part)
 
 
@@ -98,12 +98,12 @@ def _remarks(null: Sequence[Row], judged: Sequence[Row]) -> str:
 
 def _apart(simulated: Sequence[Row]) -> list[str]:
     """Return Fisher's exact test of each origin against the others in a line; none without findings."""
-    told = []
+    reported = []
     for origin in dict.fromkeys(row["origin"] for row in simulated):
         parts = [[row for row in simulated if (row["origin"] == origin) == own] for own in (True, False)]
         if parts[1] and any(_found(part)["hits"] for part in parts):
-            told.append(f"{origin} {apart(*map(_found, parts)):.2g}")
-    return [f"An origin against the others, p: {', '.join(told)}.\n"] if told else []
+            reported.append(f"{origin} {apart(*map(_found, parts)):.2g}")
+    return [f"An origin against the others, p: {', '.join(reported)}.\n"] if reported else []
 
 
 def _null_row(name: str, judged: Sequence[Row]) -> str:

@@ -58,8 +58,10 @@ def frames_per_second(number: int = 120_000) -> float:
     frames = []
     for step in range(number // 2):
         time_s = 0.01 * step
-        way_m = 20.0 * time_s + 100.0 * (1.0 - math.cos(0.1 * time_s))
-        counts = [int(way_m * skew / (2 * math.pi * RADIUS_M) * TEETH) for skew in (1.0, 1.001, 0.999, 1.002)]
+        distance_m = 20.0 * time_s + 100.0 * (1.0 - math.cos(0.1 * time_s))
+        counts = [
+            int(distance_m * skew / (2 * math.pi * RADIUS_M) * TEETH) for skew in (1.0, 1.001, 0.999, 1.002)
+        ]
         data = b"".join((count % 65536).to_bytes(2, "little") for count in counts)
         frames.append((time_s, 176, data))
         frames.append((time_s + 0.003, 36, bytes(8)))

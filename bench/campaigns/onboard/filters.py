@@ -131,8 +131,8 @@ def markdown(found: dict[str, Row]) -> str:
     first, second = (found[method] for method in METHODS)
     lines = [f"| | {' | '.join(f'`{method}`' for method in METHODS)} |", "| --- | --- | --- |"]
 
-    def line(title: str, told: Any) -> None:
-        lines.append(f"| {title} | {told(first)} | {told(second)} |")
+    def line(title: str, reported: Any) -> None:
+        lines.append(f"| {title} | {reported(first)} | {reported(second)} |")
 
     if first["detected"]["of"]:
         line("simulated losses found in time", lambda f: percent(f["detected"]))
@@ -180,8 +180,8 @@ def options(parser: argparse.ArgumentParser) -> None:
 def _line(unit: Unit, rows: list[Row]) -> str:
     found = [row.get("detected", row.get("found")) for row in rows if row["what"] in ("case", "loss")]
     failed = [row["error"] for row in rows if row["what"] == "failed"]
-    told = f"{sum(map(bool, found))} of {len(found)} found" if found else f"{len(rows)} rows"
-    return f"{unit[0]}: {unit[1]} {Path(unit[2]).name}/{unit[3]}: {failed[0] if failed else told}"
+    reported = f"{sum(map(bool, found))} of {len(found)} found" if found else f"{len(rows)} rows"
+    return f"{unit[0]}: {unit[1]} {Path(unit[2]).name}/{unit[3]}: {failed[0] if failed else reported}"
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.onboard.alarms.lives import life
-from bench.campaigns.onboard.alarms.play import Said, hear
+from bench.campaigns.onboard.alarms.play import Said, replay_leg
 from bench.statistics import percent, rate, share
 from bench.worlds.trip_road import POOL_ROADS
 from bench.worlds.trips import Leg, drive_leg
@@ -52,8 +52,8 @@ def tyre_alarms(
     """Tyre alarms of the first drive, and how far it went, km. `memory`: a folder of estimates."""
     car, leg = first_leg(pool, seed, wheel)
     driven = drive_leg(car, leg, None)
-    heard = hear(driven, memory=memory)
-    return [*heard.raised("deflation"), *heard.raised("radius_deviation")], driven.kilometres
+    outcome = replay_leg(driven, memory=memory)
+    return [*outcome.raised("deflation"), *outcome.raised("radius_deviation")], driven.kilometres
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -135,7 +135,7 @@ def statement(rows: Sequence[Row], front: bool) -> Row:
     }
 
 
-def _told(said: Row) -> list[str]:
+def _reported(said: Row) -> list[str]:
     """Return the table's cells of one statement: NEES and coverage, of a radius and of left against right."""
     cells = []
     for nees, cover in (("nees", "cover_radius"), ("nees_difference", "cover_difference")):
@@ -153,12 +153,12 @@ def markdown(found: Sequence[Row]) -> str:
     lines = [f"| drives | receiver | wheels | {' | '.join(head)} |", f"|{(3 + len(head)) * ' --- |'}"]
     for key in dict.fromkeys((one["scenario"], one["receiver"], one["wheels"]) for one in found):
         own = {
-            one["method"]: _told(one["stated"])
+            one["method"]: _reported(one["stated"])
             for one in found
             if (one["scenario"], one["receiver"], one["wheels"]) == key
         }
-        told = [cell for method in FOUR for cell in own.get(method, ["", ""])]
-        lines.append(f"| {' | '.join([*map(str, key), *told])} |")
+        reported = [cell for method in FOUR for cell in own.get(method, ["", ""])]
+        lines.append(f"| {' | '.join([*map(str, key), *reported])} |")
     return "\n".join([*lines, ""])
 
 

@@ -100,10 +100,10 @@ def play(whole: Run, seed: int, setting: Setting, tallies: dict[str, Tally]) -> 
             for choice, tally in tallies.items():
                 here, delay_s, wrong = copy.deepcopy(watches[choice]), math.inf, False
                 for tick in ticks[split:]:
-                    for told in here.alarms(tick):
-                        if told == label:
+                    for reported in here.alarms(tick):
+                        if reported == label:
                             delay_s = min(delay_s, tick.time_s - START_S - begin_s)
-                        wrong |= told != label
+                        wrong |= reported != label
                 tally.delays_s[name].append(delay_s)
                 tally.wrong += wrong
 
@@ -132,9 +132,11 @@ def report(driving: str, name: str, tally: Tally, drives: int) -> dict[str, Any]
     """Print and give one line."""
     parts = []
     for loss, delays in tally.delays_s.items():
-        told = np.array([d for d in delays if math.isfinite(d)])
-        middle = f"median {np.median(delays):.0f} s, latest {told.max():.0f} s" if len(told) else "none"
-        parts.append(f"{loss}: {len(told)} of {len(delays)}, {middle}")
+        reported = np.array([d for d in delays if math.isfinite(d)])
+        middle = (
+            f"median {np.median(delays):.0f} s, latest {reported.max():.0f} s" if len(reported) else "none"
+        )
+        parts.append(f"{loss}: {len(reported)} of {len(delays)}, {middle}")
     print(
         f"  {name:20s} {tally.share / drives:4.0%} informative; {'; '.join(parts)}; "
         f"{tally.early} alarms before, {tally.wrong} with a wrong wheel",

@@ -152,8 +152,8 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     if args.state:
         rows = in_a_row([read_drive(folder) for folder in folders])
         for row in rows:
-            told = ", ".join(f"{w} {x:+.2f} +- {s:.2f} mm" for w, (x, s) in row["change_mm"].items())
-            print(f"{row['drive']}: {told or 'nothing judged'}")
+            reported = ", ".join(f"{w} {x:+.2f} +- {s:.2f} mm" for w, (x, s) in row["change_mm"].items())
+            print(f"{row['drive']}: {reported or 'nothing judged'}")
             for one in row["said"]:
                 since = f" ({one['since']})" if one["since"] else ""
                 what = f"{one['kind']} {one['wheel']} {one['state']}{since}"

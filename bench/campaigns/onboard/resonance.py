@@ -270,13 +270,13 @@ def line(entry: dict[str, Any]) -> str:
     head = f"{entry['road']:<20} {entry['signal']:<18} {entry['rate_hz']:>4g} Hz  "
     if entry["state"] == "off":
         return head + f"off: {entry['reason']}"
-    told = "  ".join(
+    reported = "  ".join(
         f"{entry['minutes'][m]['d_prime']:5.1f} {entry['minutes'][m]['auc']:.2f}"
         f" {entry['minutes'][m]['llr_sound']:+.1f} {entry['minutes'][m]['llr_soft']:+.1f}"
         for m in SHOWN_MIN
     )
     hz = f"{entry['frequency_hz']:5.1f} {entry['std_hz']:4.2f} {entry['scatter_hz']:4.2f}"
-    return head + f"{entry['wheels_on']:>2} {hz}  {told}"
+    return head + f"{entry['wheels_on']:>2} {hz}  {reported}"
 
 
 def picture(results: list[dict[str, Any]], file: Path) -> None:

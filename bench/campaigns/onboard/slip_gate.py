@@ -107,12 +107,12 @@ def learn(drive: HardDrive, settings: FilterConfig, rule: Rule | None = None) ->
     """Run the tyre filter over a drive, behind a rule of this benchmark or its own gate."""
     rng, gate = np.random.default_rng(1), rule and RuledGate(rule)
     filter_ = build_filter(drive.vehicle, GnssConfig(), settings, rng, front=True, gate=gate)
-    told = [filter_.step(tick) for tick in drive.ticks]
-    off = np.array([t.deviation_m for t in told[SETTLED_TICK:]]) - OFFSETS_M
-    std = np.sqrt([np.diag(t.covariance_m2) for t in told[SETTLED_TICK:]])
+    reported = [filter_.step(tick) for tick in drive.ticks]
+    off = np.array([t.deviation_m for t in reported[SETTLED_TICK:]]) - OFFSETS_M
+    std = np.sqrt([np.diag(t.covariance_m2) for t in reported[SETTLED_TICK:]])
     return Outcome(
         error_mm=float(np.sqrt((off**2).mean()) * 1e3),
-        share=float(np.mean([t.informative for t in told])),
+        share=float(np.mean([t.informative for t in reported])),
         overconfidence=float(np.sqrt(((off / std) ** 2).mean())),
         lost_pose=filter_.counts["lost_pose"],
     )
@@ -208,12 +208,12 @@ def _slip_errors(drive: HardDrive, car: CarDynamics) -> tuple[float, ...]:
     yaw = np.array([t.yaw_rate_radps for t in drive.ticks])
     steer = np.array([t.steering_wheel_angle_rad for t in drive.ticks]) / STEERING_RATIO
     observer = SlipObserver(car)
-    told = [
+    reported = [
         observer.step(TICK_S, *(float(a[k]) for a in (along, across, yaw, steer, speed)))
         for k in range(len(speed))
     ]
-    side_seen = np.array([math.nan if t is None else t.side_slip_rad for t in told])
-    wheel_seen = np.array([np.full(4, math.nan) if t is None else t.wheel_slip for t in told])
+    side_seen = np.array([math.nan if t is None else t.side_slip_rad for t in reported])
+    wheel_seen = np.array([np.full(4, math.nan) if t is None else t.wheel_slip for t in reported])
     forces = slip_traces(car, along, speed * yaw, np.gradient(yaw, TICK_S), steer)
     side = true_side_slip(drive)
     # A wheel that spins or locks is off by more than anything the gate must tell apart.

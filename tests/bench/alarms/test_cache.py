@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bench.campaigns.onboard.alarms.cache import code_of, key_of
-from bench.campaigns.onboard.alarms.play import Heard, hear
+from bench.campaigns.onboard.alarms.play import LegResult, replay_leg
 from bench.worlds.trip_cars import draw_car
 from bench.worlds.trips import Driven, Leg, Loss, drive_leg
 
@@ -23,21 +23,23 @@ def leaking() -> Driven:
 
 
 @pytest.fixture(scope="module")
-def fresh(leaking: Driven) -> Heard:
+def fresh(leaking: Driven) -> LegResult:
     """What is said of it without a memory."""
-    return hear(leaking)
+    return replay_leg(leaking)
 
 
-def at_alarm(heard: Heard) -> float | None:
-    return heard.said[0].time_s
+def at_alarm(outcome: LegResult) -> float | None:
+    return outcome.said[0].time_s
 
 
-def test_a_leg_is_heard_alike_with_and_without_memory(leaking: Driven, fresh: Heard, tmp_path: Path) -> None:
+def test_a_leg_is_received_equally_with_and_without_memory(
+    leaking: Driven, fresh: LegResult, tmp_path: Path
+) -> None:
     """Cut short by its alarm, from what was kept of that, to its end, and again: to the last bit."""
-    cut = hear(leaking, stop=at_alarm, memory=tmp_path)
-    again = hear(leaking, stop=at_alarm, memory=tmp_path)
-    longer = hear(leaking, memory=tmp_path)
-    remembered = hear(leaking, memory=tmp_path)
+    cut = replay_leg(leaking, stop=at_alarm, memory=tmp_path)
+    again = replay_leg(leaking, stop=at_alarm, memory=tmp_path)
+    longer = replay_leg(leaking, memory=tmp_path)
+    remembered = replay_leg(leaking, memory=tmp_path)
 
     assert fresh.said
     assert cut == again
@@ -47,25 +49,25 @@ def test_a_leg_is_heard_alike_with_and_without_memory(leaking: Driven, fresh: He
 
 def test_what_is_remembered_is_not_estimated_again(leaking: Driven, tmp_path: Path) -> None:
     """Kept estimates are given back as they are: altered ones show."""
-    hear(leaking, memory=tmp_path)
+    replay_leg(leaking, memory=tmp_path)
     (file,) = tmp_path.glob("*.npz")
     with np.load(file) as kept:
         rows, snapshots = kept["rows"], kept["snapshots"]
     rows[:, 1:5] = 0.0
     np.savez(file, rows=rows, snapshots=snapshots)
 
-    assert not hear(leaking, memory=tmp_path).raised("deflation")
+    assert not replay_leg(leaking, memory=tmp_path).raised("deflation")
 
 
-def test_another_state_before_is_another_memory(leaking: Driven, fresh: Heard, tmp_path: Path) -> None:
+def test_another_state_before_is_another_memory(leaking: Driven, fresh: LegResult, tmp_path: Path) -> None:
     """What was learned before is part of the key."""
     before = fresh.state
-    hear(leaking, memory=tmp_path)
+    replay_leg(leaking, memory=tmp_path)
     assert before
-    heard = hear(leaking, before, memory=tmp_path)
+    outcome = replay_leg(leaking, before, memory=tmp_path)
 
     assert 2 == len(list(tmp_path.glob("*.npz")))
-    assert hear(leaking, before) == heard
+    assert replay_leg(leaking, before) == outcome
     shutil.rmtree(tmp_path)
 
 

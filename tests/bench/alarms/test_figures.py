@@ -224,7 +224,7 @@ def test_the_command_writes_summary_and_picture(tmp_path: Path, capsys: pytest.C
     "name",
     ["nothing", "nowhere/1/x", "development/life/one/2", "development/lives/1/2", "development/1/unknown"],
 )
-def test_a_name_that_is_none_is_told_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_that_is_none_is_reported_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2, and no traceback."""
     with pytest.raises(SystemExit) as end:
         main(["run", "alarms", "--one", name])

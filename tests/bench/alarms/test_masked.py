@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from bench.campaigns.onboard.alarms.cases import Group, group
-from bench.campaigns.onboard.alarms.play import Heard, State, hear
+from bench.campaigns.onboard.alarms.play import LegResult, State, replay_leg
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trips import Loss, drive_leg
 
@@ -21,10 +21,10 @@ class Learned:
     state: State
     tyre_k: Array
 
-    def drive(self, **more: Any) -> Heard:
+    def drive(self, **more: Any) -> LegResult:
         """What is said on a third one."""
         base = replace(self.group.healthy[1], start_s=self.group.cases[0].leg.start_s, duration_s=450.0)
-        return hear(drive_leg(self.group.car, replace(base, **more), self.tyre_k), self.state)
+        return replay_leg(drive_leg(self.group.car, replace(base, **more), self.tyre_k), self.state)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def learned() -> Learned:
     tyre_k = None
     for leg in made.healthy:
         driven = drive_leg(made.car, leg, tyre_k)
-        state, tyre_k = hear(driven, state).state, driven.temperature_k
+        state, tyre_k = replay_leg(driven, state).state, driven.temperature_k
     assert tyre_k is not None
     return Learned(made, state, tyre_k)
 
@@ -48,10 +48,10 @@ def test_a_loss_beside_wheels_of_another_size_is_named(
 ) -> None:
     """All four are 1.6 or 2.8 % larger, or the front axle by 8 mm: these wheels deviate within 450 s,
     and a tyre that loses 20 to 30 % after five is named within two, and no other."""
-    heard = learned.drive(seed=501, resized_m=larger_m, losses=(Loss(0, share, 300.0, 10.0),))
-    deviating = {said.wheel for said in heard.raised("radius_deviation")}
+    outcome = learned.drive(seed=501, resized_m=larger_m, losses=(Loss(0, share, 300.0, 10.0),))
+    deviating = {said.wheel for said in outcome.raised("radius_deviation")}
     assert {
         wheel for wheel, more in zip(("fl", "fr", "rl", "rr"), larger_m, strict=True) if more
     } == deviating
-    assert ["fl"] == [said.wheel for said in heard.raised("deflation")]
-    assert 300.0 < heard.raised("deflation")[0].time_s < 430.0
+    assert ["fl"] == [said.wheel for said in outcome.raised("deflation")]
+    assert 300.0 < outcome.raised("deflation")[0].time_s < 430.0

@@ -11,7 +11,7 @@ import pytest
 
 from bench.campaigns.onboard.alarms.cases import group
 from bench.campaigns.onboard.alarms.one import story, write_story
-from bench.campaigns.onboard.alarms.play import Heard, Said, fast_seconds, hear
+from bench.campaigns.onboard.alarms.play import LegResult, Said, fast_seconds, replay_leg
 from bench.campaigns.onboard.alarms.score import judge
 from bench.campaigns.onboard.alarms.ticks import ticks_of
 from bench.worlds.folder import write_folder
@@ -73,42 +73,44 @@ def test_ticks_are_those_of_the_written_folder(leaking: Written) -> None:
 def test_ticks_give_the_alarms_of_a_replay_of_the_folder(leaking: Written) -> None:
     """Kind, wheel and state of each alarm of a tyre are the same, and its time to within 3 s."""
     replayed = [a for a in leaking.replayed.alarms if a.kind != "malfunction"]
-    heard = [said for said in hear(leaking.driven).said if said.kind != "malfunction"]
+    outcome = [said for said in replay_leg(leaking.driven).said if said.kind != "malfunction"]
 
-    assert [("deflation", "rr")] == [(said.kind, said.wheel) for said in heard]
-    assert [(str(a.kind), a.wheel, a.state) for a in replayed] == [(s.kind, s.wheel, s.state) for s in heard]
+    assert [("deflation", "rr")] == [(said.kind, said.wheel) for said in outcome]
+    assert [(str(a.kind), a.wheel, a.state) for a in replayed] == [
+        (s.kind, s.wheel, s.state) for s in outcome
+    ]
     start_s = leaking.driven.leg.start_s
-    late = [a.time_s - start_s - s.time_s for a, s in zip(replayed, heard, strict=True)]
+    late = [a.time_s - start_s - s.time_s for a, s in zip(replayed, outcome, strict=True)]
     assert max(map(abs, late)) < 3.0
 
 
 def test_a_leg_by_frames_is_a_replay_of_its_folder(leaking: Written) -> None:
     """Alarms and radii are those of `tpmsd replay`, to the last bit."""
-    heard = hear(leaking.driven, frames=True)
+    outcome = replay_leg(leaking.driven, frames=True)
     start_s = leaking.driven.leg.start_s
 
     expected = [(a.time_s - start_s, str(a.kind), a.wheel, a.state) for a in leaking.replayed.alarms]
-    assert expected == [(s.time_s, s.kind, s.wheel, s.state) for s in heard.said]
-    assert [wheel.change_m for wheel in leaking.replayed.wheels] == [x for x, _ in heard.change.values()]
+    assert expected == [(s.time_s, s.kind, s.wheel, s.state) for s in outcome.said]
+    assert [wheel.change_m for wheel in leaking.replayed.wheels] == [x for x, _ in outcome.change.values()]
 
 
 def test_what_was_learned_is_carried_over_a_restart() -> None:
     """Already flat at the start: the alarm comes without learning anew, on the right wheel."""
     car = car_with("counts")
-    healthy = hear(drive_leg(car, Leg(seed=1, road="track", duration_s=180.0)))
+    healthy = replay_leg(drive_leg(car, Leg(seed=1, road="track", duration_s=180.0)))
     flat = drive_leg(car, Leg(seed=2, road="track", duration_s=120.0, losses=(Loss(0, 0.3),)))
-    heard = hear(flat, healthy.state, lambda so_far: so_far.said[0].time_s)
+    outcome = replay_leg(flat, healthy.state, lambda so_far: so_far.said[0].time_s)
 
     assert healthy.learned
     assert not healthy.raised("deflation")
-    assert ["fl"] == [said.wheel for said in heard.raised("deflation")]
-    assert heard.played_s == heard.said[0].time_s
+    assert ["fl"] == [said.wheel for said in outcome.raised("deflation")]
+    assert outcome.played_s == outcome.said[0].time_s
 
 
 def test_a_story_is_written_as_one_folder_with_the_car_parked_in_between(tmp_path: Path) -> None:
     """Three legs, the learning ones first; time goes on, and the receiver starts where the car was left."""
-    told = story("development/3/" + _name("development", 3))
-    short = replace(told, legs=tuple(replace(leg, duration_s=30.0, losses=()) for leg in told.legs))
+    reported = story("development/3/" + _name("development", 3))
+    short = replace(reported, legs=tuple(replace(leg, duration_s=30.0, losses=()) for leg in reported.legs))
     write_story(short, tmp_path)
     stamps = [float(line[1:18]) for line in (tmp_path / "can.log").read_text().splitlines()]
     pauses = np.diff(stamps)
@@ -144,7 +146,7 @@ def test_a_case_is_judged_by_what_was_raised_after_the_loss() -> None:
         said = [Said(at, "deflation", wheel, "raised", "why") for at, wheel in alarms]
         change = dict.fromkeys(("fl", "fr", "rl", "rr"), (-1.4e-3, 2e-4))
         end = float(driven.drive.time_s[-1])
-        return judge(case, driven, Heard(said=said, learned=True, played_s=end, change=change))
+        return judge(case, driven, LegResult(said=said, learned=True, played_s=end, change=change))
 
     prompt, wrong = judged((case.done_s + 30.0, soft)), judged((case.done_s + 30.0, other))
     late, never = judged((float(driven.drive.time_s[-1]) - 1.0, soft)), judged()

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.campaigns.onboard.alarms.play import Heard
+from bench.campaigns.onboard.alarms.play import LegResult
 from bench.campaigns.onboard.alarms.reliability import EDGES, THRESHOLD, counts, reliability
 from bench.worlds.trip_cars import draw_car
 from bench.worlds.trips import Driven, Leg, drive_leg
@@ -24,11 +24,11 @@ def driven() -> Driven:
     return replace(made, lost_m=lost)
 
 
-def test_classes_hold_what_was_told_and_what_was_so(driven: Driven) -> None:
+def test_classes_hold_what_was_reported_and_what_was_so(driven: Driven) -> None:
     """Before the loss nothing is so; after it fl is, and fr by half. 0.3 falls into 0.2 to 0.5, 1 into the
     last class, an edge into the class above it."""
-    heard = Heard(told=[(5.0, (0.3, 0.0, 0.0, 0.0)), (20.0, (1.0, 0.3, 0.2, 0.005))])
-    by_class = counts(driven, heard)
+    outcome = LegResult(probabilities=[(5.0, (0.3, 0.0, 0.0, 0.0)), (20.0, (1.0, 0.3, 0.2, 0.005))])
+    by_class = counts(driven, outcome)
     assert len(EDGES) - 1 == len(by_class)
     assert [3.0, pytest.approx(0.8), pytest.approx(0.5, abs=1e-3)] == by_class[3]
     assert [1.0, 1.0, 1.0] == by_class[-1]
@@ -38,8 +38,8 @@ def test_classes_hold_what_was_told_and_what_was_so(driven: Driven) -> None:
 
 def test_rows_add_up_by_instants_and_count_their_drives(driven: Driven) -> None:
     """Two drives, of which one has told 0.3; a row without counts is passed over."""
-    one = {"reliability": counts(driven, Heard(told=[(20.0, (0.3, 0.3, 0.0, 0.0))]))}
-    two = {"reliability": counts(driven, Heard(told=[(20.0, (0.0, 0.0, 0.0, 0.0))]))}
+    one = {"reliability": counts(driven, LegResult(probabilities=[(20.0, (0.3, 0.3, 0.0, 0.0))]))}
+    two = {"reliability": counts(driven, LegResult(probabilities=[(20.0, (0.0, 0.0, 0.0, 0.0))]))}
     table = {row["from"]: row for row in reliability([one, two, {}])}
     assert (1, 2) == (table[0.2]["drives"], table[0.2]["instants"])
     assert (0.3, 0.75) == pytest.approx((table[0.2]["told"], table[0.2]["true"]), abs=1e-3)

@@ -67,16 +67,16 @@ def test_a_loss_of_air_acts_on_its_wheel_alone_and_from_its_onset(car: Car) -> N
     assert 0.7e-3 < after[:, 2].min() < after[:, 2].max() < 2.5e-3
 
 
-def test_wheels_turn_by_the_way_over_their_radius(car: Car) -> None:
+def test_wheels_turn_by_the_distance_over_their_radius(car: Car) -> None:
     """Over two minutes, a wheel without drive has turned by its hub's way over its radius, to 0.05 %."""
     driven = drive_leg(car, Leg(seed=5, road="track", duration_s=120.0))
     free = 2 if car.spec.driven == "front" else 0
     shown = driven.drive.shown_rad
     turned = float(shown[-1, free] - shown[0, free])
-    way = float(driven.way_m[-1])
+    distance = float(driven.distance_m[-1])
 
-    assert turned == pytest.approx(way / float(driven.radius_m[:, free].mean()), rel=2e-3)
-    assert way == pytest.approx(float(np.abs(driven.drive.speed).sum()) * 0.02, rel=1e-3)
+    assert turned == pytest.approx(distance / float(driven.radius_m[:, free].mean()), rel=2e-3)
+    assert distance == pytest.approx(float(np.abs(driven.drive.speed).sum()) * 0.02, rel=1e-3)
 
 
 def test_the_same_seed_drives_the_same_leg(car: Car) -> None:

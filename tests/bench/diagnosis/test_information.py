@@ -72,16 +72,16 @@ def test_a_column_explains_its_own_multiple_and_nothing_of_what_is_at_right_angl
     assert without(G, [1])[0, 0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_latency_cannot_be_told_at_constant_speed(tmp_path: Path) -> None:
+def test_a_latency_cannot_be_detected_at_constant_speed(tmp_path: Path) -> None:
     """Without any change of speed or course GNSS latency only moves the position: far below the bar."""
     case = draw_case("gnss_latency", 1.0, 5)
     case = dataclasses.replace(case, spec=dataclasses.replace(case.spec, duration_s=300.0))
-    told = truth_of(case, make(case, tmp_path).windows).effects[0].gain
+    reported = truth_of(case, make(case, tmp_path).windows).effects[0].gain
     course = straight(300)
     drive = observe(course, case.spec, np.random.default_rng(1), 1)
     still = truth_of(case, windows_of(course, drive)).effects[0].gain
 
-    assert still < 1e-3 * told
+    assert still < 1e-3 * reported
 
 
 def test_growth_and_warm_up_are_rivals_where_speed_rises_with_time(tmp_path: Path) -> None:

@@ -50,12 +50,12 @@ def test_a_count_never_leaves_its_wheel_by_more_than_half_a_count() -> None:
     assert pytest.approx(QUANTUM_RAD**2 / 12, rel=0.1) == float(error[3000:].var())
 
 
-def test_rotation_times_true_radius_is_the_way() -> None:
+def test_rotation_times_true_radius_is_the_distance() -> None:
     """Over the whole drive, to a count and the road's roughness."""
     driven = drive(SCENARIOS["unbalanced"], "white", 1)
     angle = np.sum([tick.rotation_rad for tick in driven.ticks], axis=0)
-    way = angle * (RADIUS_M + driven.offsets_m[0])
-    np.testing.assert_allclose(way, paper_route().rolled_m[-1], atol=0.25)
+    distance = angle * (RADIUS_M + driven.offsets_m[0])
+    np.testing.assert_allclose(distance, paper_route().rolled_m[-1], atol=0.25)
 
 
 def test_the_puncture_ends_where_the_paper_says() -> None:

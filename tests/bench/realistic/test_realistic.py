@@ -119,7 +119,7 @@ class Other(threading.Thread):
     def __init__(self, channel: str, after: int) -> None:
         super().__init__(daemon=True)
         self.bus = can.Bus(interface="virtual", channel=channel)
-        self.after, self.heard, self.resets = after, 0, 0
+        self.after, self.received, self.resets = after, 0, 0
         self.over = threading.Event()
 
     def run(self) -> None:
@@ -130,8 +130,8 @@ class Other(threading.Thread):
             if frame.arbitration_id == 0x7A:
                 self.resets += 1
                 continue
-            self.heard += 1
-            lit = self.heard >= self.after
+            self.received += 1
+            lit = self.received >= self.after
             self.bus.send(can.Message(arbitration_id=1234, is_extended_id=False, data=[16 * lit, 0]))
 
 
@@ -146,7 +146,9 @@ def database(tmp_path: Path) -> Iterator[cantools.database.can.Database]:
 
 
 @pytest.mark.parametrize(("after", "lit"), [(150, True), (10**9, False)])
-def test_a_system_on_a_bus_is_heard(database: cantools.database.can.Database, after: int, lit: bool) -> None:
+def test_a_system_on_a_bus_is_received(
+    database: cantools.database.can.Database, after: int, lit: bool
+) -> None:
     """Frames of a drive of twelve seconds at thirty times real time: every frame comes, the lamp is seen when
     it is lit, a reset is sent, and a lamp that stays dark is none."""
     case = short(cases_of("development", 1)[-2])
@@ -165,7 +167,7 @@ def test_a_system_on_a_bus_is_heard(database: cantools.database.can.Database, af
         other.bus.shutdown()
     assert lit == (row["found_s"] is not None)
     assert 1 == other.resets
-    assert other.heard > 500
+    assert other.received > 500
 
 
 def test_the_core_finds_a_tyre_that_went_flat_and_keeps_its_state() -> None:
@@ -195,7 +197,7 @@ def test_the_core_finds_a_tyre_that_went_flat_and_keeps_its_state() -> None:
         (["--pace", "0"], "more than 0"),
     ],
 )
-def test_wrong_options_are_told_in_one_line(
+def test_wrong_options_are_reported_in_one_line(
     options: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Exit code 2 and no traceback."""

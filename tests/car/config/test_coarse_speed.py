@@ -24,7 +24,7 @@ def test_the_stated_bias_is_that_of_truncated_speeds() -> None:
     assert truncation_bias(KMH) == pytest.approx(speeds.sum() / truncated.sum() - 1.0, rel=0.01)
 
 
-def test_steps_of_a_kilometre_per_hour_are_told_with_the_bias() -> None:
+def test_steps_of_a_kilometre_per_hour_are_reported_with_the_bias() -> None:
     """2.2 mm of 316 at 20 m/s; a sixteenth of that step is fine."""
     text = coarse_speed(KMH, 0.316)
 

@@ -44,7 +44,7 @@ def test_a_finding_is_a_clause(name: str, values: dict[str, tuple[float, float]]
 
 
 @pytest.mark.parametrize("name", list(EFFECTS))
-def test_every_effect_is_told_with_its_numbers(name: str) -> None:
+def test_every_effect_is_reported_with_its_numbers(name: str) -> None:
     """Answers name parameters of the effect, and each that is fitted; without answers its sentence does."""
     effect = EFFECTS[name]
     fields = {

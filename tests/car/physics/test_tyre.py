@@ -58,7 +58,7 @@ def test_there_and_back(lost: float, size: str) -> None:
 
 @settings(derandomize=True, deadline=None)
 @given(st.floats(-0.05, 0.05), st.floats(0.0, 0.01))
-def test_what_is_told_is_always_a_share(change_m: float, std_m: float) -> None:
+def test_what_is_reported_is_always_a_share(change_m: float, std_m: float) -> None:
     """Whatever the radius did: a share between -1 and 1, with a finite uncertainty, rising with the loss."""
     for tyre in (TyreConfig(), TyreConfig(curve_pressure_percent=(10, 30), curve_radius_mm=(0.5, 2.0))):
         model = tyre_model(tyre, 0.316)
@@ -87,7 +87,7 @@ def test_a_measured_curve_is_followed() -> None:
     assert 0.15 == pytest.approx(model.pressure_loss(-1.0e-3)[0])
 
 
-def test_what_is_not_known_is_told_of_nobody() -> None:
+def test_what_is_not_known_is_reported_of_nobody() -> None:
     """NaN in, NaN out."""
     assert all(math.isnan(x) for x in tyre_model(TyreConfig(), 0.316).pressure_loss(math.nan))
 

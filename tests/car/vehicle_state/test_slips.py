@@ -112,7 +112,7 @@ def test_the_observer_follows_the_side_slip() -> None:
     assert observer.trusted
 
 
-def test_a_bus_without_inertial_signals_is_told_nothing() -> None:
+def test_a_bus_without_inertial_signals_gives_nothing() -> None:
     """Without acceleration, yaw rate or steering there is no estimate, and no error either."""
     _, given_ = drive(20)
     for missing in (1, 3, 4, 5):

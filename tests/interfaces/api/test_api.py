@@ -177,7 +177,7 @@ def test_a_client_program_is_typed(tmp_path: Path) -> None:
         (lambda: tpmsd.replay(tpmsd.simulate(duration_s=10.0), seed=-1), "a seed is 0 or more"),
     ],
 )
-def test_wrong_use_is_told_in_one_line(call: object, reason: str) -> None:
+def test_wrong_use_is_reported_in_one_line(call: object, reason: str) -> None:
     """What a user can do wrong is a TpmsdError of one line with the reason."""
     with pytest.raises(tpmsd.TpmsdError) as error:
         call()  # type: ignore[operator]

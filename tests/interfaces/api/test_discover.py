@@ -33,7 +33,7 @@ def test_a_discovery_equals_the_command(folder: Path, tmp_path: Path) -> None:
     assert "[can.signals]" in found.vehicle_toml()
 
 
-def test_wrong_use_of_discover_is_told(folder: Path) -> None:
+def test_wrong_use_of_discover_is_reported(folder: Path) -> None:
     """A size that is none, and a folder that is not there, are told in one line."""
     with pytest.raises(tpmsd.ConfigError, match="not a tyre's size"):
         tpmsd.discover(folder, tyre="round")

@@ -137,9 +137,9 @@ def test_sentences_keep_what_they_are_given() -> None:
             assembler.feed(item.time_s, item.line)
     (fix,) = (event for event in assembler.flush() if isinstance(event, GnssFix))
 
-    told = (fix.latitude_deg, fix.longitude_deg, fix.altitude_m, fix.position_std_m, fix.speed_mps)
-    np.testing.assert_allclose((*told, fix.course_rad), values, atol=1e-6)
-    np.testing.assert_allclose(told[:2], values[:2], atol=1e-9)
+    reported = (fix.latitude_deg, fix.longitude_deg, fix.altitude_m, fix.position_std_m, fix.speed_mps)
+    np.testing.assert_allclose((*reported, fix.course_rad), values, atol=1e-6)
+    np.testing.assert_allclose(reported[:2], values[:2], atol=1e-9)
     assert (4, 1_720_000_060.0) == (fix.quality, fix.utc_s)
 
 
@@ -162,7 +162,7 @@ def _without(table: Arrays, *names: str) -> Arrays:
         (lambda w, g: (3, g), "give a dict of arrays or a data frame, not int"),
     ],
 )
-def test_tables_that_make_no_sense_are_told(change: Any, reason: str) -> None:
+def test_tables_that_make_no_sense_are_reported(change: Any, reason: str) -> None:
     """Each mistake in a table is a ConfigError of one line that names table and column."""
     wheels, gnss = change(*straight(20.0))
     with pytest.raises(tpmsd.ConfigError) as error:
@@ -172,7 +172,7 @@ def test_tables_that_make_no_sense_are_told(change: Any, reason: str) -> None:
     assert 1 == len(str(error.value).splitlines())
 
 
-def test_a_car_that_makes_no_sense_is_told() -> None:
+def test_a_car_that_makes_no_sense_is_reported() -> None:
     """Wrong values of the car are told as of a vehicle.toml, each with its key."""
     wheels, gnss = straight(20.0)
     with pytest.raises(tpmsd.ConfigError, match=r"\[vehicle\] wheel_radius_m"):

@@ -61,9 +61,9 @@ def test_parquet_tells_units(files: dict[str, Path]) -> None:
     import pyarrow.parquet as parquet
 
     schema = parquet.read_schema(files["parquet"])
-    told = [(f.metadata[b"unit"].decode(), f.metadata[b"meaning"].decode()) for f in schema]
+    reported = [(f.metadata[b"unit"].decode(), f.metadata[b"meaning"].decode()) for f in schema]
 
-    assert [(column.unit, column.meaning) for column in COLUMNS] == told
+    assert [(column.unit, column.meaning) for column in COLUMNS] == reported
 
 
 def mcap_messages(path: Path) -> dict[str, list[Any]]:
@@ -102,8 +102,8 @@ def test_mcap_holds_the_replay(files: dict[str, Path], replay: tpmsd.Replay) -> 
 
 def test_messages_obey_their_schemas(files: dict[str, Path]) -> None:
     """Every field of every message is one that its registered schema names."""
-    for topic, told in mcap_messages(files["mcap"]).items():
-        names = {name for _, content in told for name in content}
+    for topic, reported in mcap_messages(files["mcap"]).items():
+        names = {name for _, content in reported for name in content}
         assert set() == names - set(TOPICS[topic]["properties"])
 
 
@@ -230,7 +230,7 @@ def test_a_loggers_table_becomes_a_drive(kind: str, tmp_path: Path) -> None:
         ('gnss_east = "east_m"', 'gnss_east = { column = "east_m", modulus = 8 }', "only counts have one"),
     ],
 )
-def test_a_wrong_map_is_told_with_its_line(
+def test_a_wrong_map_is_reported_with_its_line(
     old: str, new: str, where: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each mistake in a map ends with exit code 2 and a line that names file, line and key."""
@@ -263,7 +263,7 @@ def test_a_wrong_map_is_told_with_its_line(
         ("log.mat", b"MATLAB 5.0 MAT-file", "not an HDF5 file"),
     ],
 )
-def test_an_unusable_table_is_told(
+def test_an_unusable_table_is_reported(
     name: str, content: bytes | None, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A table that cannot be used ends with exit code 3 and one line with file and reason."""

@@ -69,7 +69,7 @@ def test_a_scrape_gives_base_units(tmp_path: Path) -> None:
     assert {("tpmsd_up",): 0.0} == gone
 
 
-def test_nothing_listens_beyond_the_loopback_unless_told(tmp_path: Path) -> None:
+def test_nothing_listens_beyond_the_loopback_unless_configured(tmp_path: Path) -> None:
     """The server is bound to the address that it was given; a taken port is one clear line."""
     port, end = serve(tmp_path / "s", "127.0.0.1", 0, LOG)
     try:

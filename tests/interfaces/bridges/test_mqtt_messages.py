@@ -37,7 +37,7 @@ def test_an_alarm_is_announced_once_raised_and_once_cleared() -> None:
     assert [("raised", "deflation:rl:1000.000"), ("cleared", "deflation:rl:1000.000")] == said(announcer)
 
 
-def test_state_is_told_when_it_changes_and_now_and_then() -> None:
+def test_state_is_reported_when_it_changes_and_now_and_then() -> None:
     """Numbers wait for the period, a change of state or an alarm does not; all of it is retained."""
     announcer = ready()
     calm, soft = summarise(document()), summarise(document(alarm()))

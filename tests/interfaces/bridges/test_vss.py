@@ -68,7 +68,7 @@ def test_values_are_written_when_they_change_and_every_period() -> None:
     assert [None] * 4 == broker.by_wheel()
 
 
-def test_a_databroker_that_was_away_is_told_all(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_databroker_that_was_away_receives_all(caplog: pytest.LogCaptureFixture) -> None:
     """While nobody answers that is said once; afterwards all values are there, an alarm of the time between
     too."""
     caplog.set_level(logging.INFO)

@@ -165,11 +165,11 @@ def test_frames_go_on_a_bus_that_comes_late(caplog: pytest.LogCaptureFixture) ->
     wire = CanWire("virtual", "tests.vss", LOG)
     with can.Bus(interface="virtual", channel="tests.vss") as ear:
         assert wire.send(VssFrame(0x6C1, b"1234"))
-        heard = ear.recv(5.0)
+        received = ear.recv(5.0)
     wire.close()
 
-    assert heard is not None
-    assert (0x6C1, b"1234", False) == (heard.arbitration_id, bytes(heard.data), heard.is_extended_id)
+    assert received is not None
+    assert (0x6C1, b"1234", False) == (received.arbitration_id, bytes(received.data), received.is_extended_id)
 
 
 def test_only_virtual_interfaces_are_written_to(capsys: pytest.CaptureFixture[str]) -> None:

@@ -107,13 +107,13 @@ def test_what_does_not_exist_is_one_line(
 ) -> None:
     """An unknown method, a negative seed and a model that is not there: exit code 2."""
     assert main([*command.split(), str(folder), *options.split()]) in (2, 3)
-    told = [line for line in capsys.readouterr().err.splitlines() if reason in line]
-    assert 1 == len(told)
+    reported = [line for line in capsys.readouterr().err.splitlines() if reason in line]
+    assert 1 == len(reported)
 
 
 @pytest.mark.parametrize("command", ["explain", "web"])
 def test_the_running_daemon_keeps_its_filter(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Without a drive the daemon is asked, which has its own filter."""
     assert 2 == main([command, "--method", "mpf-pn"])
-    told = "tpmsd: --method goes with a DRIVE: the daemon has the filter of its configuration\n"
-    assert told == capsys.readouterr().err
+    reported = "tpmsd: --method goes with a DRIVE: the daemon has the filter of its configuration\n"
+    assert reported == capsys.readouterr().err

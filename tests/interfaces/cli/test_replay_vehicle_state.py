@@ -58,9 +58,9 @@ def numbers(rows: list[dict[str, str]], name: str) -> np.ndarray:
 @pytest.mark.parametrize("method", FILTERS)
 def test_the_table_of_a_bus_has_the_state(on_bus: Path, tmp_path: Path, method: str) -> None:
     """Eight columns more; speed and yaw rate agree with the radius filter's, the deviations are positive."""
-    file, told = tmp_path / "t.csv", tmp_path / "t.json"
+    file, reported = tmp_path / "t.csv", tmp_path / "t.json"
     assert 0 == main(
-        ["replay", str(on_bus), "--vehicle-state", method, "--csv", str(file), "--json", str(told)]
+        ["replay", str(on_bus), "--vehicle-state", method, "--csv", str(file), "--json", str(reported)]
     )
     rows = rows_of(file)
     assert tuple(rows[0])[-8:] == VehicleState._fields
@@ -73,7 +73,7 @@ def test_the_table_of_a_bus_has_the_state(on_bus: Path, tmp_path: Path, method: 
     assert np.abs(turn[both]).mean() < 0.02
     for name in VehicleState._fields[1::2]:
         assert (numbers(rows, name)[known] > 0.0).all()
-    document = json.loads(told.read_text(encoding="utf-8"))
+    document = json.loads(reported.read_text(encoding="utf-8"))
     assert document["vehicle_state"]["method"] == method
     assert document["vehicle_state"]["known_s"] == pytest.approx(0.1 * known.sum(), abs=0.11)
     assert set(document) <= set(schema_of("tpmsd.replay/2")["properties"])
@@ -123,10 +123,10 @@ def test_what_is_drawn_is_bounded_and_at_its_time() -> None:
 
 def test_without_the_option_nothing_is_new(on_bus: Path, tmp_path: Path) -> None:
     """No column, no key."""
-    file, told = tmp_path / "t.csv", tmp_path / "t.json"
-    assert 0 == main(["replay", str(on_bus), "--csv", str(file), "--json", str(told)])
+    file, reported = tmp_path / "t.csv", tmp_path / "t.json"
+    assert 0 == main(["replay", str(on_bus), "--csv", str(file), "--json", str(reported)])
     assert not set(rows_of(file)[0]) & set(VehicleState._fields)
-    assert "vehicle_state" not in json.loads(told.read_text(encoding="utf-8"))
+    assert "vehicle_state" not in json.loads(reported.read_text(encoding="utf-8"))
 
 
 def test_the_configured_method_is_that_of_the_option(on_bus: Path, tmp_path: Path) -> None:
@@ -155,8 +155,8 @@ def test_a_table_of_signals_is_enough(tmp_path: Path, method: str) -> None:
     """No bus, no wheels: the lateral speed of an independent four-wheel car is followed to a third of its
     size, within three stated deviations nearly always."""
     where = signals_folder(tmp_path / "d", model="three-dof", duration_s=12.0, seed=3)
-    file, told = tmp_path / "t.csv", tmp_path / "t.json"
-    line = ["replay", str(where), "--vehicle-state", method, "--csv", str(file), "--json", str(told)]
+    file, reported = tmp_path / "t.csv", tmp_path / "t.json"
+    line = ["replay", str(where), "--vehicle-state", method, "--csv", str(file), "--json", str(reported)]
     assert 0 == main(line)
     rows, truth = rows_of(file), read_signals(where)
     lateral = np.interp(numbers(rows, "time_s"), truth.time_s, truth.columns["velocity_lat_mps"])
@@ -165,7 +165,7 @@ def test_a_table_of_signals_is_enough(tmp_path: Path, method: str) -> None:
     assert known.mean() > 0.95
     assert np.sqrt(np.mean(off[known] ** 2)) < 0.35 * np.sqrt(np.mean(lateral**2))
     assert (np.abs(off[known]) < 3.0 * numbers(rows, "velocity_lat_std_mps")[known]).mean() > 0.97
-    document = json.loads(told.read_text(encoding="utf-8"))
+    document = json.loads(reported.read_text(encoding="utf-8"))
     assert set(schema_of("tpmsd.replay/2")["required"]) <= set(document)
 
 

@@ -373,9 +373,9 @@ class Held(RuleBasedStateMachine):
         """A place is refused only where none of those who hold one waits."""
         self.number += 1
         address = (host, self.number)
-        alike = [one for (other, _), one in self.open.items() if other == host]
-        full = len(alike) >= self.settings.max_connections_per_address
-        rivals = alike if full else list(self.open.values())
+        similar = [one for (other, _), one in self.open.items() if other == host]
+        full = len(similar) >= self.settings.max_connections_per_address
+        rivals = similar if full else list(self.open.values())
         no_place = (full or len(self.open) >= self.settings.max_connections) and not any(
             one["waiting"] for one in rivals
         )

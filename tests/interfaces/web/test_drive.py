@@ -148,7 +148,7 @@ def test_a_diagnosis_that_fails_says_why(tmp_path: Path) -> None:
     with TestClient(app, base_url="http://127.0.0.1:8377") as web:
         web.post("/api/diagnosis", content=b"", headers=OWN)
         end = time.monotonic() + 60.0
-        while (told := web.get("/api/diagnosis").json())["state"] == "running" and time.monotonic() < end:
+        while (reported := web.get("/api/diagnosis").json())["state"] == "running" and time.monotonic() < end:
             time.sleep(0.1)
 
-    assert ("failed", f"{folder}: no such drive folder") == (told["state"], told["reason"])
+    assert ("failed", f"{folder}: no such drive folder") == (reported["state"], reported["reason"])

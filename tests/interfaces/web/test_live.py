@@ -55,7 +55,7 @@ def daemon(path: Path) -> Iterator[StatusServer]:
         yield server
 
 
-async def heard(hub: LiveHub, name: str, count: int) -> list[Any]:
+async def received(hub: LiveHub, name: str, count: int) -> list[Any]:
     """The data of the next events of a kind."""
     found: list[Any] = []
     async for sent in hub.events():
@@ -86,7 +86,7 @@ def test_many_visitors_are_one_watcher(tmp_path: Path) -> None:
         hub = LiveHub(tmp_path / "s", SETTINGS)
 
         async def look() -> tuple[list[list[Any]], int]:
-            streams = [asyncio.create_task(heard(hub, "status", 5)) for _ in range(50)]
+            streams = [asyncio.create_task(received(hub, "status", 5)) for _ in range(50)]
             found = await asyncio.gather(*streams)
             return found, server.watchers
 
@@ -120,13 +120,13 @@ def test_a_daemon_that_goes_and_comes_back(tmp_path: Path) -> None:
     hub = LiveHub(tmp_path / "s", SETTINGS)
 
     async def follow() -> list[Any]:
-        (absent,) = await heard(hub, "down", 1)
+        (absent,) = await received(hub, "down", 1)
         with daemon(tmp_path / "s"):
-            (first,) = await heard(hub, "status", 1)
+            (first,) = await received(hub, "status", 1)
             await asyncio.sleep(0.1)
-        (gone,) = await heard(hub, "down", 1)
+        (gone,) = await received(hub, "down", 1)
         with daemon(tmp_path / "s"):
-            (second,) = await heard(hub, "status", 1)
+            (second,) = await received(hub, "status", 1)
         return [absent, first, gone, second]
 
     absent, first, gone, second = run(follow(), hub)
@@ -193,7 +193,7 @@ def test_a_new_visitor_gets_the_history_as_it_is_now(tmp_path: Path) -> None:
     """The history is encoded once for all visitors, and anew when it has grown."""
 
     async def first(hub: LiveHub) -> list[float]:
-        (rows,) = await heard(hub, "history", 1)
+        (rows,) = await received(hub, "history", 1)
         return [row["time"] for row in rows]
 
     async def visits() -> list[list[float]]:
@@ -206,9 +206,9 @@ def test_a_new_visitor_gets_the_history_as_it_is_now(tmp_path: Path) -> None:
     assert [[0.0], [0.0], [0.0, 20.0]] == asyncio.run(visits())
 
 
-def test_before_the_daemon_was_asked_a_visitor_is_told_so(tmp_path: Path) -> None:
+def test_before_the_daemon_was_asked_a_visitor_reads_so(tmp_path: Path) -> None:
     """A page that is opened at once says why it is empty."""
-    (down,) = asyncio.run(heard(LiveHub(tmp_path / "s", SETTINGS), "down", 1))
+    (down,) = asyncio.run(received(LiveHub(tmp_path / "s", SETTINGS), "down", 1))
 
     assert "not asked yet" == down["reason"]
 
@@ -227,7 +227,7 @@ def test_what_is_no_daemon_is_said(tmp_path: Path) -> None:
         server = await asyncio.start_unix_server(stranger, str(tmp_path / "s"))
         async with server:
             while True:
-                (down,) = await heard(hub, "down", 1)
+                (down,) = await received(hub, "down", 1)
                 if "what answers" in down["reason"]:
                     return str(down["reason"])
                 await asyncio.sleep(0.01)
@@ -250,10 +250,10 @@ def test_no_error_leaves_old_data_on_show(tmp_path: Path, trouble: Exception) ->
         troubles = 0
 
     async def follow() -> tuple[str, list[Any]]:
-        (down,) = await heard(hub, "down", 1)
+        (down,) = await received(hub, "down", 1)
         while type(trouble).__name__ not in down["reason"]:
-            (down,) = await heard(hub, "down", 1)
-        return down["reason"], await heard(hub, "status", 1)
+            (down,) = await received(hub, "down", 1)
+        return down["reason"], await received(hub, "status", 1)
 
     with daemon(tmp_path / "s"):
         hub = Troubled(tmp_path / "s", SETTINGS)

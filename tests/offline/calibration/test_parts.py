@@ -28,14 +28,14 @@ RADIUS_M, SPEED_MPS, TURN_RADIUS_M, TRACK_M = 0.316, 12.0, 60.0, 1.52
 def perfect(yaw_radps: np.ndarray, forward_m: float = 0.0, slip_per_accel: float = 0.0) -> Recording:
     """A car at 12 m/s without any noise; its rear axle's course leaves the heading by -c * a_y."""
     count, dt = len(yaw_radps), 0.1
-    way = SPEED_MPS * dt
+    distance = SPEED_MPS * dt
     turn = yaw_radps * dt
     heading = np.concatenate([[0.0], np.cumsum(turn)])
     course = heading[:-1] + turn / 2 - slip_per_accel * SPEED_MPS * yaw_radps
-    chord = way * np.sinc(turn / 2 / math.pi)
+    chord = distance * np.sinc(turn / 2 / math.pi)
     east = np.concatenate([[0.0], np.cumsum(chord * np.cos(course))])
     north = np.concatenate([[0.0], np.cumsum(chord * np.sin(course))])
-    roll = np.stack([way + side * turn * TRACK_M / 2 for side in (-1, 1, -1, 1)], axis=1)
+    roll = np.stack([distance + side * turn * TRACK_M / 2 for side in (-1, 1, -1, 1)], axis=1)
     silent = np.full(count, math.nan)
     start = car()
     return Recording(

@@ -59,7 +59,9 @@ def nothing_chosen(study: Study) -> Found:
 @pytest.mark.parametrize(
     ("changed_m", "last_m", "wheels"), [(-3e-3, 0.0, ["rl"]), (0.0, 0.0, []), (-3e-3, 2e-3, ["rl"])]
 )
-def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, last_m: float, wheels: list[str]) -> None:
+def test_a_change_of_a_radius_is_distinguished_from_drift(
+    changed_m: float, last_m: float, wheels: list[str]
+) -> None:
     """Beside the drift that is likeliest without it, it is nothing unusual; two accounts as wholes differ.
 
     What one block at the end shows does not hide it.
@@ -103,7 +105,7 @@ def along_a_motorway(north_mps: float) -> Recording:
 
 
 @pytest.mark.parametrize("north_mps", [0.0, 0.05])
-def test_a_constant_velocity_error_is_told_from_slow_noise_of_the_speed(north_mps: float) -> None:
+def test_a_constant_velocity_error_is_distinguished_from_slow_noise_of_the_speed(north_mps: float) -> None:
     """The noise estimated without it holds a part of it: under its own noise it brings half as much again."""
     readers, _ = admitted([along_a_motorway(north_mps)])
     study = Study(readers)

@@ -98,13 +98,13 @@ def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[in
 def test_of_a_simulation_that_holds_the_ring_the_difference_is_left(rings: dict[int, list[Ripple]]) -> None:
     """A ring that both hold alike is no finding; of another size, the difference with both variances is."""
     rings.update({0: [ripple(2e-3, 3e-4)], 1: [ripple(2.1e-3, 4e-4)]})
-    alike = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
+    similar = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
     rings[1] = [ripple(12e-3, 4e-4)]
     (other,) = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
     rings[1] = []
     (lacking,) = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
 
-    assert [] == alike
+    assert [] == similar
     assert (-10e-3, 5e-4) == pytest.approx(
         (other.parameters["amplitude_rad"].value, other.parameters["amplitude_rad"].std)
     )
@@ -116,7 +116,7 @@ def test_of_a_simulation_that_holds_the_ring_the_difference_is_left(rings: dict[
     ("counts", "wheels"),
     [((44.0,) * 4, ("fl", "fr", "rl", "rr")), ((None, 44.0, None, None), ("fr",)), ((None,) * 4, None)],
 )
-def test_a_miscounted_ring_is_told_of_its_wheel_or_of_all(
+def test_a_miscounted_ring_is_reported_of_its_wheel_or_of_all(
     rings: dict[int, list[Ripple]], counts: tuple[float | None, ...], wheels: tuple[str, ...] | None
 ) -> None:
     """All four alike are one finding of no wheel's name; a ring as configured is none."""
@@ -127,14 +127,14 @@ def test_a_miscounted_ring_is_told_of_its_wheel_or_of_all(
     assert all(("wheel" in one.parameters) == (len(one.where.wheels) == 1) for one in found)
 
 
-def test_counts_lost_at_walking_pace_are_told_by_the_drive_that_tells_them_best(
+def test_counts_lost_at_walking_pace_are_identified_by_the_drive_that_tells_them_best(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Its gain less what is asked of it is the log odds of the finding; drives that lose none say nothing."""
     asked = SETTINGS.counters.lost_admit_nats
-    told = [None, Lost(("rl",), 2.0, 0.1, 0.3, 0.02, asked + 2.0, (0.5, 2.0)), None]
-    told.append(Lost(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
-    monkeypatch.setattr(lost_counts, "lost_counts", lambda recording, radii_m: told[recording.number])
+    reported = [None, Lost(("rl",), 2.0, 0.1, 0.3, 0.02, asked + 2.0, (0.5, 2.0)), None]
+    reported.append(Lost(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
+    monkeypatch.setattr(lost_counts, "lost_counts", lambda recording, radii_m: reported[recording.number])
 
     (found,) = lost(studied(4), SECONDS)
 

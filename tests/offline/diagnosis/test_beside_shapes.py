@@ -74,7 +74,9 @@ def noiseless(data: FloatArray, responses: FloatArray) -> Evidence:
     ("old_fix", "found"),
     [(False, {("unknown", "rear"), ("unknown", "all")}), (True, {("unknown", "rear"), ("gnss_latency", "")})],
 )
-def test_an_old_fix_is_told_from_slip_of_the_other_axle(old_fix: bool, found: set[tuple[str, str]]) -> None:
+def test_an_old_fix_is_distinguished_from_slip_of_the_other_axle(
+    old_fix: bool, found: set[tuple[str, str]]
+) -> None:
     """Nine tenths of a GNSS latency look like slip of all wheels; only the last tenth may give it its name.
 
     The shape of all wheels costs 26 nats, the latency 3.5, so by what they bring for their price slip alone
@@ -163,7 +165,7 @@ def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: boo
 
 
 @pytest.mark.parametrize(("factor", "named"), [(0.9, True), (-9.0, False), (6.0, False)])
-def test_slopes_shorten_the_way_by_their_geometry_and_no_more(factor: float, named: bool) -> None:
+def test_slopes_shorten_the_distance_by_their_geometry_and_no_more(factor: float, named: bool) -> None:
     """It has no parameter: what shows nine times as much, or the other way, is another thing."""
     u = directions(1)
     grade = Term("road_grade", columns(1, width=2), ("",), 3.5)

@@ -25,8 +25,8 @@ def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
     spec = Spec(
         duration_s=240.0, road="city", stops=True, doppler_age_s=lag_s, doppler_mps=0.02, doppler_tau_s=0.05
     )
-    way, rng = driven(spec, 5)
-    seen = observe(way, spec, rng, 5)
+    trip, rng = driven(spec, 5)
+    seen = observe(trip, spec, rng, 5)
     return recording_of(smoothed(seen, time_constant_s) if time_constant_s else seen)
 
 
@@ -43,7 +43,7 @@ def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float
     assert stay == {one.term.effect for one in needed_exactly(study, linear, evidence).chosen}
 
 
-def test_a_long_lag_is_told_with_its_size() -> None:
+def test_a_long_lag_is_reported_with_its_size() -> None:
     """0.4 s, and not 0.32 s beside a low-pass of 0.08 s."""
     diagnosis = diagnose([late(0.4)])
 

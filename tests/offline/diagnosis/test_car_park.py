@@ -32,8 +32,8 @@ def test_a_track_is_measured_between_parked_cars() -> None:
 
     assert ["track_width_error"] == [finding.effect for finding in diagnosis.findings]
     assert pytest.approx(0.06, abs=0.004) == diagnosis.findings[0].parameters["rear_m"].value
-    told = {one.speed_mps: one for one in diagnosis.information}
-    assert {(0.0, 2.5), (2.5, 5.0)} == set(told)
+    reported = {one.speed_mps: one for one in diagnosis.information}
+    assert {(0.0, 2.5), (2.5, 5.0)} == set(reported)
     assert sum(one.driving_s for one in diagnosis.information) == diagnosis.driving_s > 200.0
 
 

@@ -167,9 +167,9 @@ def test_a_replicate_is_the_drive_with_new_errors(recording: Recording) -> None:
     windows = Reader(again, reader.reference).windows
     left = windows.measured - Reader(again, reader.reference).predict(ExtendedModel())
     speed = windows.covariates["speed"]
-    way = np.sqrt(noise.rough_m**2 * speed + 2.0 * np.square(noise.reading_m[0]))
+    distance = np.sqrt(noise.rough_m**2 * speed + 2.0 * np.square(noise.reading_m[0]))
 
-    assert np.std(left[:, 0] / way) == pytest.approx(1.0, rel=0.15)
+    assert np.std(left[:, 0] / distance) == pytest.approx(1.0, rel=0.15)
     assert np.std(left[:, GYRO]) == pytest.approx(noise.gyro_radps, rel=0.15)
     assert np.nanstd(left[:, SPEED]) == pytest.approx(noise.speed_mps, rel=0.25)
     assert np.nanstd(left[:, COURSE] * speed) == pytest.approx(noise.cross_mps, rel=0.25)
@@ -232,16 +232,16 @@ def test_p_values_with_early_stopping_are_those_of_ranks(most: int) -> None:
             for reached, share in ((k + 1, beyond), (k, 1 - beyond)):
                 maxima = [1.0] * reached + [-1.0] * (drawn + 1 - reached)
                 if (enough(0.0, maxima) and reached > k) or drawn + 1 == most:
-                    told = Fraction(p_value(0.0, maxima)[0]).limit_denominator(1000)
-                    at[told] = at.get(told, Fraction(0)) + chances * share
+                    reported = Fraction(p_value(0.0, maxima)[0]).limit_denominator(1000)
+                    at[reported] = at.get(reported, Fraction(0)) + chances * share
                 else:
                     further[reached] = further.get(reached, Fraction(0)) + chances * share
         orders = further
 
     total = Fraction(0)
-    for told in sorted(at):
-        total += at[told]
-        assert total == told
+    for reported in sorted(at):
+        total += at[reported]
+        assert total == reported
     assert min(at) == Fraction(1, most + 1)
     assert total == 1
 
@@ -339,11 +339,11 @@ def test_gains_are_studentised_by_what_blocks_scatter() -> None:
     search = Candidates(evidence, _nothing_but_calibration(evidence))
     terms = [Term("gnss_latency", evidence.unit(k), ("latency_s",), 3.5) for k in (1, 2)]
     nets = [search.gain([term]) - term.penalty for term in terms]
-    alike, independent = (search.studentised([], term, net) for term, net in zip(terms, nets, strict=True))
+    similar, independent = (search.studentised([], term, net) for term, net in zip(terms, nets, strict=True))
 
     assert nets[0] > 3.0 * nets[1]
     assert independent == pytest.approx(nets[1], rel=0.5)
-    assert alike < min(independent, 0.2 * nets[0])
+    assert similar < min(independent, 0.2 * nets[0])
 
 
 def _nothing_but_calibration(evidence: Evidence) -> Hypotheses:

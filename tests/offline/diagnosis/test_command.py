@@ -95,9 +95,9 @@ def test_too_little_data_is_one_line_and_code_3(tmp_path: Path, capsys: pytest.C
     write_folder(drive(Spec(duration_s=60.0, road="rural"), 21), short)
 
     assert 3 == main(["diagnose", str(short), "--json", str(tmp_path / "d.json")])
-    told = capsys.readouterr()
-    assert "tpmsd: insufficient data: the drive is shorter than 90 s" == told.err.splitlines()[-1]
-    assert "" == told.out
+    reported = capsys.readouterr()
+    assert "tpmsd: insufficient data: the drive is shorter than 90 s" == reported.err.splitlines()[-1]
+    assert "" == reported.out
     assert "insufficient_data" == json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["verdict"]
 
 

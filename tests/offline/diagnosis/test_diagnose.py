@@ -77,7 +77,7 @@ def test_a_leak_is_a_change_of_radius() -> None:
     assert finding.where.time_spans[0] == pytest.approx((250.0, 700.0), abs=8.0)
 
 
-def test_two_tyres_that_change_alike_are_one_finding() -> None:
+def test_two_tyres_that_change_equally_are_one_finding() -> None:
     """Both rear tyres lose a millimetre in the same minute: one change, of both wheels."""
     truth = {"deviation_m": -1e-3, "onset_s": 300.0, "duration_s": 60.0}
     both = {"radius_change": {"wheel": "rl", **truth}, "radius_change_2": {"wheel": "rr", **truth}}

@@ -88,7 +88,7 @@ def test_one_wheel_that_locks_for_a_while_has_a_name() -> None:
     assert [("wheel_lock", ("rr",))] == [(finding.effect, finding.where.wheels) for finding in findings]
 
 
-def test_what_robust_weights_took_away_is_told_with_its_place() -> None:
+def test_what_robust_weights_took_away_is_reported_with_its_place() -> None:
     """Readings of two blocks weigh a quarter: three quarters of a channel's data there, and their span."""
     drive = SimpleNamespace(
         reader=SimpleNamespace(
@@ -101,8 +101,8 @@ def test_what_robust_weights_took_away_is_told_with_its_place() -> None:
     )
     drive.inflate[30:90] = 4.0
 
-    told = down_weighted([cast(DriveStudy, drive)])
+    reported = down_weighted([cast(DriveStudy, drive)])
 
-    assert pytest.approx(0.375) == told.share
-    assert pytest.approx(0.375) == told.by_channel["gnss_speed"]
-    assert ((30.0, 90.0),) == told.time_spans
+    assert pytest.approx(0.375) == reported.share
+    assert pytest.approx(0.375) == reported.by_channel["gnss_speed"]
+    assert ((30.0, 90.0),) == reported.time_spans

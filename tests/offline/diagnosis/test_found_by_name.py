@@ -39,14 +39,14 @@ def numbers(finding: Finding) -> dict[str, tuple[float, float]]:
 def test_a_tyre_of_brushes_is_a_slip_curve() -> None:
     """A brush tyre (Pacejka 2012, section 3.2) on a wet road: stiffness, and where the grip ends."""
     spec = Spec(duration_s=400.0, road="city", driven="front", stops=True)
-    way, rng = driven(spec, 2)
+    trip, rng = driven(spec, 2)
     most, slope = 2.2, 4e-3
     slips = np.linspace(0.0, 3.0 * slope * most, 4001)
     share = slips / slips[-1]
     forces = most * (3.0 * share - 3.0 * share**2 + share**3)
-    slip = np.sign(way.force) * np.interp(np.abs(way.force), forces, slips)
+    slip = np.sign(trip.force) * np.interp(np.abs(trip.force), forces, slips)
 
-    found = findings(recording_of(observe(replace(way, spin=slip[:, None] * FRONT), spec, rng, 2)))
+    found = findings(recording_of(observe(replace(trip, spin=slip[:, None] * FRONT), spec, rng, 2)))
 
     assert ["drive_slip_curve"] == list(found)
     values = numbers(found["drive_slip_curve"])
@@ -57,10 +57,10 @@ def test_a_tyre_of_brushes_is_a_slip_curve() -> None:
 def test_linear_slip_is_no_curve() -> None:
     """The simpler of two that explain as much is named."""
     spec = Spec(duration_s=240.0, road="city", driven="front", stops=True)
-    way, rng = driven(spec, 2)
+    trip, rng = driven(spec, 2)
 
     found = findings(
-        recording_of(observe(replace(way, spin=4e-3 * way.force[:, None] * FRONT), spec, rng, 2))
+        recording_of(observe(replace(trip, spin=4e-3 * trip.force[:, None] * FRONT), spec, rng, 2))
     )
 
     assert ["longitudinal_slip"] == list(found)
@@ -70,11 +70,11 @@ def test_linear_slip_is_no_curve() -> None:
 def test_drive_on_one_axle_and_brakes_on_both_are_two_effects() -> None:
     """Each wheel slips in proportion to its own force, as in a car: neither effect alone explains that."""
     spec = Spec(duration_s=300.0, road="mixed", driven="rear", stops=True)
-    way, rng = driven(spec, 8)
-    power, braking = np.maximum(way.force, 0.0)[:, None], np.maximum(-way.force, 0.0)[:, None]
+    trip, rng = driven(spec, 8)
+    power, braking = np.maximum(trip.force, 0.0)[:, None], np.maximum(-trip.force, 0.0)[:, None]
     slip = 6e-3 * power * REAR - braking * (5e-3 * FRONT + 3e-3 * REAR)
 
-    found = findings(recording_of(observe(replace(way, spin=slip), spec, rng, 8)))
+    found = findings(recording_of(observe(replace(trip, spin=slip), spec, rng, 8)))
 
     assert {"brake_slip", "longitudinal_slip"} == set(found)
     values = numbers(found["longitudinal_slip"]) | numbers(found["brake_slip"])
@@ -86,9 +86,9 @@ def test_drive_on_one_axle_and_brakes_on_both_are_two_effects() -> None:
 def test_people_who_got_in_behind_are_a_load() -> None:
     """Rear wheels of 0.4 mm less radius after the longest stop turn faster from there on."""
     spec = Spec(duration_s=420.0, road="mixed", stops=True)
-    way, rng = driven(spec, 3)
-    recording = recording_of(observe(way, spec, rng, 3))
-    moving = way.time_s[way.speed > 0.2]
+    trip, rng = driven(spec, 3)
+    recording = recording_of(observe(trip, spec, rng, 3))
+    moving = trip.time_s[trip.speed > 0.2]
     after = recording.edges_s[:-1] >= moving[1 + int(np.argmax(np.diff(moving)))]
     turns = recording.rotation_rad * (1.0 + (4e-4 / spec.radius_m) * after[:, None] * REAR)
 
@@ -99,11 +99,11 @@ def test_people_who_got_in_behind_are_a_load() -> None:
     assert pytest.approx(-4e-4, abs=max(3.0 * std, 4e-6)) == value
 
 
-def test_chains_are_told_from_wheels_that_lock() -> None:
+def test_chains_are_distinguished_from_wheels_that_lock() -> None:
     """A driven axle that turns slower by 2.8 % for two minutes and a half."""
     spec = Spec(duration_s=280.0, road="city", driven="front")
-    way, rng = driven(spec, 4)
-    recording = recording_of(observe(way, spec, rng, 4))
+    trip, rng = driven(spec, 4)
+    recording = recording_of(observe(trip, spec, rng, 4))
     on = (recording.edges_s[:-1] > 80.0) & (recording.edges_s[:-1] < 230.0)
 
     found = findings(
@@ -115,11 +115,11 @@ def test_chains_are_told_from_wheels_that_lock() -> None:
     assert pytest.approx(-0.028, abs=1e-3) == numbers(found["chains"])["slip"][0]
 
 
-def test_a_leaning_gyro_is_told_by_crests() -> None:
+def test_a_leaning_gyro_is_identified_by_crests() -> None:
     """Its axis leans by 0.08 rad to the side; the world rotates the vector of the turning rate."""
     spec = Spec(duration_s=500.0, road="rural", hilly=0.04)
-    way, rng = driven(spec, 3)
-    seen = observe(way, spec, rng, 3)
+    trip, rng = driven(spec, 3)
+    seen = observe(trip, spec, rng, 3)
     pitching = -np.gradient(seen.grade, seen.time_s)
     leaning = replace(seen, gyro=np.cos(0.08) * seen.gyro + np.sin(0.08) * pitching)
 
@@ -148,12 +148,12 @@ def smoothed(seen: Drive, time_constant_s: float) -> Drive:
     )
 
 
-def test_a_receiver_that_smooths_is_told_from_one_that_lags() -> None:
+def test_a_receiver_that_smooths_is_distinguished_from_one_that_lags() -> None:
     """A recursive filter of 1 s; its own half step is all the lag there may be beside it."""
     spec = Spec(duration_s=300.0, road="city", stops=True)
-    way, rng = driven(spec, 5)
+    trip, rng = driven(spec, 5)
 
-    found = findings(recording_of(smoothed(observe(way, spec, rng, 5), 1.0)))
+    found = findings(recording_of(smoothed(observe(trip, spec, rng, 5), 1.0)))
 
     assert "gnss_smoothing" == next(iter(found))
     assert pytest.approx(1.0, abs=0.12) == numbers(found["gnss_smoothing"])["time_constant_s"][0]

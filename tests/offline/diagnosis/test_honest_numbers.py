@@ -87,7 +87,9 @@ def test_a_step_of_a_radius_is_measured_to_a_third_of_a_per_cent() -> None:
 
 
 @pytest.mark.parametrize(("wheel", "teeth"), [(1, 47), (2, 49)])
-def test_a_ring_with_another_number_of_teeth_is_told_from_another_radius(wheel: int, teeth: int) -> None:
+def test_a_ring_with_another_number_of_teeth_is_distinguished_from_another_radius(
+    wheel: int, teeth: int
+) -> None:
     """Two per cent on one wheel, just what a tooth makes: wheel and number are named."""
     world = drive(Spec(duration_s=300.0, teeth=48.0), 34)
     shown = world.shown_rad.copy()

@@ -65,7 +65,7 @@ def test_radii_that_differ_from_drive_to_drive_are_calibration() -> None:
     assert ("consistent", ()) == (diagnosis.verdict, diagnosis.findings)
 
 
-def test_a_value_that_is_each_drives_own_is_told_so() -> None:
+def test_a_value_that_is_each_drives_own_is_reported_as_that() -> None:
     """Gyro biases of two drives are a finding for each, and nothing else is made of them."""
     truth = {"a": 2e-3, "b": -1.5e-3}
     drives = [

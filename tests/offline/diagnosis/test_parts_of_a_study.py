@@ -78,15 +78,15 @@ def test_a_slip_explains_what_least_squares_with_its_columns_take_away(studied: 
     """The gain is half the drop of the residual's sum of squares, calibration fitted before and after."""
     evidence = studied.evidence()
     (one,) = studied.drives
-    told = {entry.variable: entry for entry in explanatory(studied, [], evidence)}
+    reported = {entry.variable: entry for entry in explanatory(studied, [], evidence)}
     y, X = rows(studied, np.eye(studied.width, 1))[:, 0], rows(studied, studied.hypotheses.nuisance)
     at = [k for k, name in enumerate(one.names) if name[0] == WHEEL_SLIP]
     slips = rows(studied, np.eye(studied.width)[:, at])
     before, after = left(y, X), left(y, np.concatenate([X, slips], axis=1))
 
-    assert told[WHEEL_SLIP].alone == pytest.approx(0.5 * (before @ before - after @ after), rel=1e-3)
-    assert told[WHEEL_SLIP].beyond == told[WHEEL_SLIP].alone
-    assert () == told[WHEEL_SLIP].without
+    assert reported[WHEEL_SLIP].alone == pytest.approx(0.5 * (before @ before - after @ after), rel=1e-3)
+    assert reported[WHEEL_SLIP].beyond == reported[WHEEL_SLIP].alone
+    assert () == reported[WHEEL_SLIP].without
 
 
 @pytest.mark.parametrize("off", [-0.004, 0.003])
@@ -208,14 +208,14 @@ def test_a_null_drive_is_consistent_and_its_size_is_that_of_the_noise(studied: S
     nothing, evidence = chosen(studied), studied.evidence()
     (one,) = studied.drives
 
-    told = report(studied, nothing, evidence)
+    reported = report(studied, nothing, evidence)
     white = one.residual(nothing.fit.design, nothing.fit.values)[:, GYRO]
 
-    assert (CONSISTENT, ()) == (told.verdict, told.findings)
-    assert told.baseline_rms == told.model_rms
-    assert len(one.reader.windows) == told.driving_s
-    assert told.inner is not None
-    assert np.sqrt(np.square(white).mean()) == pytest.approx(told.inner.rms_by_channel["yaw_rate"][1])
+    assert (CONSISTENT, ()) == (reported.verdict, reported.findings)
+    assert reported.baseline_rms == reported.model_rms
+    assert len(one.reader.windows) == reported.driving_s
+    assert reported.inner is not None
+    assert np.sqrt(np.square(white).mean()) == pytest.approx(reported.inner.rms_by_channel["yaw_rate"][1])
 
 
 def test_a_term_without_an_effect_gains_nothing_on_data_left_out(studied: Study) -> None:

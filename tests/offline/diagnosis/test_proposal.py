@@ -29,20 +29,20 @@ Law = Callable[[Course], np.ndarray]
 
 def law_of(size: Callable[[Course], np.ndarray], *wheels: float) -> Law:
     """A law of the motion on some wheels with signs."""
-    return lambda way: size(way)[:, None] * np.array(wheels)
+    return lambda trip: size(trip)[:, None] * np.array(wheels)
 
 
 LAWS: dict[str, tuple[Law, set[str]]] = {
     "product": (
-        law_of(lambda way: 6e-5 * way.speed * way.force, 0.0, 0.0, 1.0, 0.0),
+        law_of(lambda trip: 6e-5 * trip.speed * trip.force, 0.0, 0.0, 1.0, 0.0),
         {"speed", "accel_long"},
     ),
     "step": (
-        law_of(lambda way: 2e-3 / (1.0 + np.exp(-(way.speed - 16.0))), 0.0, 0.0, 1.0, 1.0),
+        law_of(lambda trip: 2e-3 / (1.0 + np.exp(-(trip.speed - 16.0))), 0.0, 0.0, 1.0, 1.0),
         {"speed"},
     ),
     "threshold": (
-        law_of(lambda way: 3e-3 * np.where(way.a_lat > 1.0, way.a_lat - 1.0, 0.0), 0.0, 1.0, 0.0, 0.0),
+        law_of(lambda trip: 3e-3 * np.where(trip.a_lat > 1.0, trip.a_lat - 1.0, 0.0), 0.0, 1.0, 0.0, 0.0),
         {"accel_lat"},
     ),
 }
@@ -55,8 +55,8 @@ def diagnosed(law: Law, seed: int, propose: bool) -> RollingDiagnosis:
     """A drive of the independent world in which the law acts."""
     spec = Spec(duration_s=300.0, road="mixed", driven="front", stops=True)
     rng = np.random.default_rng(seed)
-    way = course(spec, rng)
-    return diagnose([recording_of(observe(replace(way, spin=law(way)), spec, rng, seed))], propose=propose)
+    trip = course(spec, rng)
+    return diagnose([recording_of(observe(replace(trip, spin=law(trip)), spec, rng, seed))], propose=propose)
 
 
 FRESH = """
@@ -96,7 +96,7 @@ def test_what_nobody_listed_is_proposed_and_then_found_by_name(kind: str, tmp_pa
 
 def test_nothing_is_proposed_where_nothing_is_unnamed() -> None:
     """A drive of the rolling model has no proposal."""
-    assert () == diagnosed(lambda way: np.zeros((len(way.time_s), 4)), 11, True).proposals
+    assert () == diagnosed(lambda trip: np.zeros((len(trip.time_s), 4)), 11, True).proposals
 
 
 def test_a_form_that_fits_brings_half_of_the_data_squared() -> None:
@@ -159,6 +159,6 @@ def test_forms_with_numbers_of_their_own_are_what_their_formula_says() -> None:
     assert {"step", "above"} == {form.form for form in shaped_expressions("speed", values + 10.0)}
     assert [] == shaped_expressions("time", values) == shaped_expressions("speed", np.full(9, 20.0))
     for form in forms:
-        told = eval(form.formula, {"np": np, "accel_lat": values})
-        assert told == pytest.approx(form.values({"accel_lat": values}))
+        reported = eval(form.formula, {"np": np, "accel_lat": values})
+        assert reported == pytest.approx(form.values({"accel_lat": values}))
     assert {"1", "m/s2"} == {form.unit for form in forms}

@@ -89,7 +89,7 @@ def test_each_error_is_named_with_its_size(sound: Drive) -> None:
             assert pytest.approx(size, abs=3.0 * quantity.std) == quantity.value
 
 
-def test_what_reads_alike_is_said(sound: Drive) -> None:
+def test_what_reads_the_same_is_said(sound: Drive) -> None:
     """A constant to the left may be the sensor's zero, its mount or the road; one forward not the road."""
     left = replace(sound, accel_lat=sound.accel_lat + 0.5)
     forward = replace(sound, accel_long=sound.accel_long + 0.5)
@@ -114,7 +114,7 @@ def test_a_report_can_say_where(sound: Drive) -> None:
 
 
 @pytest.mark.parametrize(("rate", "named"), [(5e-4, ["clock_drift"]), (3e-5, [])])
-def test_a_clock_is_told_by_the_receivers_utc(sound: Drive, rate: float, named: list[str]) -> None:
+def test_a_clock_is_identified_by_the_receivers_utc(sound: Drive, rate: float, named: list[str]) -> None:
     """500 ppm are a finding, a crystal's 30 ppm and a step are not."""
     recording = recording_of(sound)
     time_s = recording.fix_time_s

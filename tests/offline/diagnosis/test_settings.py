@@ -44,11 +44,13 @@ def test_no_constant_with_a_number_stands_outside_the_settings() -> None:
     assert [] == outside
 
 
-def test_what_has_a_number_is_told_from_what_has_none() -> None:
+def test_what_has_a_number_is_distinguished_from_what_has_none() -> None:
     """A sum and a call with numbers do; a subscript and a table of signs do not."""
-    told = [has_number(ast.parse(text, mode="eval").body) for text in ("2 * A", "f(0.1)", "P[0]", "{'a': 1}")]
+    reported = [
+        has_number(ast.parse(text, mode="eval").body) for text in ("2 * A", "f(0.1)", "P[0]", "{'a': 1}")
+    ]
 
-    assert [True, True, False, False] == told
+    assert [True, True, False, False] == reported
 
 
 def test_every_setting_has_its_reason() -> None:

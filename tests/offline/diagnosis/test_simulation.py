@@ -108,7 +108,7 @@ def test_what_both_hold_is_no_finding_however_faint() -> None:
     assert ("consistent", ("simulation",), ()) == (diagnosis.verdict, diagnosis.baseline, diagnosis.findings)
 
 
-def test_what_both_hold_at_different_values_is_told_with_both() -> None:
+def test_what_both_hold_at_different_values_is_reported_with_both() -> None:
     """The finding's value is the difference, the simulation's stands beside it, the model has the sum."""
     less = {"load_transfer_lateral": {"coefficient": 4e-5}}
     diagnosis = diagnose_against(recorded(79, TRANSFER), recorded(79, less, **PERFECT))

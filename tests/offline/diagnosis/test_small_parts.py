@@ -36,7 +36,7 @@ def counted(teeth: float, *shown: float) -> Recording:
 
 
 @pytest.mark.parametrize("scale", [1.0, 1.002])
-def test_a_ring_of_another_number_of_teeth_is_told_by_its_radius(scale: float) -> None:
+def test_a_ring_of_another_number_of_teeth_is_identified_by_its_radius(scale: float) -> None:
     """47 teeth for 48: the radius looks 48/47 as large, and a common factor of all radii changes nothing."""
     drive = counted(48.0, 48.0, 48.0, 48.0, 48.0)
     radii = drive.car.radius_m * scale * np.array([1.0, 48.0 / 47.0, 1.0, 1.0])

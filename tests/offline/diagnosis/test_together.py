@@ -48,7 +48,7 @@ def shapes() -> list[Term]:
         ({}, None),
     ],
 )
-def test_a_shape_is_told_only_where_one_group_has_it_to_itself(
+def test_a_shape_is_reported_only_where_one_group_has_it_to_itself(
     heights_mm: dict[str, int], place: str | None
 ) -> None:
     """An axle, a side, one wheel; not two that go each their own way, not all, as the receiver makes it."""
@@ -68,7 +68,7 @@ def test_a_shape_is_told_only_where_one_group_has_it_to_itself(
 
 
 @pytest.mark.parametrize(("loses_air", "effect"), [(True, "radius_change"), (False, "unknown")])
-def test_a_wheel_that_loses_air_is_not_told_as_a_shape(loses_air: bool, effect: str) -> None:
+def test_a_wheel_that_loses_air_is_not_reported_as_a_shape(loses_air: bool, effect: str) -> None:
     """Slow noise had taken it out: named if it brings nearly what the wheel's spline term does."""
     u = directions(4 * HATS)
     responses = SIZE * u

@@ -75,7 +75,7 @@ def test_a_lag_that_may_be_usual_is_priced_as_such(
         ("yaw_rate_scale", "scale", "track_width_error", ("rear_m", "front_m"), 0.045),
     ],
 )
-def test_a_value_is_as_uncertain_as_what_reads_alike_is_usual(
+def test_a_value_is_as_uncertain_as_what_reads_the_same_is_usual(
     effect: str, parameter: str, beside: str, others: tuple[str, ...], usual: float
 ) -> None:
     """Responses that are the same: the value may be that of the other effect, which counts once, however many

@@ -116,15 +116,15 @@ def test_braking_needs_less_slip_where_it_moves_the_weight() -> None:
 def test_what_slips_would_gain_is_reported(inertial: bool) -> None:
     """Brakes that slip all wheels show in wheel slip, not in side slip; what the bus lacks is said."""
     diagnosis = diagnose([recorded(61, inertial)])
-    told = {one["variable"]: one for one in diagnosis_document(diagnosis, None)["explanatory"]}
+    reported = {one["variable"]: one for one in diagnosis_document(diagnosis, None)["explanatory"]}
 
     assert {"wheel_slip": "accel_long", "side_slip": "accel_lat"} == {
-        k: v["covariate"] for k, v in told.items()
+        k: v["covariate"] for k, v in reported.items()
     }
-    assert told["wheel_slip"]["alone"] > 1000.0 > 10.0 > told["side_slip"]["alone"]
+    assert reported["wheel_slip"]["alone"] > 1000.0 > 10.0 > reported["side_slip"]["alone"]
     # Spline terms over the acceleration were found, which say the same.
-    assert told["wheel_slip"]["beyond"] < 0.01 * told["wheel_slip"]["alone"]
-    assert (() if inertial else ("accel_long", "yaw_rate")) == told["wheel_slip"]["without"]
+    assert reported["wheel_slip"]["beyond"] < 0.01 * reported["wheel_slip"]["alone"]
+    assert (() if inertial else ("accel_long", "yaw_rate")) == reported["wheel_slip"]["without"]
 
 
 def test_the_sentence_says_over_what_how_much_and_what_is_missing() -> None:

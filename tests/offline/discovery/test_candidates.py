@@ -69,7 +69,7 @@ def by_signal(made: tuple[Candidate, ...]) -> dict[str, Candidate]:
     return {one.field.signal: one for one in made}
 
 
-def test_sides_are_told_with_probabilities_that_hold() -> None:
+def test_sides_are_reported_with_probabilities_that_hold() -> None:
     """Over sixty drives of little turning the sides are right as often as claimed, to three deviations."""
     claimed, right = [], []
     for seed in range(60):
@@ -100,9 +100,9 @@ def test_a_recorded_minute_without_a_dbc(recordings: Path, capsys: pytest.Captur
     assert 4 == main(["discover", str(recordings / "rav4-suburb-60s"), "--no-dbc"])
     text = capsys.readouterr().out
     assert "can.signals.wheel_speed_rl: " in text
-    told = [line.split() for line in text.splitlines() if "a wheel's speed" in line]
+    reported = [line.split() for line in text.splitlines() if "a wheel's speed" in line]
 
-    found = {words[0].rstrip(":").removeprefix("ID_0AA."): words for words in told}
+    found = {words[0].rstrip(":").removeprefix("ID_0AA."): words for words in reported}
     # WHEEL_SPEEDS of bus.dbc: FR at bit 7, FL at 23, RR at 39, RL at 55.
     expected = {"M7_16": "right", "M23_16": "left", "M39_16": "right", "M55_16": "left"}
     assert expected == {name: found[name][-2] for name in expected}

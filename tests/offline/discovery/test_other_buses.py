@@ -172,8 +172,8 @@ def frames(bus: Bus, drive: Motion, order: list[int], seed: int) -> list[CanFram
     raw = {}
     for letter, wheel in zip("ABCD", order, strict=True):
         if bus.kind == "count":
-            way = np.cumsum(drive.speed[wheel]) * STEP_S
-            number = np.floor(np.interp(times, drive.time_s, way) * bus.step).astype(np.int64) + 999
+            distance = np.cumsum(drive.speed[wheel]) * STEP_S
+            number = np.floor(np.interp(times, drive.time_s, distance) * bus.step).astype(np.int64) + 999
             raw[letter] = number % bus.modulus
         else:
             number = np.rint(np.interp(times, drive.time_s, drive.speed[wheel]) / bus.step).astype(np.int64)

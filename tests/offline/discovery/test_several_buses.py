@@ -71,17 +71,17 @@ def test_wheels_on_two_buses(with_dbc: bool, tmp_path: Path) -> None:
     found = discover(bus_log(two_buses()), fixes(drive, SEED), load_dbc(dbc) if dbc else None)
 
     assert found.wheels_decided
-    heard = {
+    received = {
         role[-2:]: found.channel(one.bus) for role, one in found.roles.items() if role.startswith("wheel_")
     }
-    assert {"fl": "can1", "fr": "can1", "rl": "can0", "rr": "can0"} == heard
+    assert {"fl": "can1", "fr": "can1", "rl": "can0", "rr": "can0"} == received
     write_files(found, dbc, tmp_path / "vehicle.toml")
     result = check(tmp_path / "vehicle.toml")
     assert () == result.problems
     assert result.plan is not None
     can = result.plan.config.can
     channels = [can.channel, *(bus.channel for bus in can.buses.values())]
-    assert heard == {role[-2:]: channels[can.bus_number(role)] for role in can.signals if "wheel" in role}
+    assert received == {role[-2:]: channels[can.bus_number(role)] for role in can.signals if "wheel" in role}
 
 
 def test_identifiers_that_two_buses_share() -> None:

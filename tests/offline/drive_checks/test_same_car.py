@@ -12,7 +12,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.drive_checks.same_car import SAME_LENGTH_M, differing, same_car
 
 
-def test_drives_of_two_cars_are_told_by_what_differs() -> None:
+def test_drives_of_two_cars_are_identified_by_what_differs() -> None:
     """Teeth, lengths beyond a file's rounding and driven wheels make another car; rounding does not."""
     one = perfect(CIRCLE)
     geometry = one.car.geometry

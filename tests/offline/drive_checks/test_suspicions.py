@@ -138,11 +138,11 @@ def test_a_gyro_of_either_sign_is_turned_also_where_cells_are_unknown(tmp_path: 
     gyro = next(one for one in found.series if one.field.unit == "deg/s" and one.kind == "value")
     rate = sign * gyro.rate
     rate[np.flatnonzero(found.reference.moving)[100::100]] = np.nan
-    told = find_gyro([replace(gyro, rate=rate)], found.reference)
+    reported = find_gyro([replace(gyro, rate=rate)], found.reference)
 
-    assert told is not None
-    both = np.isfinite(told) & np.isfinite(found.reference.yaw_radps)
-    assert 0.9 < np.corrcoef(told[both], found.reference.yaw_radps[both])[0, 1]
+    assert reported is not None
+    both = np.isfinite(reported) & np.isfinite(found.reference.yaw_radps)
+    assert 0.9 < np.corrcoef(reported[both], found.reference.yaw_radps[both])[0, 1]
 
 
 @pytest.mark.parametrize("offset_s", [1.0, -3.0, 10.0, -45.0, 3600.0])

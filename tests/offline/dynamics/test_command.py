@@ -111,7 +111,7 @@ def test_a_simulation_on_the_inputs_comes_nearer_with_the_model(drive: Path, tmp
     assert (tmp_path / "with" / "vehicle.toml").is_file()
 
 
-def test_a_user_s_simulation_is_told_what_it_lacks(drive: Path, tmp_path: Path) -> None:
+def test_what_a_users_simulation_lacks_is_reported(drive: Path, tmp_path: Path) -> None:
     """Against a simulation by the plain baseline, the recording's difference is the concealed effect."""
     sim, document = tmp_path / "sim", tmp_path / "found.json"
     main(["simulate", "--baseline", "single-track", "--inputs", str(drive), str(sim)])

@@ -72,7 +72,7 @@ def test_a_concealed_effect_is_named_with_its_size(root: str, name: str) -> None
         assert abs(got.value - truth) < 4.0 * got.std
 
 
-def test_forces_make_speed_an_output_and_drag_and_mass_are_told(root: str) -> None:
+def test_forces_make_speed_an_output_and_drag_and_mass_are_reported(root: str) -> None:
     """The 3-DOF car with given forces: the drag area is found from speed and longitudinal acceleration."""
     found = diagnosed(root, hidden(aero_drag={"drag_area_m2": 0.65}), "three-dof", 40.0, 1, True)
 
@@ -218,7 +218,7 @@ def test_a_column_is_the_derivative_of_the_innovations_of_a_kalman_filter(tmp_pa
 
 
 @pytest.mark.parametrize(("delay_s", "unusual"), [(0.03, False), (-0.05, False), (0.1, True)])
-def test_a_size_that_no_car_has_is_told(tmp_path: Path, delay_s: float, unusual: bool) -> None:
+def test_a_size_that_no_car_has_is_reported(tmp_path: Path, delay_s: float, unusual: bool) -> None:
     """Three prior standard deviations of a gyro's delay are 0.09 s."""
     baseline, _ = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
 

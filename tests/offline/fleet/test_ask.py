@@ -35,10 +35,10 @@ def store(tmp_path: Path) -> Store:
 )
 def test_only_a_question_is_answered(query: str, store: Store, tmp_path: Path) -> None:
     """What is no single question ends with one line, and writes nothing."""
-    with pytest.raises(ConfigError, match="query: ") as told:
+    with pytest.raises(ConfigError, match="query: ") as reported:
         ask(store, query.replace("FILE", str(tmp_path / "made")))
 
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(reported.value)
     assert ["store"] == [path.name for path in tmp_path.iterdir()]
 
 

@@ -130,7 +130,7 @@ def test_a_third_of_a_single_drives_limit_is_found_in_thirty() -> None:
     assert false <= 0.01 * tests
 
 
-def test_a_car_that_differs_is_told_and_no_other() -> None:
+def test_a_car_that_differs_is_reported_and_no_other() -> None:
     """A car eight spreads off in one parameter is named, with parameter and size; 39 others are not."""
     rng = np.random.default_rng(22)
     spread = np.full(P, 0.1)
@@ -139,8 +139,8 @@ def test_a_car_that_differs_is_told_and_no_other() -> None:
     vector = stack.vector + 0.8 * stack.information[:, :, k] * (stack.car == odd)[:, None]
     stack = FleetStatistics(stack.information, vector, stack.car)
     cars = [f"car-{number}" for number in range(40)]
-    fit, alike = robust_fit(stack)
-    kept = [one for one in controlled(cars_that_differ("m", cars, fit, alike)) if one.kept]
+    fit, similar = robust_fit(stack)
+    kept = [one for one in controlled(cars_that_differ("m", cars, fit, similar)) if one.kept]
 
     assert [("car-17", "track_width_error", "rear_relative")] == [
         (one.car, one.effect, one.parameter) for one in kept
@@ -150,7 +150,7 @@ def test_a_car_that_differs_is_told_and_no_other() -> None:
     assert fit.car_spread[k] == pytest.approx(0.1, rel=0.5)
 
 
-def test_a_slow_leak_is_told_with_its_wheel_and_rate() -> None:
+def test_a_slow_leak_is_reported_with_its_wheel_and_rate() -> None:
     """A rear right tyre that loses 0.05 % of its radius per week is told within three stds; others not."""
     rng = np.random.default_rng(23)
     cars, per_car = 12, 20

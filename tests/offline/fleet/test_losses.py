@@ -102,8 +102,8 @@ def test_a_tyre_that_was_inflated_is_no_loss() -> None:
     """1 % more of one radius: the other wheel of its axle is not said to be soft."""
     for seed in range(8):
         stack, days = fleet(seed)
-        told = kept(changed(stack, days, 1, 20_003.0, np.array([1e-2, 0.0, 0.0, 0.0])), days)
-        assert [] == [one.parameter for one in told]
+        reported = kept(changed(stack, days, 1, 20_003.0, np.array([1e-2, 0.0, 0.0, 0.0])), days)
+        assert [] == [one.parameter for one in reported]
 
 
 def test_steps_are_the_generalised_least_squares_of_each_moment() -> None:

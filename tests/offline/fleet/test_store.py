@@ -37,8 +37,8 @@ def test_adding_twice_does_nothing(van: Path, tmp_path: Path, capsys: pytest.Cap
     counts = []
     for name in names:
         assert 0 == main(["fleet", "add", store, name, "--json"])
-        told = json.loads(capsys.readouterr().out)
-        counts.append((told["added"], told["known"]))
+        reported = json.loads(capsys.readouterr().out)
+        counts.append((reported["added"], reported["known"]))
 
     assert [(2, 0), (0, 2), (0, 1), (0, 1)] == counts
     entries = Store.open(Path(store)).entries()
@@ -153,7 +153,7 @@ def test_other_versions_are_recomputed_on_demand(van: Path) -> None:
         (["add", "full", "nowhere"], 2, "a folder with other things in it"),
     ],
 )
-def test_wrong_use_is_told(
+def test_wrong_use_is_reported(
     arguments: list[str], code: int, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each mistake ends with its exit code and one line."""

@@ -74,7 +74,7 @@ def test_a_replay_at_another_rate_makes_other_ticks(tmp_path: Path) -> None:
     folder = tpmsd.simulate(duration_s=30.0, seed=5).save(tmp_path / "van" / "monday")
     drive = load(folder)
     ticks: list[Tick] = []
-    replayed(drive, heard=ticks)
+    replayed(drive, collected=ticks)
     assert replayed_at_desk_rate(drive)
     assert list(map(repr, read_ticks(drive.recording, drive.config))) == list(map(repr, ticks))
     with (folder / "vehicle.toml").open("a") as file:

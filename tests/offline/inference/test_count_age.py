@@ -17,14 +17,14 @@ TEETH, DT_S, RADIUS_M = 48, 0.1, np.array([0.30, 0.301, 0.302, 0.299])
 TIME_S = np.arange(4001) * DT_S
 
 
-def way(time_s: FloatArray) -> FloatArray:
+def distance_at(time_s: FloatArray) -> FloatArray:
     """A car at 12 to 28 m/s: the integral of 20 + 8 sin(t / 25 s)."""
     return 20.0 * time_s - 200.0 * np.cos(time_s / 25.0)
 
 
 def recording(age_s: FloatArray, counted: bool = True) -> Recording:
     """Counts that were read `age_s` (n + 1,) before the ticks' edges."""
-    angle = way(TIME_S - age_s)[:, None] / RADIUS_M + np.array([0.0, 0.03, 0.05, 0.09])
+    angle = distance_at(TIME_S - age_s)[:, None] / RADIUS_M + np.array([0.0, 0.03, 0.05, 0.09])
     step = 2 * math.pi / TEETH
     shown = np.floor(angle / step) * step if counted else angle
     nothing = np.zeros(0)
@@ -52,12 +52,12 @@ def latched(period_s: float) -> FloatArray:
 def errors_m(one: Recording) -> FloatArray:
     """(n + 1,) way by the mean of the wheels less the true one, its slow part taken out."""
     rolled = np.concatenate([[0.0], np.cumsum((one.rotation_rad * RADIUS_M).mean(axis=1))])
-    off = rolled - way(TIME_S)
+    off = rolled - distance_at(TIME_S)
     return np.asarray(off - np.convolve(off, np.ones(51) / 51.0, mode="same"))[50:-50]
 
 
 @pytest.mark.parametrize("period_s", [0.0173, 0.0191])
-def test_a_latched_age_is_told_and_taken_out(period_s: float) -> None:
+def test_a_latched_age_is_reported_and_taken_out(period_s: float) -> None:
     """Ages uniform over a period P have the deviation P / sqrt(12); of the error at most 0.4 is left."""
     drive = recording(latched(period_s))
     age = common_age(drive)

@@ -79,7 +79,7 @@ def test_what_is_not_positive_definite_is_refused() -> None:
 
 
 @pytest.mark.parametrize("width", [0, 1, 6, 64, 150])
-def test_both_whiten_alike(width: int) -> None:
+def test_both_whiten_equally(width: int) -> None:
     """Columns of any number are whitened to the same; what was not measured (NaN) counts as zero."""
     moved, fresh, start = system(100, 17, 5)
     by = array_gains(moved, fresh, start, False)
@@ -95,7 +95,7 @@ def test_both_whiten_alike(width: int) -> None:
 
 
 @pytest.mark.parametrize("count", [0, 1, 80])
-def test_both_recursions_are_alike(count: int) -> None:
+def test_both_recursions_are_equal(count: int) -> None:
     """States of a linear recursion, from zero on, are the same, and so is the last one."""
     rng = np.random.default_rng(count)
     step, added = 0.2 * rng.standard_normal((count, 7, 7)), rng.standard_normal((count, 7, 5))

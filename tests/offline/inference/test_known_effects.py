@@ -32,11 +32,11 @@ def recorded(folder: Path, model: ExtendedModel) -> Recording:
 def differences(one: Recording, other: Recording) -> dict[str, float]:
     """The largest of each kind: way of a wheel in teeth, gyro, positions (m), speed (m/s), fix times (s)."""
     n = min(one.ticks, other.ticks)  # later fixes end later
-    ways = np.nancumsum(one.rotation_rad[:n] - other.rotation_rad[:n], axis=0)
+    distances = np.nancumsum(one.rotation_rad[:n] - other.rotation_rad[:n], axis=0)
     gyro = one.inertial["yaw_rate_radps"][:n] - other.inertial["yaw_rate_radps"][:n]
     move = np.hypot(one.east_m - other.east_m, one.north_m - other.north_m)
     return {
-        "teeth": float(np.abs(ways).max() / TOOTH_RAD),
+        "teeth": float(np.abs(distances).max() / TOOTH_RAD),
         "gyro": float(np.nanpercentile(np.abs(gyro), 98)),
         "moved_m": float(np.percentile(np.abs(move - np.median(move)), 98)),
         "speed_mps": float(np.nanpercentile(np.abs(one.speed_mps - other.speed_mps), 98)),

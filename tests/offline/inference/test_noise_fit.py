@@ -38,8 +38,8 @@ def test_a_tyre_that_changed_halfway_does_not_make_single_readings_rough() -> No
     by stays that of a sound tyre, below two millimetres; with radii in common it was nine centimetres.
     """
     sound, leaking = (first_fit(loss_m) for loss_m in (0.0, -3e-3))
-    way_m = 20.0
-    scatter = [math.hypot(noise.rough_m * math.sqrt(way_m), noise.floor_m) for noise in (sound, leaking)]
+    distance_m = 20.0
+    scatter = [math.hypot(noise.rough_m * math.sqrt(distance_m), noise.floor_m) for noise in (sound, leaking)]
 
     assert max(scatter) < 2e-3
 

@@ -148,9 +148,9 @@ def test_draws_have_the_covariance_of_the_noise(space: Geometry) -> None:
     white = made.apply(draws)[space.here]
     covariance = dense_covariance(space, NOISE, np.ones((WINDOWS, 9)))
     seen = space.here.ravel()
-    told = draws.reshape(-1, 4000)[seen]
+    reported = draws.reshape(-1, 4000)[seen]
     size = np.sqrt(np.diag(covariance)[seen])
-    ratio = (told @ told.T / 4000) / np.outer(size, size)
+    ratio = (reported @ reported.T / 4000) / np.outer(size, size)
 
     assert np.abs(np.cov(white) - np.eye(len(white))).max() < 0.1
     assert np.abs(ratio - covariance[np.ix_(seen, seen)] / np.outer(size, size)).max() < 0.1

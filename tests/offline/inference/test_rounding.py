@@ -28,9 +28,9 @@ def _recorded(step_mps: float, tremble: float = 0.0) -> Recording:
     speed = np.interp(t, [0.0, CRUISE_S[0], CRUISE_S[1], 100.0], [19.0, 20.003, 20.003, 19.2])
     shown = np.round(speed / step_mps) * step_mps if step_mps else speed
     shown = shown * (1.0 + tremble * np.where(np.arange(len(t)) % 3, 1.0, -1.0))
-    ways = np.repeat(DT_S * shown[:, None], 4, axis=1)
-    ways[:, 3] *= 1.0 + 1e-4 * np.random.default_rng(1).standard_normal(len(t))
-    turned = ways / counted.car.radius_m
+    distances = np.repeat(DT_S * shown[:, None], 4, axis=1)
+    distances[:, 3] *= 1.0 + 1e-4 * np.random.default_rng(1).standard_normal(len(t))
+    turned = distances / counted.car.radius_m
     return replace(counted, rotation_rad=turned, quantum_rad=np.zeros(4))
 
 
@@ -54,7 +54,7 @@ def test_speeds_without_steps_stamps_that_tremble_and_counts() -> None:
     assert held_variance(_recorded(STEP_MPS, 2e-6))[50, 0] == pytest.approx(held[50, 0], rel=0.02)
 
 
-def test_the_variance_of_a_way_holds_it() -> None:
+def test_the_variance_of_a_distance_holds_it() -> None:
     """That of a window on a cruise is larger by it."""
     recording = _recorded(STEP_MPS)
     reader = Reader(recording, reference(recording))
@@ -76,8 +76,8 @@ def test_a_step_is_that_of_readings_and_not_of_their_means() -> None:
     # Plateaus of 20 s, those of whole numbers on a level and the others between two.
     speed_kmh = 31.0 + np.floor(t / 20.0) * 0.75 + 0.5
     shown = np.floor(speed_kmh + 0.05 * rng.standard_normal(len(t))).reshape(-1, per_tick).mean(axis=1) / 3.6
-    ways = np.repeat(DT_S * shown[:, None], 4, axis=1)
-    turned = ways / counted.car.radius_m
+    distances = np.repeat(DT_S * shown[:, None], 4, axis=1)
+    turned = distances / counted.car.radius_m
     held = held_variance(replace(counted, rotation_rad=turned, quantum_rad=np.zeros(4)))
 
     assert held[:, 0].max() == pytest.approx(20.0 / 3.6**2 / 12.0, rel=0.1)

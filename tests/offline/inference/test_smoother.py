@@ -58,8 +58,8 @@ def test_what_becomes_of_an_error_from_window_to_window(reader: Reader) -> None:
     assert moved[QOLD] == pytest.approx(0.001)
     assert moved[[Q, Q + 1, QOLD + 1, V, W]] == pytest.approx(0.0)
     assert moved[[PSI, GB]] == pytest.approx([0.01, 0.002])
-    way_m = windows.covariates["speed"][k] * WINDOW_S
-    assert np.hypot(moved[PE], moved[PN]) == pytest.approx(0.01 * way_m, rel=0.05)
+    distance_m = windows.covariates["speed"][k] * WINDOW_S
+    assert np.hypot(moved[PE], moved[PN]) == pytest.approx(0.01 * distance_m, rel=0.05)
 
 
 def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:

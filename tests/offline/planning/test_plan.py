@@ -34,7 +34,7 @@ def gains(manoeuvres: list[Manoeuvre], equipment: Equipment, *effects: str) -> d
     return expected_gains(motion_of(steps_of(manoeuvres), 2.63, 1.0 / DT_S), equipment, effects)
 
 
-def test_effects_that_look_alike_bring_little_beside_each_other() -> None:
+def test_effects_that_look_similar_bring_little_beside_each_other() -> None:
     """At one speed either explains what the other does; a second speed tells them apart."""
     equipment = Equipment(car())
     slow = Manoeuvre(
@@ -60,7 +60,7 @@ def test_a_plan_is_short_and_tells_all() -> None:
         assert not rest or min(gains(rest, equipment, *PAIR).values()) < TARGET
 
 
-def test_what_no_sensor_reads_is_not_told() -> None:
+def test_what_no_sensor_reads_is_not_reported() -> None:
     """Without a gyro nothing tells its bias, however long the drive."""
     equipment = Equipment(car(), gyro=False)
 
@@ -78,7 +78,7 @@ def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixtur
     assert "what tells it: compare the radii of drives that lie thousands of kilometres apart" in text
 
 
-def test_nothing_is_driven_for_what_cannot_be_told_and_what_repeats_is_one_line() -> None:
+def test_nothing_is_driven_for_what_cannot_be_detected_and_what_repeats_is_one_line() -> None:
     """Wear beside an effect that manoeuvres tell adds none to them; equal manoeuvres follow each other."""
     equipment = Equipment(car())
     alone = planned(PAIR, equipment, LIBRARY, 1800.0)

@@ -147,7 +147,7 @@ ALL_REACHED = replace(FOUND, reach=ALL)
         ),
     ],
 )
-def test_what_is_left_is_told_without_contradiction(
+def test_what_is_left_is_reported_without_contradiction(
     diagnosis: RollingDiagnosis, sentences: list[str]
 ) -> None:
     """Drift that passes for noise is said to be that, on page and in summary, and not what is unexplained."""

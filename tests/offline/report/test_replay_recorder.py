@@ -139,7 +139,7 @@ def test_faults_are_counted_by_source_and_kind() -> None:
     assert [1, 2] == [int(result.can_faults[10]), int(result.can_faults[-1])]
 
 
-def test_what_stands_at_the_end_is_told_from_what_was_cleared() -> None:
+def test_what_stands_at_the_end_is_distinguished_from_what_was_cleared() -> None:
     """All events are kept in order; only those not cleared are active."""
     events = {
         100: (alarm(10.1, wheel="fl"),),

@@ -59,7 +59,7 @@ def test_wheels_that_are_not_on_the_bus_are_named() -> None:
     assert not any(line.startswith("front left ") for line in text), "no row for a wheel nobody saw"
 
 
-def test_an_alarm_that_was_cleared_is_told_as_such() -> None:
+def test_an_alarm_that_was_cleared_is_reported_as_such() -> None:
     """The verdict keeps the alarm and says that it did not last; the list has both changes."""
     text = lines(
         Drive(
@@ -108,7 +108,7 @@ def test_the_table_has_the_numbers_of_each_wheel() -> None:
     assert "rear left alarm 314.20 -1.80 +- 0.10 -2.20 +- 0.10 9:00 1.000" == " ".join(row.split())
 
 
-def test_the_inputs_health_and_the_speed_of_the_replay_are_told() -> None:
+def test_the_inputs_health_and_the_speed_of_the_replay_are_reported() -> None:
     """Driving time, distance, fixes, outages and faults, each counted."""
     text = lines(puncture())
 
@@ -138,7 +138,7 @@ def test_no_fix_in_the_whole_drive_is_a_reason() -> None:
     assert "GNSS: no fix in the whole drive." in text
 
 
-def test_a_pause_of_the_recording_is_told() -> None:
+def test_a_pause_of_the_recording_is_reported() -> None:
     """Gaps between ticks are counted and summed."""
     text = lines(Drive(duration_s=90.0, pauses={300: 12.0, 500: 3.0}), elapsed_s=125.0)
 

@@ -50,7 +50,7 @@ def _losing(recording: Recording, share: float, after_s: float = 0.0) -> Recordi
 
 
 @pytest.mark.parametrize(("after_s", "mean"), [(0.0, 2e-3), (200.0, 1.05e-3)])
-def test_counts_lost_at_all_times_or_for_a_while_are_told_with_their_share(
+def test_counts_lost_at_all_times_or_for_a_while_are_reported_with_their_share(
     after_s: float, mean: float
 ) -> None:
     """Two in a thousand, from the start or from half time on: wheel, mean share and rate are right."""
@@ -73,7 +73,7 @@ def test_a_larger_radius_loses_no_counts(deviation_m: float) -> None:
     assert [] == missed_counts(recording, reference(recording))
 
 
-def test_two_wheels_that_miss_alike_have_another_ring() -> None:
+def test_two_wheels_that_miss_equally_have_another_ring() -> None:
     """Two in a thousand fewer on both wheels of an axle are the number of their rings' counts."""
     both = _eccentric(wheel="rr")
     rotation = both.rotation_rad * 0.998
@@ -138,7 +138,7 @@ def test_a_finding_names_its_drive_and_says_what_tells_it_from_a_radius() -> Non
         finding.drives,
         finding.where.wheels,
     )
-    assert finding.told_by.startswith("the ring's ripple, once per turn, comes every 399")
+    assert finding.identified_by.startswith("the ring's ripple, once per turn, comes every 399")
     assert finding.p_value is None
     assert finding.own_chance is not None
     assert finding.own_chance < 1e-5

@@ -77,7 +77,7 @@ def _found(left: FloatArray) -> SingleLosses | None:
 
 @pytest.mark.parametrize("wheel", WHEELS)
 @pytest.mark.parametrize(("sign", "share"), [(-1.0, 0.004), (-1.0, 0.001), (1.0, 0.004)])
-def test_lost_and_added_counts_are_told_with_their_rate(wheel: str, sign: float, share: float) -> None:
+def test_lost_and_added_counts_are_reported_with_their_rate(wheel: str, sign: float, share: float) -> None:
     """Four and one in a thousand counts, lost or added on any wheel, within three standard deviations."""
     found = _found(_left({wheel: sign * _lost(share)}))
     rate_per_s = -sign * share * float(np.mean(_windows().covariates["speed"])) / COUNT_M[0]
@@ -197,7 +197,7 @@ def test_latches_that_passed_for_losses_do_so_no_more() -> None:
     assert [None] * len(PASSED) == [found(case(kind, seed)) for kind, seed in PASSED]
 
 
-def test_losses_are_told_through_a_latch() -> None:
+def test_losses_are_reported_through_a_latch() -> None:
     """Of six drives that lose 0.3 to 1.5 counts a second most are named on the right wheel, with a latch
     half of six."""
     losing = [case("losing", seed) for seed in range(1, 7)]
@@ -219,7 +219,7 @@ def test_a_diagnosis_names_lost_counts_that_a_calibration_takes_up(share: float,
     assert effects == [finding.effect for finding in named]
     for finding in named:
         assert ("rl", ("rl",)) == (finding.parameters["wheel"].value, finding.where.wheels)
-        assert "in steps of a count" in finding.told_by
+        assert "in steps of a count" in finding.identified_by
 
 
 def test_without_a_gyro_either_wheel_is_as_likely() -> None:

@@ -89,7 +89,7 @@ def test_constant_speeds_tell_nothing() -> None:
         assert SETTINGS.decided > found.probability
 
 
-def test_an_encoder_is_told_by_its_line() -> None:
+def test_an_encoder_is_identified_by_its_line() -> None:
     """Of 12,345 counts the number is told to some counts, and its std covers the error."""
     found = tooth_count(per_metre(12_345), 1e-6, TYRE, counters(12_345, 5e-4))
     assert abs(found.value - 12_345) < max(3 * found.std, 2.0)

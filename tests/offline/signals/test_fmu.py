@@ -119,7 +119,7 @@ def test_a_diagnosis_runs_it(
     """`diagnose --baseline single-track --simulation MODEL.fmu` compares its outputs with the recording, as
     it compares a folder with the same outputs; what it would name is no matter here."""
     monkeypatch.setattr(stages, "SETTINGS", replace(stages.SETTINGS, most_effects=0))
-    told = {}
+    reported = {}
     _, recorded = loaded(drive, "single-track")
     table = fmu_table(cornering, drive, recorded)
     from tpmsd.offline.signals.write import signals_text
@@ -131,10 +131,10 @@ def test_a_diagnosis_runs_it(
         file = tmp_path / "said.json"
         line = ["diagnose", str(drive), "--baseline", "single-track", "--simulation", str(simulation)]
         assert main([*line, "--json", str(file)]) in (0, 4)
-        told[simulation.suffix] = json.loads(file.read_text())
-    assert set(told[".fmu"]["outputs"]) == {"yaw_rate", "accel_lat"}
-    for name, found in told[".fmu"]["outputs"].items():
-        assert found["rms_before"] == pytest.approx(told[""]["outputs"][name]["rms_before"], rel=1e-3)
+        reported[simulation.suffix] = json.loads(file.read_text())
+    assert set(reported[".fmu"]["outputs"]) == {"yaw_rate", "accel_lat"}
+    for name, found in reported[".fmu"]["outputs"].items():
+        assert found["rms_before"] == pytest.approx(reported[""]["outputs"][name]["rms_before"], rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -124,14 +124,22 @@ def test_the_folder_is_one_of_signals(tmp_path: Path) -> None:
     """`tpmsd import FILE.vbo DRIVE` writes a table that the other commands take, with the car beside it."""
     car = tmp_path / "car.toml"
     car.write_text(CAR)
-    drive, told = tmp_path / "drive", tmp_path / "said.json"
-    line = ["import", str(vbo(tmp_path / "a.VBO")), str(drive), "--vehicle", str(car), "--json", str(told)]
+    drive, reported = tmp_path / "drive", tmp_path / "said.json"
+    line = [
+        "import",
+        str(vbo(tmp_path / "a.VBO")),
+        str(drive),
+        "--vehicle",
+        str(car),
+        "--json",
+        str(reported),
+    ]
     assert 0 == main(line)
     table = read_signals(drive)
     assert table.unknown == ()
     assert table.columns["gnss_latitude_deg"][1] == pytest.approx(3119.001 / 60.0, abs=1e-9)
     assert table.columns["gnss_utc_s"][0] == pytest.approx(1719878390.0, abs=0.01)
-    document = json.loads(told.read_text())
+    document = json.loads(reported.read_text())
     assert set(schema_of("tpmsd.import/1")["required"]) <= set(document)
     assert document["signals"]["yaw_rate_radps"] == "YawRate"
     assert 0 == main(["replay", str(drive), "--vehicle-state", "ekf", "--csv", str(tmp_path / "t.csv")])

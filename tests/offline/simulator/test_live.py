@@ -151,7 +151,7 @@ def test_a_bus_that_is_down_loses_frames_and_the_drive_goes_on(drive: SimulatedD
     assert (0, len(drive.frames)) == (stats.frames, stats.send_errors)
 
 
-def test_what_kills_the_thread_is_told_by_join(drive: SimulatedDrive) -> None:
+def test_what_kills_the_thread_is_raised_by_join(drive: SimulatedDrive) -> None:
     """An unexpected failure of the bus is raised where the thread is joined."""
 
     class BrokenBus(can.BusABC):

@@ -111,11 +111,11 @@ def test_injected_is_what_the_simulator_makes_of_the_effect(tmp_path: Path, kind
     inject(tmp_path / "plain", tmp_path / "out", effect)
 
     made, true, was = (read_recording(tmp_path / name) for name in ("out", "acting", "plain"))
-    ways = [np.nancumsum(one.rotation_rad, axis=0) for one in (made, true, was)]
+    distances = [np.nancumsum(one.rotation_rad, axis=0) for one in (made, true, was)]
     tooth = 2.0 * np.pi / 48.0
     # What the radii made before the drive moved is the simulator's own: both begin at rest.
-    assert np.abs(ways[0] - ways[1]).max() < 2.0 * tooth
-    assert np.abs(ways[2] - ways[1]).max() > 4.0 * tooth
+    assert np.abs(distances[0] - distances[1]).max() < 2.0 * tooth
+    assert np.abs(distances[2] - distances[1]).max() > 4.0 * tooth
     if kind != "split":
         stamps = [[before for before, _ in frames(tmp_path / name)] for name in ("plain", "out")]
         assert stamps[0] == stamps[1]
@@ -148,10 +148,10 @@ def test_the_real_van_counts_more_after_a_loss_and_nothing_before(recordings: Pa
     inject(onto, tmp_path / "out", loss)
 
     was, made = read_recording(onto), read_recording(tmp_path / "out")
-    ways = [np.nansum(one.rotation_rad[2100:, 2:], axis=0) for one in (made, was)]
+    distances = [np.nansum(one.rotation_rad[2100:, 2:], axis=0) for one in (made, was)]
     # The rolling radius is the calibrated one, within 2 % of the configured 315 mm.
-    assert ways[0][0] / ways[1][0] - 1.0 == pytest.approx(2.0 / 315.0, rel=0.02)
-    assert ways[0][1] == ways[1][1]
+    assert distances[0][0] / distances[1][0] - 1.0 == pytest.approx(2.0 / 315.0, rel=0.02)
+    assert distances[0][1] == distances[1][1]
     assert np.array_equal(was.rotation_rad[:1990], made.rotation_rad[:1990], equal_nan=True)
     assert ["vehicle.toml", "bus.dbc", "gnss.nmea"] == same(onto, tmp_path / "out")
     assert [head for head, _ in frames(onto)] == [head for head, _ in frames(tmp_path / "out")]
@@ -298,8 +298,8 @@ def test_a_drive_without_its_rear_wheels_is_refused(
     """The motion on which effects depend is theirs; the folder is not made."""
     write_drive(tmp_path / "in", simulate_drive(replace(SPEC, duration_s=20.0, bus=BusSpec(kind="split"))))
     log = tmp_path / "in" / "can.log"
-    heard = [line for line in log.read_text("ascii").splitlines(keepends=True) if " 1A4#" not in line]
-    log.write_text("".join(heard), "ascii")
+    received = [line for line in log.read_text("ascii").splitlines(keepends=True) if " 1A4#" not in line]
+    log.write_text("".join(received), "ascii")
     words = ["--onto", str(tmp_path / "in"), "--effect", "gnss_latency:latency_s=0.1"]
 
     assert 3 == main(["simulate", str(tmp_path / "out"), *words])

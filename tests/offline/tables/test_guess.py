@@ -82,7 +82,7 @@ def of(path: Path) -> Guess:
     return guessed(read_table(path))
 
 
-def test_units_signs_and_measures_are_told_by_the_values(tmp_path: Path) -> None:
+def test_units_signs_and_measures_are_identified_by_the_values(tmp_path: Path) -> None:
     """Rotation in rpm, its rolling radius and the tracks; a yaw rate in deg/s to the right; km/h; ms."""
     found = of(written(tmp_path, logged(motion())))
 
@@ -164,7 +164,7 @@ def test_counts_that_roll_over(tmp_path: Path) -> None:
     assert 96 / (2 * np.pi * RADIUS_M) == pytest.approx(per_metre, rel=0.01)
 
 
-def test_names_against_values_and_swapped_sides_are_told(tmp_path: Path) -> None:
+def test_names_against_values_and_swapped_sides_are_reported(tmp_path: Path) -> None:
     """A name that says km/h above metres per second, and a left wheel that is the faster one to the left."""
     made = motion()
     table = {"t": made["time"], "east": made["east"], "north": made["north"]}
@@ -229,7 +229,7 @@ def test_all_errors_of_a_map_come_at_once(tmp_path: Path, capsys: pytest.Capture
     )
 
     assert 2 == main(["import", str(table), "--map", str(tmp_path / "map.toml"), str(tmp_path / "drive")])
-    told = capsys.readouterr().err
+    reported = capsys.readouterr().err
     for expected in (
         "map.toml:2: [columns] wheel_sped_fl: unknown role; did you mean wheel_speed_fl?",
         "map.toml:2: [columns] wheel_sped_fl: the table has no column 'v_fl'",
@@ -237,7 +237,7 @@ def test_all_errors_of_a_map_come_at_once(tmp_path: Path, capsys: pytest.Capture
         "map.toml:3: [columns] wheel_speed_rl: the table has no column 'v_r1'",
         "[table] time: missing",
     ):
-        assert expected in told
+        assert expected in reported
 
 
 @pytest.mark.parametrize(

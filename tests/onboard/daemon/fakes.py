@@ -125,7 +125,7 @@ class ServiceManagerSocket:
         self._socket.bind(str(path))
         self._socket.setblocking(False)
 
-    def heard(self) -> list[str]:
+    def received(self) -> list[str]:
         """Everything said since the last call, one entry per assignment."""
         messages: list[str] = []
         while True:

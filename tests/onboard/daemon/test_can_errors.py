@@ -37,7 +37,7 @@ def test_the_kernels_classes_have_names(identifier: int, data: str, names: set[s
     assert names == error_names(identifier, bytes.fromhex(data))
 
 
-def test_the_worst_state_is_told_until_it_ends() -> None:
+def test_the_worst_state_is_reported_until_it_ends() -> None:
     """Passive outweighs warning; other errors change nothing; active, a restart and bus-off take it back."""
     assert PASSIVE == hint_after({"error_passive", "error_warning"}, "")
     assert PASSIVE == hint_after({"bus_error"}, PASSIVE)

@@ -67,7 +67,7 @@ def report(alarm: AlarmEvent | None, fresh: bool = True) -> MonitorReport:
     return MonitorReport(0.0, wheels, alarms, alarms if fresh else (), 1.0)
 
 
-def heard(panel: Panel, reporter: CanReporter, now_s: float, alarm: AlarmEvent | None) -> None:
+def received(panel: Panel, reporter: CanReporter, now_s: float, alarm: AlarmEvent | None) -> None:
     for frame in reporter.frames(now_s, report(alarm, now_s == 0.0)):
         panel.take(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=False))
 
@@ -79,7 +79,7 @@ def test_the_panel_shows_an_alarm_once(database: Database) -> None:
     reporter = CanReporter(AlarmsConfig())
     alarm = AlarmEvent(0.0, AlarmKind.DEFLATION, "rl", "raised", -2e-3, 1e-4, 0.995, "lost 2 mm")
     for tick in range(50):
-        heard(panel, reporter, 0.1 * tick, alarm)
+        received(panel, reporter, 0.1 * tick, alarm)
     panel.show()
 
     assert [("deflation", "rl")] == [(a.kind, a.wheel) for a in panel.alarms]
@@ -107,7 +107,7 @@ def test_the_panel_keeps_within_the_terminal(
     out = Terminal()
     panel = Panel(database, out, False, lambda: 163.0, 150.0)
     alarm = AlarmEvent(0.0, AlarmKind.DEFLATION, "rl", "raised", -2e-3, 1e-4, 0.995, "lost 2 mm")
-    heard(panel, CanReporter(AlarmsConfig()), 0.0, alarm)
+    received(panel, CanReporter(AlarmsConfig()), 0.0, alarm)
     panel.show()
     text = out.getvalue()
     lines = re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text).replace("\r", "\n").splitlines()

@@ -34,8 +34,8 @@ GPS = """BO_ 1536 GPS: 8 CAR
 
 def test_every_fault_of_the_receiver_has_its_place_in_the_status() -> None:
     """Whatever kind of fault the sentences' assembler counts, the status has it."""
-    told = set(NmeaAssembler().counts) - HANDLED - {"fixes", "ignored", "no_checksum"}
-    assert told == set(GNSS_FAULTS)
+    reported = set(NmeaAssembler().counts) - HANDLED - {"fixes", "ignored", "no_checksum"}
+    assert reported == set(GNSS_FAULTS)
 
 
 def test_counts_of_all_stages_are_in_the_document(tmp_path: Path) -> None:

@@ -108,14 +108,14 @@ def test_a_hint_is_logged_once_in_sixty_seconds(caplog: pytest.LogCaptureFixture
     link = link_of(bus)
     link.service(0.0)
     active = PASSIVE._replace(data=bytes((0, 0x40, 0, 0, 0, 0, 90, 0)))
-    told = []
+    reported = []
     for now_s in (0.0, 59.9, 60.0, 61.0, 119.9, 120.0):
         for error in (PASSIVE, active):
             bus.waiting = [error, wheels_frame(now_s)]
             link.read(now_s)
-        told.append(len(caplog.messages))
+        reported.append(len(caplog.messages))
 
-    assert [1, 1, 2, 2, 2, 3] == told
+    assert [1, 1, 2, 2, 2, 3] == reported
 
 
 def test_remote_frames_alone_are_a_sign_of_life() -> None:
@@ -223,14 +223,14 @@ def test_a_suspicion_is_said_again_after_lines_have_come(caplog: pytest.LogCaptu
     line = Line([noise, b"", noise, b"", noise, b"", lines, b"", *[noise, b""] * 3])
     link = ReceiverLink(line, "x", LOG)
     link.service(0.0)
-    told = []
+    reported = []
     for now_s in range(7):
         link.read(float(now_s), float(now_s))
-        told.append((bool(link.hint), len(caplog.messages)))
+        reported.append((bool(link.hint), len(caplog.messages)))
 
-    assert (True, 1) == told[2]
-    assert (False, 1) == told[3]
-    assert (True, 2) == told[6]
+    assert (True, 1) == reported[2]
+    assert (False, 1) == reported[3]
+    assert (True, 2) == reported[6]
 
 
 def test_a_source_is_opened_as_it_is_configured() -> None:

@@ -189,7 +189,7 @@ def test_a_bus_off_that_comes_again_and_again_is_said_once(caplog: pytest.LogCap
     assert 1 == len(caplog.messages)
 
 
-def test_a_controller_at_its_limit_is_told_and_taken_back(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_controller_at_its_limit_is_reported_and_taken_back(caplog: pytest.LogCaptureFixture) -> None:
     """Error-passive is a hint in the status and a log line once a minute until error-active."""
     bus = FakeBus()
     good = wheels_frame(1.0)
@@ -292,9 +292,9 @@ def test_an_interface_that_is_up_is_not_called_down(monkeypatch: pytest.MonkeyPa
     """Only the interface's own flag says that it is down; what else is wrong has its own reason."""
     for up in (True, False):
         monkeypatch.setattr("tpmsd.onboard.daemon.bus_link._is_up", lambda channel, up=up: up)
-        with pytest.raises(CanDown) as told:
+        with pytest.raises(CanDown) as reported:
             open_can(CONFIG, None, "no-such-can")
-        assert up == ("the interface is down" not in str(told.value))
+        assert up == ("the interface is down" not in str(reported.value))
 
 
 def receiver(device: str) -> ReceiverLink:

@@ -74,7 +74,7 @@ def same(one: Step, other: Step) -> bool:
 @settings(derandomize=True, deadline=None, max_examples=25)
 @example(reminders=[0.01 * k for k in range(3000)])
 @given(reminders=st.lists(st.floats(0.0, 30.0), max_size=300))
-def test_being_told_the_time_changes_nothing(
+def test_updating_the_time_changes_nothing(
     sparse_drive: tuple[Config, list[CanFrame | Sentence]], reminders: list[float]
 ) -> None:
     """However often the daemon says how late it is between two inputs, ticks and estimates are the same."""
@@ -92,12 +92,12 @@ def punctured() -> SimulatedDrive:
     drive = simulate_drive(DriveSpec(duration_s=160.0, seed=4, faults=(fault,), receiver=receiver))
     start_s = float(drive.truth()["start_host_s"])
     begin_s, end_s = start_s + 20.0, start_s + 35.0
-    heard = (drive.frames.time_s < begin_s) | (drive.frames.time_s > end_s)
+    received = (drive.frames.time_s < begin_s) | (drive.frames.time_s > end_s)
     frames = dataclasses.replace(
         drive.frames,
-        time_s=drive.frames.time_s[heard],
-        frame_id=drive.frames.frame_id[heard],
-        data=drive.frames.data[heard],
+        time_s=drive.frames.time_s[received],
+        frame_id=drive.frames.frame_id[received],
+        data=drive.frames.data[received],
     )
     lines = [line for line in drive.nmea if not begin_s < line.time_s < end_s]
     return dataclasses.replace(drive, frames=frames, nmea=lines)

@@ -123,19 +123,19 @@ def test_ticks_come_at_their_rate(tmp_path: Path) -> None:
     assert steps == pytest.approx([0.1] * len(steps), abs=1e-6)
 
 
-def test_the_service_manager_hears_the_whole_life(tmp_path: Path, manager: ServiceManagerSocket) -> None:
+def test_the_service_manager_receives_the_whole_life(tmp_path: Path, manager: ServiceManagerSocket) -> None:
     """READY with the first tick, then status and watchdog, and STOPPING at the end."""
     config, database = car(tmp_path)
     clock = Clock(SCALE)
     notifier = Notifier(str(manager.path), 100_000)
     heard_before_ticks: list[str] = []
-    heard: list[str] = []
+    received: list[str] = []
 
     class Watched(Pipeline):
         def advance(self, time_s: float) -> list[Step]:
             steps = super().advance(time_s)
             if self.timeline.counts["ticks"] == 0:
-                heard_before_ticks.extend(manager.heard())
+                heard_before_ticks.extend(manager.received())
             return steps
 
     run(
@@ -146,17 +146,17 @@ def test_the_service_manager_hears_the_whole_life(tmp_path: Path, manager: Servi
         40.0,
         notifier=notifier,
         make_pipeline=Watched,
-        on_step=lambda step: heard.extend(manager.heard()),  # the socket holds but a few messages
+        on_step=lambda step: received.extend(manager.received()),  # the socket holds but a few messages
     )
-    heard += manager.heard()
+    received += manager.received()
 
     assert [] == heard_before_ticks
-    assert "READY=1" == heard[0]
-    assert 1 == heard.count("READY=1")
-    assert heard[1].startswith("STATUS=")
+    assert "READY=1" == received[0]
+    assert 1 == received.count("READY=1")
+    assert received[1].startswith("STATUS=")
     # 40 s are one real second; the watchdog is fed every 50 ms of it, less often on a busy machine.
-    assert 4 <= heard.count("WATCHDOG=1") <= 21
-    assert ["STOPPING=1", "STATUS=stopping: 40 s are over"] == heard[-2:]
+    assert 4 <= received.count("WATCHDOG=1") <= 21
+    assert ["STOPPING=1", "STATUS=stopping: 40 s are over"] == received[-2:]
 
 
 def test_without_ticks_the_daemon_is_not_ready(tmp_path: Path, manager: ServiceManagerSocket) -> None:
@@ -173,7 +173,7 @@ def test_without_ticks_the_daemon_is_not_ready(tmp_path: Path, manager: ServiceM
         make_pipeline=lambda c, d: Stalling(c, d, 0),
     )
 
-    assert ["STOPPING=1", "STATUS=stopping: 20 s are over"] == manager.heard()
+    assert ["STOPPING=1", "STATUS=stopping: 20 s are over"] == manager.received()
 
 
 def test_the_watchdog_starves_when_ticks_stop(tmp_path: Path, manager: ServiceManagerSocket) -> None:
@@ -190,9 +190,9 @@ def test_the_watchdog_starves_when_ticks_stop(tmp_path: Path, manager: ServiceMa
         40.0,
         notifier=Notifier(str(manager.path), 20_000),
         make_pipeline=lambda c, d: Stalling(c, d, 150),
-        on_step=lambda step: alive.extend(manager.heard()),
+        on_step=lambda step: alive.extend(manager.received()),
     )
-    dead = manager.heard()
+    dead = manager.received()
 
     assert 150 <= daemon.ticks <= 160  # the end completes what it can
     assert alive.count("WATCHDOG=1") + dead.count("WATCHDOG=1") >= 4
@@ -225,8 +225,8 @@ def test_a_bus_that_goes_away_is_a_malfunction_that_ends(
     assert 1 == daemon.document()["can"]["faults"]["down"]
     warnings = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
     assert ["CAN fake: Network is down; trying again until it is back"] == warnings
-    told = [(r.levelname, r.getMessage()) for r in caplog.records if "malfunction" in r.getMessage()]
-    assert [("ERROR", f"ALARM malfunction raised: {events[0].reason}")] == told
+    reported = [(r.levelname, r.getMessage()) for r in caplog.records if "malfunction" in r.getMessage()]
+    assert [("ERROR", f"ALARM malfunction raised: {events[0].reason}")] == reported
     alarms = [tpmsd_database().decode_message(i, data) for i, data in bus.sent if i == 0x6F1]
     assert {"raised", "cleared"} == {str(alarm["AlarmRaised"]) for alarm in alarms}
     assert {"malfunction"} == {str(alarm["AlarmKind"]) for alarm in alarms}

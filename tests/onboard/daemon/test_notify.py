@@ -44,7 +44,7 @@ def serve(made: Notices, seconds: float = 0.4, until: Path | None = None) -> Non
         time.sleep(0.01)
 
 
-def test_a_program_is_told_what_happened(tmp_path: Path) -> None:
+def test_a_program_receives_what_happened(tmp_path: Path) -> None:
     """Its environment holds the event and no secret of the daemon; its arguments are no shell's affair."""
     command = script(
         tmp_path, 'printf "%s\\n" "$1" > "$2.new"; env | grep -e TPMSD -e PASS >> "$2.new"; mv "$2.new" "$2"'

@@ -133,10 +133,10 @@ def test_a_parked_car_is_left_alone() -> None:
         now_s = 0.1 * tenth
         # Driven for 100 s; the bus talks on until 500 s, sleeps, and wakes up at 1000 s.
         if now_s < 500.0 or now_s >= 1000.0:
-            asker.heard(0x0B0, False, bytes(8), now_s)
+            asker.received(0x0B0, False, bytes(8), now_s)
         if asker.frames(now_s, now_s < 100.0):
             asked.append(now_s)
-            asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, 50 if now_s < 100.0 else 0]), now_s)
+            asker.received(ANSWER, False, bytes([3, 0x41, 0x0D, 50 if now_s < 100.0 else 0]), now_s)
 
     assert (LISTEN_S, 100.0 + AWAKE_S) == pytest.approx(
         (asked[0], max(t for t in asked if t < 1000.0)), abs=1.1
@@ -149,7 +149,7 @@ def test_a_parked_car_is_left_alone() -> None:
 def test_the_minute_ends_with_its_last_instant(later_s: float, asked: int) -> None:
     """A minute after the bus woke up the car is asked for the last time."""
     asker = ObdAsker(ObdConfig(speed=True))
-    asker.heard(0x0B0, False, bytes(8), 0.0)
+    asker.received(0x0B0, False, bytes(8), 0.0)
     assert asked == len(asker.frames(later_s, False))
 
 
@@ -158,10 +158,10 @@ def test_a_car_whose_wheels_are_frozen_is_asked_on(kmh: int) -> None:
     """An answer above zero is motion too, so that wheels that stand do not end the asking."""
     asker, asked = ObdAsker(ObdConfig(speed=True)), 0
     for second in range(600):
-        asker.heard(0x0B0, False, bytes(8), float(second))
+        asker.received(0x0B0, False, bytes(8), float(second))
         if asker.frames(float(second), False):
             asked += 1
-            asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, kmh]), float(second))
+            asker.received(ANSWER, False, bytes([3, 0x41, 0x0D, kmh]), float(second))
     assert 597 == asked
 
 
@@ -169,7 +169,7 @@ def test_the_long_identifiers_are_those_of_the_standard() -> None:
     """29 bits: 0x18DB33F1 asks, 0x18DAF1xx answers; a short frame of the same number is none."""
     asker = ObdAsker(ObdConfig(speed=True, extended_ids=True))
     for extended in (False, True):
-        asker.heard(0x18DAF110, extended, bytes([3, 0x41, 0x0D, 50]), 0.0)
+        asker.received(0x18DAF110, extended, bytes([3, 0x41, 0x0D, 50]), 0.0)
         assert (50 if extended else None) == asker.status()["speed_kmh"]
     (frame,) = asker.frames(5.0, True)
     assert (0x18DB33F1, True) == (frame.arbitration_id, frame.extended)
@@ -200,15 +200,15 @@ def test_check_warns_that_the_bus_is_written_on(tmp_path: Path, capsys: pytest.C
     silent = load_config(tmp_path)
     file = may_ask(tmp_path)
     assert 0 == main(["check", str(file)])
-    heard = capsys.readouterr()
-    assert "tpmsd sends 0x7DF on the car's bus every 1 s while the car moves" in heard.out + heard.err
+    received = capsys.readouterr()
+    assert "tpmsd sends 0x7DF on the car's bus every 1 s while the car moves" in received.out + received.err
     clock = LeapingClock()
     bus = AnsweringBus(clock, 72)
     assert "obd" not in run(silent, database, clock, bus, 10.0).document()
     assert [] == bus.asked_s
 
 
-def test_a_replay_hears_the_answers_of_a_recording(tmp_path: Path) -> None:
+def test_a_replay_receives_the_answers_of_a_recording(tmp_path: Path) -> None:
     """Answers in a log bear witness as on the road: wheels in a wrong scale, without a receiver."""
     assert 0 == main(["simulate", str(tmp_path), "--route", "motorway", "--duration", "60"])
     may_ask(tmp_path)
@@ -231,9 +231,9 @@ def test_a_replay_hears_the_answers_of_a_recording(tmp_path: Path) -> None:
 def test_the_speed_is_known_until_ten_requests_were_in_vain() -> None:
     """One request without an answer is no car that does not answer."""
     asker, known = ObdAsker(ObdConfig(speed=True)), []
-    asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, 50]), 0.0)
+    asker.received(ANSWER, False, bytes([3, 0x41, 0x0D, 50]), 0.0)
     for second in range(3, 3 + UNANSWERED):
-        asker.heard(0x0B0, False, bytes(8), float(second))
+        asker.received(0x0B0, False, bytes(8), float(second))
         assert asker.frames(float(second), True)
         known.append(asker.status()["speed_kmh"])
 
@@ -244,7 +244,7 @@ def test_the_speed_is_known_until_ten_requests_were_in_vain() -> None:
 def test_a_bus_that_was_silent_for_a_minute_has_slept(silent_s: float, asked: int) -> None:
     """Only then does its next frame say that somebody woke it up."""
     asker = ObdAsker(ObdConfig(speed=True))
-    asker.heard(0x0B0, False, bytes(8), 0.0)
-    asker.heard(0x0B0, False, bytes(8), silent_s)
+    asker.received(0x0B0, False, bytes(8), 0.0)
+    asker.received(0x0B0, False, bytes(8), silent_s)
 
     assert asked == len(asker.frames(silent_s + LISTEN_S, False))

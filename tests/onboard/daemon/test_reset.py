@@ -182,5 +182,5 @@ def test_the_log_names_the_set_that_is_learned_again(
     daemon.reset("winter")
     clock.at_s += 6.0
     daemon.reset(None)
-    told = [text for text in caplog.messages if text.startswith("asked to learn")]
-    assert ["asked to learn the tyres anew (winter)", "asked to learn the tyres anew"] == told
+    reported = [text for text in caplog.messages if text.startswith("asked to learn")]
+    assert ["asked to learn the tyres anew (winter)", "asked to learn the tyres anew"] == reported

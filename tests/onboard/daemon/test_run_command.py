@@ -76,7 +76,7 @@ def test_sigterm_stops_in_order_with_the_state_saved(tmp_path: Path) -> None:
     manager = ServiceManagerSocket(tmp_path / "notify.sock")
     with daemon("--config", tmp_path, "--speed-up", "5", NOTIFY_SOCKET=str(manager.path)) as process:
         document = wait_for("ticks", config.status.socket)
-        ready = manager.heard()
+        ready = manager.received()
         asked = subprocess.run(
             [sys.executable, "-m", "tpmsd", "status", "--socket", str(config.status.socket), "--json"],
             capture_output=True,
@@ -84,7 +84,7 @@ def test_sigterm_stops_in_order_with_the_state_saved(tmp_path: Path) -> None:
             timeout=PATIENCE_S,
         )
         code, log = ended(process, signal.SIGTERM)
-    heard = manager.heard()
+    received = manager.received()
     manager.close()
 
     assert 0 == code
@@ -92,7 +92,7 @@ def test_sigterm_stops_in_order_with_the_state_saved(tmp_path: Path) -> None:
     assert {"fl", "fr", "rl", "rr"} == set(document["wheels"])
     assert (0, "fake") == (asked.returncode, json.loads(asked.stdout)["can"]["channel"])
     assert "READY=1" in ready
-    assert "STOPPING=1" in heard
+    assert "STOPPING=1" in received
     assert config.state.file is not None
     payload = load_state(config.state.file)
     assert payload is not None
@@ -210,7 +210,7 @@ def test_the_command_line_overrides_and_is_recorded(tmp_path: Path) -> None:
     assert 4 <= len(stamps) <= 12
 
 
-def test_state_and_socket_can_be_told_on_the_command_line(tmp_path: Path) -> None:
+def test_state_and_socket_can_be_set_on_the_command_line(tmp_path: Path) -> None:
     """One configuration serves two daemons: each has the state file and the socket it is told."""
     config, _ = car(tmp_path)
     assert config.state.file is not None

@@ -97,7 +97,7 @@ def test_a_kernel_of_other_sources_is_not_used() -> None:
 @pytest.mark.parametrize("count", [1, 40, 100])
 @pytest.mark.parametrize("wheels", [2, 4])
 @pytest.mark.parametrize("driven_rear", [False, True])
-def test_a_tick_moves_the_bank_alike(fast: BankKernel, count: int, wheels: int, driven_rear: bool) -> None:
+def test_a_tick_moves_the_bank_equally(fast: BankKernel, count: int, wheels: int, driven_rear: bool) -> None:
     """Both kernels propagate banks of any size alike, by wheels, witness, steering and load transfer."""
     process = ProcessModel(NOMINAL[:wheels], TRACK_M, driven_rear)
     for seed, (informative, witness, known, curvature) in enumerate(
@@ -118,7 +118,7 @@ def test_a_tick_moves_the_bank_alike(fast: BankKernel, count: int, wheels: int, 
 
 @pytest.mark.parametrize("frozen_from", [None, SLIP])
 @pytest.mark.parametrize("weights", [square_weights, igg3_weights])
-def test_a_measurement_updates_the_bank_alike(
+def test_a_measurement_updates_the_bank_equally(
     fast: BankKernel, frozen_from: int | None, weights: Weights
 ) -> None:
     """Rows common to all hypotheses and rows of each, frozen states, outliers: both kernels agree."""
@@ -146,7 +146,7 @@ def lower_torn(bank: Bank) -> None:
 @pytest.mark.parametrize("wheels", [2, 4])
 @pytest.mark.parametrize("driven_rear", [False, True])
 @pytest.mark.parametrize("apart_rad", [0.01, 1.0])
-def test_one_triangle_moves_alike(
+def test_one_triangle_moves_equally(
     half: HalfKernel, count: int, wheels: int, driven_rear: bool, apart_rad: float
 ) -> None:
     """The kernel that keeps the upper triangle propagates as the arrays do, whatever stands in the lower one,
@@ -174,7 +174,7 @@ def test_one_triangle_moves_alike(
 
 @pytest.mark.parametrize("frozen_from", [None, SLIP])
 @pytest.mark.parametrize("weights", [square_weights, igg3_weights])
-def test_one_triangle_is_updated_alike(half: HalfKernel, frozen_from: int | None, weights: Weights) -> None:
+def test_one_triangle_is_updated_equally(half: HalfKernel, frozen_from: int | None, weights: Weights) -> None:
     """Rows common to all and rows of each, frozen states, outliers and places that the measurement says
     nothing of: the upper triangle is that of the arrays."""
     rng = np.random.default_rng(7)
@@ -207,7 +207,7 @@ def test_one_triangle_keeps_its_variances_positive(half: HalfKernel) -> None:
     assert one.covariance[3, 5, 5] > 0.0
 
 
-def test_the_mixture_is_summed_alike(fast: BankKernel) -> None:
+def test_the_mixture_is_summed_equally(fast: BankKernel) -> None:
     """Mean, variances and the effective number agree, with weights far apart and with one hypothesis."""
     for count, wheels in [(40, 4), (100, 2), (1, 4)]:
         bank = some_bank(count, wheels, count)
@@ -219,7 +219,7 @@ def test_the_mixture_is_summed_alike(fast: BankKernel) -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
-def test_covariances_are_made_symmetric_alike(fast: BankKernel) -> None:
+def test_covariances_are_made_symmetric_equally(fast: BankKernel) -> None:
     """Both kernels take the mean of both halves and raise variances that rounding made negative."""
     one = some_bank(40, 4, 2)
     one.covariance += 1e-9 * np.random.default_rng(2).standard_normal(one.covariance.shape)
@@ -231,7 +231,7 @@ def test_covariances_are_made_symmetric_alike(fast: BankKernel) -> None:
     assert one.covariance[3, 5, 5] > 0.0
 
 
-def test_positions_are_predicted_alike(fast: BankKernel) -> None:
+def test_positions_are_predicted_equally(fast: BankKernel) -> None:
     """The antenna's position and its derivatives agree in a bend, with the antenna off the axle."""
     bank = some_bank(40, 4, 1)
     fix = Fix(time_s=10.0, fraction=0.3, east_m=1.0, north_m=2.0, position_std_m=1.0)

@@ -93,7 +93,7 @@ def test_an_estimate_does_not_change_later(method: str, drive: Drive) -> None:
 
 
 @EACH
-def test_left_and_right_are_alike(method: str, drive: Drive) -> None:
+def test_left_and_right_are_equal(method: str, drive: Drive) -> None:
     """The mirrored drive has the mirrored radii: to a thousandth of a standard deviation where
     nothing is drawn, else left against right to a millimetre, as other seeds differ."""
     last = run(estimator(method, drive.world), drive.ticks)[-1]

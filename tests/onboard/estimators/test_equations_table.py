@@ -42,8 +42,8 @@ def test_no_equation_table_or_figure_is_left_out() -> None:
 @pytest.mark.parametrize("row", rows(), ids=lambda row: row[0])
 def test_every_row_is_held_by_a_test(row: list[str]) -> None:
     """The file and the function that the row names exist; only what is absent has none."""
-    title, where, _, told = row
-    named = re.findall(r"`([\w/]+\.py)` `(test_\w+)`", told)
+    title, where, _, reported = row
+    named = re.findall(r"`([\w/]+\.py)` `(test_\w+)`", reported)
     assert bool(named) != (where == "absent"), title
     for file, function in named:
         path = REPO / (file if "/" in file else HERE / file)

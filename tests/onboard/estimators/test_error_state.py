@@ -103,11 +103,13 @@ def test_the_jacobian_is_the_derivative_of_the_motion(
         numeric[:, k] = (moved[1] - moved[0]) / (2 * step)
     off = np.abs(numeric - jacobian) * std
     effect = np.abs(numeric) * std
-    way = float(motion.rear_rad.mean() * 0.316)
+    distance = float(motion.rear_rad.mean() * 0.316)
     # Left out is what is second order in a tick: an unknown turn across half the way.
-    assert np.all(off[[E, N]] <= 0.03 * effect[[E, N]] + 0.003 * way)
+    assert np.all(off[[E, N]] <= 0.03 * effect[[E, N]] + 0.003 * distance)
     # The radii's effect on a steered turn is left to the noise, which is 2 % of a turn.
-    slack = 1e-4 if motion.steered_curvature is None else 0.02 * abs(way * motion.steered_curvature) + 1e-4
+    slack = (
+        1e-4 if motion.steered_curvature is None else 0.02 * abs(distance * motion.steered_curvature) + 1e-4
+    )
     # The track's factor on the load's share of the turn is left out: a product of two errors.
     product = np.abs(mean[0, LOAD] * model.load_turn(motion)) * std[TRK] * (np.arange(size) == TRK)
     assert np.all(off[PSI] <= 0.03 * effect[PSI] + slack + product)
@@ -124,10 +126,12 @@ def test_the_mean_moves_as_the_paper_says() -> None:
     rear = np.array([6.0, 6.3])
     model.propagate(mean, cov, TickMotion(TICK_S, rear, 0.0, 0.0, True), 1.0)
     left, right = 6.0 * 0.317, 6.3 * 0.316
-    way, turn = (left + right) / 2, (right - left) / TRACK_M
-    assert [way * math.cos(0.5 + turn / 2), way * math.sin(0.5 + turn / 2), 0.5 + turn] == pytest.approx(
-        mean[0, :3].tolist()
-    )
+    distance, turn = (left + right) / 2, (right - left) / TRACK_M
+    assert [
+        distance * math.cos(0.5 + turn / 2),
+        distance * math.sin(0.5 + turn / 2),
+        0.5 + turn,
+    ] == pytest.approx(mean[0, :3].tolist())
 
 
 @pytest.mark.parametrize("turn_radps", [-0.2, 0.03, 0.1])
@@ -188,9 +192,9 @@ def test_steering_replaces_the_wheels_turn() -> None:
     mean, _ = initial_state(1, NOMINAL)
     mean[0, MU] = 0.01
     motion = TickMotion(TICK_S, np.array([1.0, 1.0]), 0.0, 0.0, False, steered_curvature=0.1)
-    way, turn = model.travel_and_turn(mean, motion)
-    assert (0.326 + 0.318) / 2 == pytest.approx(way[0])
-    assert 0.1 * way[0] == pytest.approx(turn[0])
+    distance, turn = model.travel_and_turn(mean, motion)
+    assert (0.326 + 0.318) / 2 == pytest.approx(distance[0])
+    assert 0.1 * distance[0] == pytest.approx(turn[0])
 
 
 def test_load_transfer_has_the_catalogues_sign() -> None:
@@ -217,13 +221,13 @@ def test_driven_rear_wheels_turn_faster_than_they_roll() -> None:
     mean[0, SLIP] = 0.01
     roll = 6.0 * (0.316 + 0.318) / 2
     for driven, expected in ((True, roll / (1 + 0.01 * 1.5)), (False, roll)):
-        way, _ = ProcessModel(NOMINAL, TRACK_M, driven).travel_and_turn(mean, motion)
-        assert expected == pytest.approx(float(way[0]), rel=3e-4)
+        distance, _ = ProcessModel(NOMINAL, TRACK_M, driven).travel_and_turn(mean, motion)
+        assert expected == pytest.approx(float(distance[0]), rel=3e-4)
 
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(motions(), st.integers(0, 100))
-def test_uncertainty_grows_with_the_way(motion: TickMotion, seed: int) -> None:
+def test_uncertainty_grows_with_the_distance(motion: TickMotion, seed: int) -> None:
     """A tick without a fix makes no variance smaller but that of the fading bias; the matrix stays a
     covariance."""
     model = ProcessModel(NOMINAL, TRACK_M, False)

@@ -66,11 +66,11 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
         f = np.eye(5)
         f[0, 4] = angle
         f[1, 1] = math.exp(-dt / SETTINGS.bias_tau_s)
-        way = angle * (RADIUS_M + x[4])
-        x = x + np.array([way, x[1] * (f[1, 1] - 1), 0.0, 0.0, 0.0])
+        distance = angle * (RADIUS_M + x[4])
+        x = x + np.array([distance, x[1] * (f[1, 1] - 1), 0.0, 0.0, 0.0])
         rough = tick.index == 1  # the gate's first tick is never informative
         q = np.zeros((5, 5))
-        q[0, 0] = SETTINGS.path_noise**2 * way + rough * (SETTINGS.rough_path * way) ** 2
+        q[0, 0] = SETTINGS.path_noise**2 * distance + rough * (SETTINGS.rough_path * distance) ** 2
         q[1, 1] = position_std_m**2 * (1 - f[1, 1] ** 2)
         q[2, 2] = SETTINGS.latency_drift**2 * dt
         q[4, 4] = drift * dt
@@ -78,13 +78,13 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
         for fix in tick.fixes:
             if not located:
                 located, last_s = True, fix.time_s
-                x[:2] = [fix.east_m + x[2] * way / dt - x[3], 0.0]
+                x[:2] = [fix.east_m + x[2] * distance / dt - x[3], 0.0]
                 p[:2, :] = p[:, :2] = 0.0
                 slow = position_std_m**2
                 p[:2, :2] = [[slow + SETTINGS.white_position_m**2, -slow], [-slow, slow]]
             elif fix.time_s - last_s >= 0.45:
                 last_s = fix.time_s
-                speed = way / dt
+                speed = distance / dt
                 h = np.array([1.0, 1.0, -speed, 1.0, 0.0])
                 white = min(SETTINGS.white_position_m, position_std_m)
                 r = white**2 + (SETTINGS.timing_s * speed) ** 2 + 0.02**2

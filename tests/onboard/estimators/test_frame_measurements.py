@@ -92,7 +92,7 @@ def common_mm(drive: Drive, estimates: list[RadiusEstimate]) -> float:
 
 
 @EACH
-def test_speed_is_heard_by_all(method: str) -> None:
+def test_speed_is_received_by_all(method: str) -> None:
     """Wheels 4 mm larger than nominal: a minute of Doppler speeds of 0.05 m/s with a memory of a second tells
     the common radius to 0.14 mm, and every filter knows it to 0.6 mm with positions switched off (MPF-MN,
     whose particles are too few for its states as in the paper, to 1.5 mm)."""
@@ -150,7 +150,7 @@ def test_a_gap_is_not_summed_over() -> None:
     assert bias.bias_radps == pytest.approx(known, abs=1e-9)
 
 
-def test_the_gate_hears_what_the_filter_hears() -> None:
+def test_the_gate_receives_what_the_filter_receives() -> None:
     """A soft rear tyre looks like a bend to the wheels: with courses the ticks stay informative, with courses
     switched off and positions as good the chords tell it."""
     world = World(duration_s=60.0, yaw_radps=straight, fault=(2, -0.03, 20.0))

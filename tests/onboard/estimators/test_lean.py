@@ -47,8 +47,8 @@ def test_a_bend_that_ends_leaves_no_error_of_heading(seed: int) -> None:
         for e, psi in zip(estimates[600:], drive.pose[600:, 2], strict=True)
     ]
     assert math.radians(1.5) > np.abs(off).max()
-    told, true = estimates[-1].deviation_m, drive.offsets_m[-1]
-    assert told[2] - told[3] == pytest.approx(true[2] - true[3], abs=0.1e-3)
+    reported, true = estimates[-1].deviation_m, drive.offsets_m[-1]
+    assert reported[2] - reported[3] == pytest.approx(true[2] - true[3], abs=0.1e-3)
 
 
 def test_a_gyro_is_believed_though_the_wheels_show_half_as_much_turn_again() -> None:

@@ -158,7 +158,7 @@ def check(scalar_of: Callable[[FloatArray], measurements.Scalar], seed: int, sla
 
 @QUIET
 @given(st.integers(0, 10_000), st.booleans(), st.floats(-1.0, 1.0), st.floats(0.97, 1.0))
-def test_row_of_the_way_by_doppler(seed: int, driven: bool, left_m: float, horizontal: float) -> None:
+def test_row_of_the_distance_by_doppler(seed: int, driven: bool, left_m: float, horizontal: float) -> None:
     """The way by Doppler, derived by radii, lags and slip."""
     made = block(seed, np.zeros(4))
     check(lambda at: measurements.doppler_distance(at, made, NOMINAL, left_m, horizontal, driven), seed, 0.02)

@@ -49,7 +49,7 @@ def world(**changes: object) -> World:
 
 @settings(derandomize=True, deadline=None, max_examples=15)
 @given(st.floats(8.0, 30.0), st.floats(-1.5, 1.5), st.sampled_from([0.1, 0.2, 0.25, 1.0]))
-def test_the_way_by_doppler_is_exact_for_steady_acceleration(
+def test_the_distance_by_doppler_is_exact_for_steady_acceleration(
     speed: float, accel: float, period_s: float
 ) -> None:
     """Speeds that change linearly: the trapezoid is the very way, and equals that of the wheels."""
@@ -154,7 +154,7 @@ def test_a_wheel_without_signal_leaves_its_residual_out() -> None:
     assert all(np.all(np.isfinite(block.angle_rad[:2])) for _, block in blocks_of(odd))
 
 
-def test_a_pause_of_the_receiver_makes_no_way_of_it() -> None:
+def test_a_pause_of_the_receiver_makes_no_distance_of_it() -> None:
     """Speeds further apart than a block are not joined by a trapezoid."""
     ticks = world(receiver=replace(CLEAN, outage=(10.0, 20.0))).drive().ticks
     for index, block in blocks_of(ticks):

@@ -101,7 +101,7 @@ def test_signed_signals_and_fast_cars_are_not_asked(speed_mps: float) -> None:
     assert not watch.backward
 
 
-def test_without_course_or_too_slow_nothing_is_told() -> None:
+def test_without_course_or_too_slow_nothing_is_reported() -> None:
     """NaN courses and creeping decide neither way."""
     watch = ReverseWatch()
     watch.update_speed(1.0, 0.1)

@@ -29,7 +29,7 @@ def bank_of(weights: list[float], means: list[float], variances: list[float]) ->
     return bank
 
 
-def test_a_change_just_supposed_is_told_apart() -> None:
+def test_a_change_just_supposed_is_distinguished() -> None:
     """Weights 0.9 and 0.1, the second a change of 3 s ago: its probability is 0.1, and the moments are those
     of the first alone. At 0.4 to 0.6 they are those of the second, and after the time they are both's."""
     bank = bank_of([0.9, 0.1], [1e-3, 2e-3], [1e-8, 4e-6])
@@ -83,7 +83,7 @@ def test_a_level_kept_in_play_weighs_what_the_evidence_left_it() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_quiet_drive_is_stated_sharper_and_a_change_is_told(method: str) -> None:
+def test_a_quiet_drive_is_stated_sharper_and_a_change_is_reported(method: str) -> None:
     """Before a wheel loses 2 %, a change is improbable and left against right is stated more sharply than by
     all hypotheses together; within 5 s after, a change is probable; 30 s later it is an old one."""
     world = World(duration_s=150.0, fault=(2, -0.02, 110.0))

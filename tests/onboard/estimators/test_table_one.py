@@ -143,8 +143,8 @@ class TableOne:
             heading = fix.heading_rad + (0.05 + 0.2 / fix.speed_mps) * self.rng.standard_normal(COUNT)
             east = fix.east_m + math.sqrt(variance) * self.rng.standard_normal(COUNT)
             north = fix.north_m + math.sqrt(variance) * self.rng.standard_normal(COUNT)
-            ways = [math.hypot(p.moved[0], p.moved[1]) for p in self.particles]
-            ahead = (1.0 - fix.fraction) * sum(ways) / COUNT
+            distances = [math.hypot(p.moved[0], p.moved[1]) for p in self.particles]
+            ahead = (1.0 - fix.fraction) * sum(distances) / COUNT
             for i, p in enumerate(self.particles):
                 along = np.array([math.cos(heading[i]), math.sin(heading[i]), 0.0])
                 p.x = np.array([east[i], north[i], heading[i]]) + ahead * along

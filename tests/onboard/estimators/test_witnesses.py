@@ -20,7 +20,7 @@ def _climb(tracker: GradeTracker, sine: float, metres: int, noise: float = 0.0, 
 
 
 @pytest.mark.parametrize("sine", [-0.12, -0.03, 0.0, 0.06])
-def test_the_slope_is_height_over_way(sine: float) -> None:
+def test_the_slope_is_height_over_distance(sine: float) -> None:
     """On an even slope the sine is exact, and the horizontal part is its cosine."""
     tracker = GradeTracker()
     _climb(tracker, sine, 300)
@@ -59,7 +59,7 @@ def test_a_leap_of_the_height_is_bounded() -> None:
 def test_the_slope_is_the_least_squares_line_of_the_window() -> None:
     """Over 60 km of hills, with a gap: at every height that of a polynomial fitted anew to the last 200 m."""
     rng = np.random.default_rng(3)
-    tracker, way = GradeTracker(), 0.0
+    tracker, distance = GradeTracker(), 0.0
     points: list[tuple[float, float]] = []
     worst, fitted = 0.0, 0
     for step in range(15000):
@@ -67,14 +67,14 @@ def test_the_slope_is_the_least_squares_line_of_the_window() -> None:
             tracker.reset()
             points = []
         metres = rng.uniform(2.1, 6.0)
-        way += metres
-        up = 1500.0 + 40.0 * math.sin(way / 900.0) + rng.standard_normal()
+        distance += metres
+        up = 1500.0 + 40.0 * math.sin(distance / 900.0) + rng.standard_normal()
         tracker.move(metres)
         tracker.update(up)
-        points = [(at, height) for at, height in points if way - at <= WINDOW_M] + [(way, up)]
-        if step % 50 == 49 and way - points[0][0] >= MIN_SPAN_M:
+        points = [(at, height) for at, height in points if distance - at <= WINDOW_M] + [(distance, up)]
+        if step % 50 == 49 and distance - points[0][0] >= MIN_SPAN_M:
             at, height = np.array(points).T
-            worst = max(worst, abs(tracker.sine - np.polyfit(at - way, height, 1)[0]))
+            worst = max(worst, abs(tracker.sine - np.polyfit(at - distance, height, 1)[0]))
             fitted += 1
     assert fitted > 290
     assert worst < 1e-9
@@ -121,12 +121,12 @@ def test_a_frozen_or_untried_gyro_is_not_trusted() -> None:
 
 
 @pytest.mark.parametrize("horizontal", [1.0, 0.995])
-def test_the_map_sees_the_horizontal_part_of_the_way_and_all_of_the_turn(horizontal: float) -> None:
+def test_the_map_sees_the_horizontal_part_of_the_distance_and_all_of_the_turn(horizontal: float) -> None:
     """On a slope the pose moves by the cosine of the way rolled; the wheels' difference still turns."""
     nominal = np.full(2, 0.3)
     model = ProcessModel(nominal, 1.5, driven_rear=False)
     mean, _ = initial_state(1, nominal)
     motion = TickMotion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True, horizontal)
-    way, turn = model.travel_and_turn(mean, motion)
-    assert way[0] == pytest.approx(6.05 * 0.3 * horizontal)
+    distance, turn = model.travel_and_turn(mean, motion)
+    assert distance[0] == pytest.approx(6.05 * 0.3 * horizontal)
     assert turn[0] == pytest.approx(0.1 * 0.3 / 1.5)

@@ -47,7 +47,7 @@ def test_a_stream_is_read_after_the_greeting() -> None:
         receiver.read()
 
 
-def test_a_server_that_goes_is_told_and_found_again() -> None:
+def test_a_server_that_goes_is_reported_and_found_again() -> None:
     """A closed connection and a refused one each end in one line; opening again later succeeds."""
     with server() as listener:
         port = listener.getsockname()[1]

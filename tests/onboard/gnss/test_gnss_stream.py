@@ -114,7 +114,7 @@ def test_ubx_without_the_wanted_message_is_said() -> None:
     other[-2:] = checksum(bytes(other[2:-2]))
     for k in range(60):
         assert [] == stream.feed(bytes(other), float(k))
-    told = stream.hint
+    reported = stream.hint
     stream.feed(frame(), 61.0)
 
-    assert ("UBX without NAV-PVT: the receiver must be told to send it", "") == (told, stream.hint)
+    assert ("UBX without NAV-PVT: the receiver must be told to send it", "") == (reported, stream.hint)

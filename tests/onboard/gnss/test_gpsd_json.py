@@ -43,7 +43,7 @@ def test_a_report_becomes_a_solution() -> None:
     assert math.sqrt(0.5) == pytest.approx(got.latitude_std_m)
 
 
-def test_error_estimates_of_the_receiver_are_told_from_those_that_gpsd_makes_up() -> None:
+def test_error_estimates_of_the_receiver_are_distinguished_from_those_that_gpsd_makes_up() -> None:
     """A radius that is the dilution times gpsd's constant, or a speed error of metres per second, goes."""
     assert (0.6, 0.4) == (last(SKY, GST, TPV).latitude_std_m, last(SKY, GST, TPV).longitude_std_m)
     made_up = last(SKY, TPV | {"eph": 12.0, "eps": 24.0})

@@ -26,16 +26,16 @@ def fix(north_m: float = 0.0, east_m: float = 0.0, at_s: float = 0.0, speed_mps:
 def test_a_position_is_out_of_reach_beyond_its_distance(north: float, east: float, elapsed_s: float) -> None:
     """500 m and 150 m/s since the last fix, in any direction and over the date line, are within reach."""
     for factor, leapt in ((0.999, False), (1.001, True)):
-        way_m, leap = factor * (500.0 + 150.0 * elapsed_s), Leap()
+        distance_m, leap = factor * (500.0 + 150.0 * elapsed_s), Leap()
         assert not leap.judge(fix())
-        assert leapt is leap.judge(fix(north * way_m, east * way_m, elapsed_s))
+        assert leapt is leap.judge(fix(north * distance_m, east * distance_m, elapsed_s))
 
 
 def test_a_new_place_is_believed_from_the_third_fix_on() -> None:
     """Three fixes in a row within reach of one another are believed; one that is elsewhere begins anew."""
     leap = Leap()
-    told = [leap.judge(fix(north_m)) for north_m in (0.0, 9e3, 5e4, 5e4, 5e4, 5e4, 0.0, 5e4)]
-    assert [False, True, True, True, False, False, True, False] == told
+    reported = [leap.judge(fix(north_m)) for north_m in (0.0, 9e3, 5e4, 5e4, 5e4, 5e4, 0.0, 5e4)]
+    assert [False, True, True, True, False, False, True, False] == reported
 
 
 def test_a_position_is_frozen_from_the_fifth_time_on() -> None:
@@ -53,10 +53,10 @@ def test_an_episode_is_reported_once_and_ends_with_good_epochs() -> None:
     counts = dict.fromkeys(Episodes.KINDS, 0)
     for kind, good in (("leap", 1), ("repeated", 20)):
         episodes = Episodes(counts)
-        told = []
+        reported = []
         for wrong in [True, True] + [False] * (good - 1) + [True] + [False] * good + [True]:
-            told += [fault.time_s for fault in episodes.note(float(len(told)), kind, wrong)]
-        assert [0.0, 1.0] == told
+            reported += [fault.time_s for fault in episodes.note(float(len(reported)), kind, wrong)]
+        assert [0.0, 1.0] == reported
         assert 4 == counts[kind]
 
 

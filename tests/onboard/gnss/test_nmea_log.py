@@ -60,7 +60,7 @@ def test_mixed_line_ends_and_blank_lines(log: Path):
     assert [(T, 1), (T + 1, 3), (T + 2, 4)] == [(time, number) for time, _, number in read(log)[0]]
 
 
-def test_bad_lines_are_told_with_number_and_reason(log: Path):
+def test_bad_lines_are_reported_with_number_and_reason(log: Path):
     """What has no time in front, nothing behind it, or no end is told, and costs nothing else."""
     lines = [b"16104.521868) $GNGGA,cut", rmc(T), stamped(T, rmc(T)), b"(1720716105.0)", b"\xff" * 5000]
     log.write_bytes(b"\n".join([*lines, stamped(T + 9, gga(T))]))

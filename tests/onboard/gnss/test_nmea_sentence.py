@@ -178,7 +178,7 @@ def test_no_checksum_is_accepted():
 @pytest.mark.parametrize(
     "body", ["PUBX,00,1,2", "GNGSA,A,3,1,2,3", "GPGSV,1,1,00", "GPXYZ,1", "PGRME,15.0,M"]
 )
-def test_other_sentences_are_told_apart(body: str):
+def test_other_sentences_are_distinguished(body: str):
     """Sentences that nothing is taken from are neither readings nor faults."""
     assert NmeaReading("other", proprietary=body.startswith("P")) == decode_sentence(nmea(body))
 

@@ -77,8 +77,8 @@ def test_speed_joins_its_own_epoch(recordings: Path, drive: str):
     middle = np.arange(2, utc.size - 2)
     even = np.abs(utc[middle + 1] - utc[middle - 2] - 0.3) < 1e-3
     middle = middle[even & (quality[middle - 1] == best) & (quality[middle] == best)]
-    way = np.hypot(*(place[middle] - place[middle - 1]).T) / 0.1
-    misfit = [float(np.nanmedian(np.abs(way - speed[middle + shift]))) for shift in (-1, 0, 1)]
+    distance = np.hypot(*(place[middle] - place[middle - 1]).T) / 0.1
+    misfit = [float(np.nanmedian(np.abs(distance - speed[middle + shift]))) for shift in (-1, 0, 1)]
     assert misfit[1] < 0.6 * min(misfit[0], misfit[2])
 
 

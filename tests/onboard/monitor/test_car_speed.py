@@ -24,12 +24,12 @@ class Asked(Watched):
 
     def states(self, duration_s: float, kmh: int, **more: object) -> list[tuple[str, str, float]]:
         """As `play`, second by second."""
-        told = []
+        reported = []
         for second in range(round(duration_s)):
             self.car_states(kmh)
-            told += [(s, r, second + t) for s, r, t in self.play(1.0, **more)]  # type: ignore[arg-type]
+            reported += [(s, r, second + t) for s, r, t in self.play(1.0, **more)]  # type: ignore[arg-type]
             self.reasons += [alarm.reason for alarm in self.standing if alarm.reason not in self.reasons]
-        return told
+        return reported
 
 
 @given(
@@ -66,9 +66,9 @@ def test_a_statement_holds_for_two_seconds() -> None:
     """What a car said a while ago says nothing any more."""
     car = CarSpeed()
     car.state(72)
-    heard = [car.update(0.5 * k, 20.0, math.nan) for k in range(8)]
-    assert [True] * 5 + [None] * 3 == [one.wheels for one in heard]
-    assert SpeedAgreement() == heard[-1]
+    received = [car.update(0.5 * k, 20.0, math.nan) for k in range(8)]
+    assert [True] * 5 + [None] * 3 == [one.wheels for one in received]
+    assert SpeedAgreement() == received[-1]
 
 
 def test_wheels_that_stand_while_the_car_drives_are_a_malfunction() -> None:
@@ -94,11 +94,11 @@ def test_ten_minutes_of_blind_driving_are_counted_by_the_car_too() -> None:
     """While no soft tyre would be seen, the car's own speed counts the driving where wheels and receiver do
     not: from 45 km/h on, which is 40 km/h at the least."""
     blind = Watching(sees=False, undecided=False)
-    told = {kmh: Asked(watching=blind).states(700.0, kmh, wheels_mps=0.0, age_s=1e3) for kmh in (44, 45)}
+    reported = {kmh: Asked(watching=blind).states(700.0, kmh, wheels_mps=0.0, age_s=1e3) for kmh in (44, 45)}
 
     of_blindness = {
         kmh: [t for _, reason, t in alarms if reason == "driving for ten minutes,"]
-        for kmh, alarms in told.items()
+        for kmh, alarms in reported.items()
     }
     assert {44: [], 45: [600.0]} == of_blindness
 

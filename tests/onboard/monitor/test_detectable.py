@@ -8,7 +8,7 @@ import pytest
 from tpmsd.car.config.model import TyreConfig
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.evidence.detectable import Alike, detectable
+from tpmsd.onboard.monitor.evidence.detectable import JointLoss, detectable
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.evidence.sizes import Sized
@@ -25,8 +25,8 @@ def test_the_smallest_losses_are_those_that_are_raised_nine_times_in_ten(common:
     alike, as the covariance scatters them; of a quarter less three in four at most."""
     covariance = (np.full((4, 4), common**2) + np.eye(4) * own**2) * 0.316**2
     scatter = np.random.default_rng(1).multivariate_normal(np.zeros(4), covariance, 400)
-    alike = Alike.of(np.zeros((1, 4)), covariance[None], np.zeros(1), RADIUS)
-    found = detectable(covariance, alike, RADIUS, TYRES, THRESHOLD, ASKED)
+    similar = JointLoss.of(np.zeros((1, 4)), covariance[None], np.zeros(1), RADIUS)
+    found = detectable(covariance, similar, RADIUS, TYRES, THRESHOLD, ASKED)
     for share, lost in ((found.one_tyre, np.array([1.0, 0.0, 0.0, 0.0])), (found.all_tyres, np.ones(4))):
         least_m = -TYRES[0].radius_change_m(share)
         raised = []
@@ -41,7 +41,7 @@ def test_the_smallest_losses_are_those_that_are_raised_nine_times_in_ten(common:
 
 @pytest.mark.parametrize("chance", [0.08, 0.3])
 @pytest.mark.parametrize("lost_m", [0.0, 1.4e-3])
-def test_what_a_load_may_do_makes_all_alike_harder_to_see(chance: float, lost_m: float) -> None:
+def test_what_a_load_may_do_makes_all_four_harder_to_see(chance: float, lost_m: float) -> None:
     """The axles may bear another load (0.3 and 0.9 mm) on some drives. Of 400 drives as learned with a tenth
     more than the smallest loss nine in ten are raised, of a quarter less three in four at most; and it is
     told alike whether the drive that it is asked on has a loss or none."""
@@ -55,9 +55,9 @@ def test_what_a_load_may_do_makes_all_alike_harder_to_see(chance: float, lost_m:
         return np.log([1.0 - chance, chance]) + log_normal(change_m, both)
 
     asked_on = np.full(4, -lost_m)
-    alike = Alike.of(np.tile(asked_on, (2, 1)), both, weights(asked_on), RADIUS)
-    found = detectable(learned, alike, RADIUS, TYRES, THRESHOLD, ASKED)
-    alone = Alike.of(np.zeros((1, 4)), learned[None], np.zeros(1), RADIUS)
+    similar = JointLoss.of(np.tile(asked_on, (2, 1)), both, weights(asked_on), RADIUS)
+    found = detectable(learned, similar, RADIUS, TYRES, THRESHOLD, ASKED)
+    alone = JointLoss.of(np.zeros((1, 4)), learned[None], np.zeros(1), RADIUS)
     assert found.all_tyres > 1.1 * detectable(learned, alone, RADIUS, TYRES, THRESHOLD, ASKED).all_tyres
     least_m = -TYRES[0].radius_change_m(found.all_tyres)
     scatter = np.random.default_rng(2).multivariate_normal(np.zeros(4), learned, 400)
@@ -89,7 +89,7 @@ def test_a_load_hides_both_tyres_of_the_axle_that_bears_it() -> None:
     both = np.stack([learned, loaded])
     weights = np.log([0.9, 0.1]) + log_normal(np.zeros(4), both)
     whole, front, rear = (
-        Alike.of(np.zeros((2, 4)), both, weights, RADIUS * np.array(mask))
+        JointLoss.of(np.zeros((2, 4)), both, weights, RADIUS * np.array(mask))
         for mask in ([1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0])
     )
     least = [

@@ -68,7 +68,7 @@ def test_two_wheels_against_numerical_integration(change: tuple[float, float]) -
     assert expected == pytest.approx(found.deflated, abs=0.05)
 
 
-def test_the_nuisance_covariance_is_the_sum_of_its_ways() -> None:
+def test_the_nuisance_covariance_is_the_sum_of_its_modes() -> None:
     """Variances and covariances of wheels are sums over common, axle, side and own changes."""
     n = Nuisance(common=1.0, axle=0.5, side=0.25, own=0.125)
     cov = n.covariance([0, 1, 2, 3], np.full(4, 2.0)) / 4.0
@@ -149,7 +149,7 @@ def test_of_a_pair_alone_the_smaller_wheel_has_lost() -> None:
 
 
 @pytest.mark.parametrize("change", [0.0036, -0.0036, 0.006, -0.005])
-def test_what_happens_to_all_wheels_alike_is_no_deflation(change: float) -> None:
+def test_what_happens_to_all_wheels_equally_is_no_deflation(change: float) -> None:
     """Growth with speed by 0.36 % (or its loss when slowing, or warm-up) points at no wheel."""
     assert [0.0] * 4 == pytest.approx(judged([change] * 4).deflated, abs=0.02)
 
@@ -200,7 +200,7 @@ def test_a_poorly_known_radius_accuses_nobody() -> None:
 
 @settings(derandomize=True, deadline=None, max_examples=30)
 @given(st.lists(st.floats(-0.02, 0.02), min_size=4, max_size=4))
-def test_left_and_right_and_front_and_rear_are_alike(change: list[float]) -> None:
+def test_left_and_right_and_front_and_rear_are_equal(change: list[float]) -> None:
     """Exchanging sides, or axles, exchanges the probabilities and changes nothing else."""
     plain = judged(change).deflated
     for swapped in ([1, 0, 3, 2], [2, 3, 0, 1]):
@@ -215,7 +215,7 @@ def test_the_priors_leave_room_for_nothing_having_happened() -> None:
     assert len(WHEELS) == len(JUDGE.prior_by_size)
 
 
-def test_all_four_alike_are_unseen_for_longer_than_one() -> None:
+def test_all_four_equally_are_unseen_for_longer_than_one() -> None:
     """Beforehand they are as probable as a month's share of the four months that those 3 % of cars which are
     driven with all four 25 % low [NHTSA 2001] have been so, to a factor of two; one tyre is by a week's."""
     one, all_four = JUDGE.prior_by_size[0], JUDGE.prior_by_size[3]
@@ -256,7 +256,7 @@ def test_what_axles_and_all_wheels_do_is_not_averaged_out() -> None:
 @pytest.mark.parametrize(
     ("smaller_m", "larger_m", "raised"), [(1.15e-3, 1.15e-3, False), (2.3e-3, 0.0, True)]
 )
-def test_which_of_two_wheels_has_changed_is_told_by_the_other_axle(
+def test_which_of_two_wheels_has_changed_is_identified_by_the_other_axle(
     smaller_m: float, larger_m: float, raised: bool
 ) -> None:
     """Two wheels of an axle are 2.3 mm apart: where the other axle lies half-way between them, a new tyre is

@@ -42,7 +42,7 @@ def test_the_probability_is_that_of_all_histories_together() -> None:
     of its ends add."""
     levels = 1e-3 * np.array([0.0, 0.3, -3.5, -2.9, -0.4, 0.1, -0.2])
     std_m = 4e-4
-    told, _ = reflected(levels, TOWN_MPS, std_m)
+    reported, _ = reflected(levels, TOWN_MPS, std_m)
     error = LEVEL.reflected_mps / TOWN_MPS * RADIUS_M
     leave, enter = 1.0 / LEVEL.reflected_samples, LEVEL.reflected_share / LEVEL.reflected_samples
     change = {(0, 0): 1.0 - enter, (0, 1): enter, (1, 0): leave, (1, 1): 1.0 - leave}
@@ -57,7 +57,7 @@ def test_the_probability_is_that_of_all_histories_together() -> None:
                     std = np.sqrt(2.0 * (std_m**2 + nuisance**2) + sum(pair) * error**2)
                     weight *= norm.pdf(levels[k] - levels[k - 1], 0.0, std)
             sums[path[-1]] += weight
-        assert told[last] == pytest.approx(sums[1] / sum(sums), rel=1e-9)
+        assert reported[last] == pytest.approx(sums[1] / sum(sums), rel=1e-9)
 
 
 def test_a_level_that_jumps_is_doubted_and_one_that_leaks_is_not() -> None:
@@ -112,7 +112,7 @@ def test_reflections_for_two_minutes_are_no_loss_of_all_tyres(seed: int) -> None
     assert of_levels(levels, seed) > 0.99
 
 
-def test_of_a_single_sample_only_the_prior_is_told() -> None:
+def test_of_a_single_sample_only_the_prior_is_reported() -> None:
     """Nothing to hold it against: a share of all samples, whatever its level."""
     for level in (-5e-3, 0.0, 5e-3):
         chances, _ = reflected(np.array([level]), TOWN_MPS, 3e-4)

@@ -135,11 +135,11 @@ def test_a_second_in_order_takes_back_what_was_counted() -> None:
 def test_a_wheel_is_lost_after_its_time_and_not_before() -> None:
     """More than thirty seconds without a value; a wheel that was never read is lost from the start."""
     ticks = Ticks()
-    assert [] == ticks.watch.heard(ticks.time_s)
+    assert [] == ticks.watch.received(ticks.time_s)
     ticks.until("raised", most_s=5.0)
 
-    assert [0, 1, 2, 3] == ticks.watch.heard(ticks.time_s + 30.0)
-    assert [] == ticks.watch.heard(ticks.time_s + 30.1)
+    assert [0, 1, 2, 3] == ticks.watch.received(ticks.time_s + 30.0)
+    assert [] == ticks.watch.received(ticks.time_s + 30.1)
 
 
 @pytest.mark.parametrize(
@@ -222,7 +222,7 @@ def test_a_reckoned_fix_hides_no_other_of_its_tick() -> None:
     assert 9.0 == ReceiverSpeed().update(both)
 
 
-def test_the_way_between_positions_a_second_apart_makes_a_speed() -> None:
+def test_the_distance_between_positions_a_second_apart_makes_a_speed() -> None:
     """From one to two seconds; of less and of more nothing is made."""
     speed = ReceiverSpeed()
     assert math.isnan(speed.update(at(10.0)))

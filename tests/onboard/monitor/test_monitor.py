@@ -350,7 +350,7 @@ def test_a_contradiction_forgets_what_was_learned_since_the_start(
     assert restored == player.monitor.baseline.ready
 
 
-def test_a_receiver_lost_while_moving_is_told_after_five_minutes() -> None:
+def test_a_receiver_lost_while_moving_is_reported_after_five_minutes() -> None:
     """A tunnel is no malfunction; 300 s of driving without a fix is, until fixes return."""
     player = learned()
     assert [] == malfunctions(player.play(290.0, gnss_age_s=60.0))

@@ -150,9 +150,9 @@ def test_windows_of_the_same_data_say_what_one_of_them_says() -> None:
     """A window that is there twice shares its prior with itself."""
     change, every = 1e-3 * np.array([-0.8, 0.0, 0.1, 0.0]), members(4)
     spread = np.full((4, 4), 3e-4**2) + np.eye(4) * 2e-4**2
-    told = verdict(ALL, change, spread)
-    once = posterior([Window("minutes", told, every, every)])
-    twice = posterior([Window("now", told, every, every), Window("minutes", told, every, every)])
+    reported = verdict(ALL, change, spread)
+    once = posterior([Window("minutes", reported, every, every)])
+    twice = posterior([Window("now", reported, every, every), Window("minutes", reported, every, every)])
     assert twice.lost == pytest.approx(once.lost, abs=1e-3)
     assert twice.deflated == pytest.approx(once.deflated, abs=1e-3)
     assert twice.deviates == pytest.approx(once.deviates, abs=1e-9)
@@ -181,11 +181,11 @@ def test_a_loss_that_began_now_is_seen_beside_a_size_from_before(larger_mm: floa
 def test_to_ask_changes_nothing() -> None:
     """The tables of the windows are as they were, and the second answer is the first."""
     every = members(4)
-    told = verdict(ALL, 1e-3 * np.array([-1.0, 0.0, 0.0, 0.0]), np.eye(4) * 2e-4**2)
-    window = Window("minutes", told, every, every)
-    before = told.table.lost.copy()
+    reported = verdict(ALL, 1e-3 * np.array([-1.0, 0.0, 0.0, 0.0]), np.eye(4) * 2e-4**2)
+    window = Window("minutes", reported, every, every)
+    before = reported.table.lost.copy()
     first, second = posterior([window]), posterior([window])
-    assert np.array_equal(before, told.table.lost)
+    assert np.array_equal(before, reported.table.lost)
     assert np.array_equal(first.deflated, second.deflated)
     assert 0.0 <= first.none <= 1.0
     assert first.changed <= 1.0 - first.none + 1e-9

@@ -41,7 +41,7 @@ def asked(questions: Questions, of_front: float, seconds: int, *, said: bool = F
 def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
     """From the clearing threshold on, after the time that an alarm of all wheels takes; between that and the
     prior the question stands; at the prior and below it goes."""
-    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), round(JUDGE.alike_hold_s)
+    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), round(JUDGE.all_hold_s)
     assert () == asked(questions, 0.64, hold_s - 5)
     assert ("fl", "fr") == asked(questions, 0.64, 10)
     assert "fl fr soft (0.64) or another load (0.36)" in questions.standing[0].question

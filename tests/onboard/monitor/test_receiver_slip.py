@@ -59,12 +59,12 @@ def ticks(
     if teeth:
         angle = np.floor(angle * teeth / (2.0 * math.pi) + rng.uniform(0.0, 1.0, 4)) * 2.0 * math.pi / teeth
     moments = np.arange(phase_s, seconds, 1.0 / rate_hz)
-    heard = speed(moments - age_s) + rng.normal(0.0, 1.0, moments.size) * doppler_mps
+    received = speed(moments - age_s) + rng.normal(0.0, 1.0, moments.size) * doppler_mps
     out = []
     for k, turn in enumerate(np.diff(angle, axis=0)):
         here = np.flatnonzero((moments > k * DT_S) & (moments <= (k + 1) * DT_S))
         fixes = tuple(
-            Fix(float(moments[n]), float(moments[n] / DT_S - k), 0.0, 0.0, 1.0, speed_mps=float(heard[n]))
+            Fix(float(moments[n]), float(moments[n] / DT_S - k), 0.0, 0.0, 1.0, speed_mps=float(received[n]))
             for n in here
         )
         out.append(Tick(k, (k + 1) * DT_S, DT_S, turn, np.full(4, 0.01), fixes))

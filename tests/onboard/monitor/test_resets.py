@@ -148,7 +148,7 @@ def test_a_reset_before_anything_was_learned_is_no_question() -> None:
     assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
 
 
-def test_pressure_is_told_with_its_uncertainty() -> None:
+def test_pressure_is_reported_with_its_uncertainty() -> None:
     """A loss of 0.46 % of the radius is told as 20 % of the pressure, within what it claims to know."""
     player = learned()
     events = player.play(60.0, one(3, -0.0046))

@@ -24,7 +24,7 @@ class Watched:
     """A watch that is fed by hand, and when its malfunctions were raised or cleared."""
 
     settings: MonitorConfig = field(default_factory=MonitorConfig)
-    told: list[tuple[str, str, float]] = field(default_factory=list)
+    reported: list[tuple[str, str, float]] = field(default_factory=list)
     time_s: float = 0.0
     watching: Watching = SEES
 
@@ -49,7 +49,7 @@ class Watched:
         dt_s: float = 0.5,
     ) -> list[tuple[str, str, float]]:
         """(state, first words of the reason, seconds since the start of this stretch) of every event."""
-        begun, told = self.time_s, []
+        begun, reported = self.time_s, []
         for _ in range(round(duration_s / dt_s)):
             self.time_s += dt_s
             rotation = np.full(4, wheels_mps * dt_s / RADIUS_M)
@@ -60,8 +60,8 @@ class Watched:
                 1.0, 0.0, age_s, 40.0,
             )  # fmt: skip
             for event in self._watch.update(tick, estimate, self.watching):
-                told.append((event.state, " ".join(event.reason.split()[:4]), self.time_s - begun))
-        return told
+                reported.append((event.state, " ".join(event.reason.split()[:4]), self.time_s - begun))
+        return reported
 
 
 def fix(speed_mps: float = math.nan, quality: int = 1, east_m: float = 0.0) -> Fix:
@@ -83,17 +83,17 @@ def test_speeds_disagree_beyond_both_limits(wheels_mps: float, receiver_mps: flo
     """Speeds apart by more than 3 m/s and a fifth are a malfunction after its time; less never are."""
     watched = Watched()
     limit_s = watched.settings.malfunction_s
-    told = watched.play(limit_s + 20.0, wheels_mps, fix(receiver_mps))
+    reported = watched.play(limit_s + 20.0, wheels_mps, fix(receiver_mps))
     raised = [("raised", "wheels and receiver disagree", pytest.approx(limit_s, abs=0.6))]
-    assert (raised if disagree else []) == told
+    assert (raised if disagree else []) == reported
 
 
 def test_speed_between_positions_counts_where_the_receiver_states_none() -> None:
     """Positions that stand still while the wheels turn disagree; without any speed nothing does."""
     watched = Watched()
     limit_s = watched.settings.malfunction_s
-    told = watched.play(limit_s + 20.0, 20.0, fix(east_m=7.0))
-    assert ["wheels and receiver disagree"] == [reason for _, reason, _ in told]
+    reported = watched.play(limit_s + 20.0, 20.0, fix(east_m=7.0))
+    assert ["wheels and receiver disagree"] == [reason for _, reason, _ in reported]
     assert [] == Watched().play(limit_s + 20.0, 20.0)
 
 
@@ -112,6 +112,6 @@ def test_a_fix_is_stale_after_ten_seconds(age_s: float, stale: bool) -> None:
     """Without a fix for more than ten seconds, all the while, the receiver is out of order after its time."""
     watched = Watched()
     limit_s = watched.settings.gnss_malfunction_s
-    told = watched.play(limit_s + 20.0, age_s=age_s)
+    reported = watched.play(limit_s + 20.0, age_s=age_s)
     raised = [("raised", "no usable fix from", pytest.approx(limit_s, abs=0.6))]
-    assert (raised if stale else []) == told
+    assert (raised if stale else []) == reported

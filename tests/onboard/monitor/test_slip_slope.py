@@ -119,7 +119,7 @@ def test_nothing_is_said_where_nothing_can_be_known() -> None:
 
 @pytest.mark.parametrize("driven", ["front", "rear"])
 @pytest.mark.parametrize("wheel", WHEELS)
-def test_a_wheel_that_is_not_heard_leaves_no_slope(driven: str, wheel: int) -> None:
+def test_a_wheel_that_is_not_received_leaves_no_slope(driven: str, wheel: int) -> None:
     """Whichever it is; half a minute of it is no reason to forget the rest."""
     drive = ticks(60.0, DRY, driven=driven)
     lost = np.where(np.arange(4) == wheel, math.nan, 0.0)
@@ -136,11 +136,11 @@ def test_a_hill_that_goes_with_the_acceleration_is_within_the_stated_error() -> 
     slip, time = 8e-3, np.arange(202) * DT_S
     up = time < 10.05
     accel = np.where(up, 0.3, -0.3)
-    way = (15.0 + np.cumsum(accel) * DT_S) * DT_S
+    distance = (15.0 + np.cumsum(accel) * DT_S) * DT_S
     found = []
     for hill_mps2 in (0.0, 0.1):
         extra = 1.0 + np.outer(slip * (accel + hill_mps2 * up), [1.0, 1.0, 0.0, 0.0])
-        turns = way[:, None] * extra / RADIUS_M
+        turns = distance[:, None] * extra / RADIUS_M
         drive = [Tick(k, k * DT_S, DT_S, turn, np.full(4, 0.05)) for k, turn in enumerate(turns)]
         found.append(sums_of(drive).slope())
     level, hilly = found

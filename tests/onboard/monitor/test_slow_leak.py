@@ -177,7 +177,7 @@ def test_refills_do_not_add_up() -> None:
 @given(
     st.lists(st.tuples(st.floats(0.1, 900.0), st.floats(-9.0, 9.0), st.booleans()), min_size=2, max_size=6)
 )
-def test_left_and_right_are_alike(steps: list[tuple[float, float, bool]]) -> None:
+def test_left_and_right_are_equal(steps: list[tuple[float, float, bool]]) -> None:
     """Turned over, the readings say of one side what they said of the other, however far apart they are;
     probabilities sum to one."""
     ahead, value, known = (np.array(column, dtype=np.float64) for column in zip(*steps, strict=True))

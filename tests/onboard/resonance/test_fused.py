@@ -59,13 +59,13 @@ def test_ratios_of_one_change_nothing() -> None:
 class _Hearing(Monitor):
     """A monitor with a witness beside the radii."""
 
-    heard: ResonanceEvidence | None = None
+    received: ResonanceEvidence | None = None
 
     def update(
         self, tick: Tick, estimate: RadiusEstimate, resonance: ResonanceEvidence | None = None
     ) -> MonitorReport:
         """As the monitor, with this witness."""
-        return super().update(tick, estimate, self.heard)
+        return super().update(tick, estimate, self.received)
 
 
 def _probabilities(evidence: ResonanceEvidence | None, change: float) -> list[float]:
@@ -73,18 +73,18 @@ def _probabilities(evidence: ResonanceEvidence | None, change: float) -> list[fl
     hearing = _Hearing(VEHICLE, MonitorConfig(), ALL)
     player = Player(hearing)
     player.play(200.0)
-    hearing.heard = evidence
+    hearing.received = evidence
     player.play(8.0, (0.0, 0.0, change, 0.0))
     return [wheel.deflation_probability for wheel in player.reports[-1].wheels]
 
 
-def test_the_monitor_hears_the_resonance() -> None:
+def test_the_monitor_receives_the_resonance() -> None:
     """A doubtful loss of radius is likelier if the wheel's resonance fell, and no other wheel's is."""
-    alone, heard = (_probabilities(evidence, -0.0018) for evidence in (None, RL_SOFT))
+    alone, received = (_probabilities(evidence, -0.0018) for evidence in (None, RL_SOFT))
 
     assert 1e-4 < alone[2] < 0.9
-    assert heard[2] > alone[2]
-    assert all(heard[wheel] <= alone[wheel] + 1e-9 for wheel in (0, 1, 3))
+    assert received[2] > alone[2]
+    assert all(received[wheel] <= alone[wheel] + 1e-9 for wheel in (0, 1, 3))
 
 
 def test_the_resonance_alone_is_no_alarm() -> None:
@@ -97,7 +97,7 @@ def test_a_silent_resonance_changes_no_bit() -> None:
     assert _probabilities(None, -0.003) == _probabilities(ResonanceEvidence.silent(), -0.003)
 
 
-def test_it_is_not_heard_unless_asked_for() -> None:
+def test_it_is_not_received_unless_asked_for() -> None:
     """The default configuration leaves the alarms to the radii."""
     assert not MonitorConfig().resonance
 

@@ -32,7 +32,7 @@ FRAME_ID = 176
 class Listening(Monitor):
     """A monitor that keeps what it heard with each tick."""
 
-    heard: list[tuple[float, ResonanceEvidence | None]]
+    received: list[tuple[float, ResonanceEvidence | None]]
 
     def update(
         self,
@@ -42,7 +42,7 @@ class Listening(Monitor):
         *more: Agreement,
     ) -> MonitorReport:
         """As the monitor."""
-        self.heard.append((tick.time_s, resonance))
+        self.received.append((tick.time_s, resonance))
         return super().update(tick, estimate, resonance, *more)
 
 
@@ -64,7 +64,7 @@ def frames(speeds_radps: np.ndarray) -> list[tuple[float, bytes]]:
     return [(START_S + k / RATE_HZ, column.tobytes()) for k, column in enumerate(raw.T.copy())]
 
 
-def heard(
+def received(
     config: Config, sent: list[tuple[float, bytes]], learned: ResonanceWatch, late_s: float
 ) -> list[tuple[float, ResonanceEvidence | None]]:
     """What the monitor hears with each tick; `late_s`: the daemon tells the time this long after a frame, as
@@ -72,25 +72,25 @@ def heard(
     pipeline = Pipeline(config, load_database(config.can.dbc))
     pipeline.restore({**pipeline.snapshot(), "resonance": learned.snapshot()})
     monitor = Listening(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
-    monitor.heard = []
+    monitor.received = []
     pipeline.monitor = monitor
     for time_s, data in sent:
         pipeline.on_frame(time_s, FRAME_ID, False, data)
         if late_s > 0.0:
             pipeline.advance(time_s + late_s)
     pipeline.finish()
-    return monitor.heard
+    return monitor.received
 
 
-def test_the_monitor_hears_the_same_live_and_in_the_replay(listening: Config) -> None:
+def test_the_monitor_receives_the_same_live_and_in_the_replay(listening: Config) -> None:
     """However often the time is told, each tick hears the same evidence, and at the end it is not silent."""
     hertz = (36.0, 37.0, 35.0, 36.5)
     learned = ResonanceWatch(RADIUS_M)
     drive(learned, readings(1, 360.0, hertz), 0.0)
     sent = frames(readings(2, 80.0, (hertz[0] * 0.92, *hertz[1:])))
     config = dataclasses.replace(listening, filter=dataclasses.replace(listening.filter, particles=2))
-    replayed = heard(config, sent, learned, 0.0)
-    live = heard(config, sent, learned, 0.009)
+    replayed = received(config, sent, learned, 0.0)
+    live = received(config, sent, learned, 0.009)
 
     assert replayed == live
     evidence = replayed[-1][1]

@@ -116,8 +116,8 @@ def test_samples_in_runs_make_the_same_blocks() -> None:
     for at in range(0, len(samples), 5):
         run = samples[at : at + 5]
         columns = [s.time_s for s in run], [s.angle_rad for s in run]
-        alike = all(s.segment == run[0].segment for s in run)
-        if alike and stream.extend(*columns, run[0].segment, run[0].quantum_rad):
+        similar = all(s.segment == run[0].segment for s in run)
+        if similar and stream.extend(*columns, run[0].segment, run[0].quantum_rad):
             taken += 1
         else:
             found += blocks(stream, run)

@@ -165,7 +165,7 @@ def test_another_sender_ends_the_output_for_good(tmp_path: Path) -> None:
     made = outputs(tmp_path)
     made.frames(0.0, REPORT)
     before = len(sent(made, REPORT))
-    said = [made.heard(0, 0x3D1, False), made.heard(0, 0x3D1, False), made.heard(0, 0x3D1, True)]
+    said = [made.received(0, 0x3D1, False), made.received(0, 0x3D1, False), made.received(0, 0x3D1, True)]
 
     assert (1, 0) == (before, len(sent(made, REPORT, 100.0, 50)))
     assert ["[[can.output]] TYRE_LAMP is stopped: another node sends 0x3D1", "", ""] == said
@@ -295,10 +295,10 @@ def test_j1939_trouble_codes_are_read_by_another_library(tmp_path: Path) -> None
     for k, report in enumerate((REPORT, quiet(REPORT), REPORT._replace(active=(malfunction,)))):
         (frames,) = made.frames(10.0 + k, report).values()
         parser = j1939.Dm1(_Application())
-        heard: list[tuple[Any, ...]] = []
-        parser.subscribe(lambda *said, heard=heard: heard.append(said))
+        received: list[tuple[Any, ...]] = []
+        parser.subscribe(lambda *said, received=received: received.append(said))
         parser._receive(6, 65226, 0x33, 0.0, list(frames[0].data))
-        lamps, codes = heard[0][1:3]
+        lamps, codes = received[0][1:3]
         seen.append((lamps["awl"] != 0, [(code["spn"], code["fmi"]) for code in codes]))
 
     assert [(True, [(241, 18)]), (False, [(0, 0)]), (True, [(241, 12)])] == seen

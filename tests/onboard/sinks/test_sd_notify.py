@@ -49,7 +49,7 @@ def test_each_message_arrives_as_systemd_spells_it(manager: tuple[socket.socket,
     notifier.close()
 
 
-def test_a_manager_that_comes_back_is_heard_again(tmp_path: Path) -> None:
+def test_a_manager_that_comes_back_is_received_again(tmp_path: Path) -> None:
     """While nobody listens messages are lost without an error; afterwards they arrive."""
     address = str(tmp_path / "notify")
     notifier = Notifier(address)

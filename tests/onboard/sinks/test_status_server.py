@@ -229,7 +229,7 @@ def test_a_hundred_clients_are_served_together(daemon: Daemon) -> None:
     assert 0 == daemon.server.clients
 
 
-def test_one_client_too_many_is_told_so(daemon: Daemon) -> None:
+def test_one_client_too_many_is_refused_with_a_reason(daemon: Daemon) -> None:
     """The number of clients is bounded; once they have gone there is room again."""
     clients = []
     for _ in range(MAX_CLIENTS + MAX_TURNED_AWAY + 5):

@@ -56,7 +56,7 @@ def test_the_angle_of_a_counter_is_eq_37() -> None:
     assert {2 * math.pi / TEETH} == {sample.quantum_rad for sample in samples}
 
 
-def test_a_stuck_counter_is_told_from_a_standing_car() -> None:
+def test_a_stuck_counter_is_distinguished_from_a_standing_car() -> None:
     """A wheel whose count stands while the others turn is stuck after half a second, and gives no sample."""
     decoder = counter_decoder()
     drive(decoder, 0.0, 2.0)
@@ -73,11 +73,11 @@ def test_a_stuck_counter_is_told_from_a_standing_car() -> None:
 
     after = rotations(drive(decoder, 4.0, 5.0), wheel=2)
     assert {1} == {sample.segment for sample in after}
-    way = (counts_at(20.0, 4.99) - counts_at(20.0, 4.0)) * 2 * math.pi / TEETH
-    assert way == pytest.approx(after[-1].angle_rad, rel=1e-12)
+    distance = (counts_at(20.0, 4.99) - counts_at(20.0, 4.0)) * 2 * math.pi / TEETH
+    assert distance == pytest.approx(after[-1].angle_rad, rel=1e-12)
 
 
-def test_a_wheel_stuck_from_slow_driving_gives_no_way() -> None:
+def test_a_wheel_stuck_from_slow_driving_gives_no_distance() -> None:
     """At a count per frame the loss shows late, but the angle never differs by more than a few counts."""
     decoder = counter_decoder()
     drive(decoder, 0.0, 2.0, speed_mps=5.0)
@@ -106,10 +106,10 @@ def test_standstill_is_no_fault() -> None:
     for step in range(2000):
         time_s = step / 100
         if time_s < 2:
-            way_m = 16 * time_s - 4 * time_s**2
+            distance_m = 16 * time_s - 4 * time_s**2
         else:
-            way_m = 16 + (1.5 * (time_s - 12) ** 2 if time_s > 12 else 0.0)
-        count = math.floor(way_m / (2 * math.pi * RADIUS_M) * TEETH)
+            distance_m = 16 + (1.5 * (time_s - 12) ** 2 if time_s > 12 else 0.0)
+        count = math.floor(distance_m / (2 * math.pi * RADIUS_M) * TEETH)
         out += decoder.decode(time_s, 0xB0, False, counts_frame(*[count] * 4))
 
     assert {0} == {sample.segment for sample in rotations(out)}
@@ -131,7 +131,7 @@ def test_lost_frames_are_counted_exactly() -> None:
     assert (0, counts_at(20.0, 2.99)) == (last.segment, round(last.angle_rad * TEETH / (2 * math.pi)))
 
 
-def test_a_frame_twice_and_a_late_frame_are_told_apart() -> None:
+def test_a_frame_twice_and_a_late_frame_are_distinguished() -> None:
     """Same stamp and data: repeated; a stamp before the last one: late. Neither is used."""
     decoder = counter_decoder()
     drive(decoder, 0.0, 1.0)
@@ -154,8 +154,8 @@ def test_a_clock_set_back_begins_new_segments() -> None:
     assert {1} == {sample.segment for sample in again}
     assert 41.0 == pytest.approx(again[0].time_s, abs=0.02)
     assert 1 == decoder.counts["fl.clock_step"]
-    way = (counts_at(20.0, 41.99) - counts_at(20.0, again[0].time_s)) * 2 * math.pi / TEETH
-    assert way == pytest.approx(again[-1].angle_rad, rel=1e-12)
+    distance = (counts_at(20.0, 41.99) - counts_at(20.0, again[0].time_s)) * 2 * math.pi / TEETH
+    assert distance == pytest.approx(again[-1].angle_rad, rel=1e-12)
 
 
 def test_a_single_stamp_in_the_future_costs_a_second_at_most() -> None:
@@ -250,7 +250,7 @@ def test_big_endian_signals_of_a_short_frame_keep_their_place() -> None:
     assert [0.1 * 10.0 / RADIUS_M] * 2 == pytest.approx(angles)
 
 
-def test_longer_frames_decode_alike() -> None:
+def test_longer_frames_decode_equally() -> None:
     """CAN FD pads frames; what is beyond the message's own bytes changes nothing."""
     data = counts_frame(1, 2, 3, 4)
 

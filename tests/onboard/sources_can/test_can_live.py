@@ -274,7 +274,7 @@ def test_the_receive_buffer_is_enlarged(datagrams: DatagramBus) -> None:
     assert before <= datagrams.socket.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
-def test_a_link_that_goes_down_is_told_after_its_frames(datagrams: DatagramBus) -> None:
+def test_a_link_that_goes_down_is_reported_after_its_frames(datagrams: DatagramBus) -> None:
     """Frames read before the failure are handed over; the next call raises."""
     live = LiveCan(VIRTUAL, bus=datagrams)
     datagrams.put(0xB0, b"\x01")

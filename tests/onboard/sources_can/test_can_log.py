@@ -354,7 +354,7 @@ def test_asc_dates(text: str, expected: datetime | None) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".mf4"])
-def test_a_binary_log_that_was_cut_is_told(tmp_path: Path, suffix: str) -> None:
+def test_a_binary_log_that_was_cut_is_reported(tmp_path: Path, suffix: str) -> None:
     """Half a file gives the frames before the cut, or an error that names the file."""
     if suffix == ".mf4":
         pytest.importorskip("asammdf")

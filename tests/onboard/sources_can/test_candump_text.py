@@ -83,7 +83,7 @@ def test_lines_at_once_are_lines_one_by_one(lines: list[str]) -> None:
 
 @settings(derandomize=True, deadline=None)
 @given(GOOD, st.lists(st.tuples(st.integers(0, 400), st.characters(max_codepoint=127)), max_size=20))
-def test_lines_alike_but_for_one_character(line: str, changes: list[tuple[int, str]]) -> None:
+def test_lines_equal_but_for_one_character(line: str, changes: list[tuple[int, str]]) -> None:
     """Of many lines of one shape those that differ in a place that matters are told apart."""
     lines = [line] * 3
     for place, character in changes:

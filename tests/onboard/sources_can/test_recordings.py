@@ -28,12 +28,12 @@ def test_four_wheel_speeds_of_a_car(recordings: Path) -> None:
     """A minute of a RAV4: four wheels agree within a per cent, in one segment, and 83 frames a second."""
     frames, events, decoder = decode(recordings / "rav4-suburb-60s")
     last = {sample.wheel: sample for sample in rotations(events)}
-    ways_m = [last[wheel].angle_rad * 0.344 for wheel in range(4)]
+    distances_m = [last[wheel].angle_rad * 0.344 for wheel in range(4)]
 
     assert (53800, 53800) == (len(frames), decoder.counts["frames"])
     assert {0} == {sample.segment for sample in rotations(events)}
     assert 4974 == len(rotations(events, wheel=2))
-    assert [1003.8] * 4 == pytest.approx(ways_m, rel=0.005)
+    assert [1003.8] * 4 == pytest.approx(distances_m, rel=0.005)
     assert {"lost"} == {fault.kind for fault in faults(events)}
     # 25 frames are missing at 12 ms; its time stamps jitter by 6 ms.
     assert decoder.counts["rl.lost"] <= 25

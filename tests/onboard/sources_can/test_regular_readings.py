@@ -77,8 +77,8 @@ def test_counters(
     odd: list[tuple[int, int]],
 ) -> None:
     """At any speed, forward or back, braking to a stop or with odd values: the same angles and state."""
-    time_s, way_m = drive(period_s, speed_mps, accel_mps2, jitter)
-    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48 / per_bit).astype(np.int64)
+    time_s, distance_m = drive(period_s, speed_mps, accel_mps2, jitter)
+    raw = np.floor(distance_m / (2 * np.pi * 0.316) * 48 / per_bit).astype(np.int64)
     for place, error in odd:
         if place < len(jitter):
             raw[KNOWN + place] += error
@@ -120,8 +120,8 @@ def test_speeds(
     period_s: float, speed_mps: float, accel_mps2: float, jitter: list[float], step_mps: float
 ) -> None:
     """Fine and coarse speeds, also such as stay the same for long: the same angles and state."""
-    time_s, way_m = drive(period_s, speed_mps, accel_mps2, jitter)
-    speed = np.diff(way_m, append=way_m[-1]) / period_s
+    time_s, distance_m = drive(period_s, speed_mps, accel_mps2, jitter)
+    speed = np.diff(distance_m, append=distance_m[-1]) / period_s
     omega = (np.round(speed / step_mps) * step_mps if step_mps else speed) / 0.316
     tracker = WheelSpeedIntegrator(0, 0.316, FaultLog())
     for at in range(KNOWN):
@@ -135,8 +135,8 @@ def test_speeds(
 @pytest.mark.parametrize(("period_s", "speed_mps"), [(0.01, 20.0), (0.02, 20.0), (0.05, 20.0), (0.02, -5.0)])
 def test_a_steady_drive_is_regular(period_s: float, speed_mps: float, modulus: int) -> None:
     """At a steady speed, forward or back, on a steady clock no reading is irregular."""
-    time_s, way_m = drive(period_s, speed_mps, 0.0, [0.0] * 100)
-    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % modulus
+    time_s, distance_m = drive(period_s, speed_mps, 0.0, [0.0] * 100)
+    raw = np.floor(distance_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % modulus
     tracker = WheelCounter(0, modulus, 1.0, 48.0, 0.316, FaultLog())
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
@@ -145,8 +145,8 @@ def test_a_steady_drive_is_regular(period_s: float, speed_mps: float, modulus: i
 
 def turning(readings: int, speed_mps: float = 20.0) -> tuple[WheelCounter, list[float], list[int]]:
     """A counter after `KNOWN` readings at 100 Hz, and those that come then."""
-    time_s, way_m = drive(0.01, speed_mps, 0.0, [0.0] * readings)
-    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % 65536
+    time_s, distance_m = drive(0.01, speed_mps, 0.0, [0.0] * readings)
+    raw = np.floor(distance_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % 65536
     tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), 0.01, [])

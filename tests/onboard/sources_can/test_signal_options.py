@@ -107,8 +107,10 @@ def test_the_reverse_gear_turns_signals_without_a_sign() -> None:
     decoded = CanDecoder(Config(vehicle, CanConfig(signals, Path("bus.dbc"))), database)
     slowly_back = 0xFFFF - 99
     frames = [(2 * k | slowly_back << 16 | (k > 2) << 34).to_bytes(8, "little") for k in range(5)]
-    told = [event for k, data in enumerate(frames) for event in decoded.decode(0.02 * k, 176, False, data)]
-    turns = [event for event in told if isinstance(event, RotationSample)]
+    reported = [
+        event for k, data in enumerate(frames) for event in decoded.decode(0.02 * k, 176, False, data)
+    ]
+    turns = [event for event in reported if isinstance(event, RotationSample)]
     angle = {wheel: [one.angle_rad for one in turns if one.wheel == wheel] for wheel in (2, 3)}
 
     assert [0, 2, 4, 2, 0] == pytest.approx([turn * TEETH / (2 * math.pi) for turn in angle[2]])

@@ -52,13 +52,13 @@ def drives(draw: st.DrawFn) -> tuple[int, int, list[tuple[float, int, str]]]:
     bits = draw(st.sampled_from([8, 10, 16, 32]))
     start = draw(st.integers(0, (1 << bits) - 1))
     speed = draw(st.floats(0.0, 50.0))
-    way_m, frames = 0.0, []
+    distance_m, frames = 0.0, []
     quiet = 0
     for step in range(300):
         if step % 40 == 0:
             acceleration = draw(st.floats(-9.0, 6.0))
         speed = min(60.0, max(0.0, speed + acceleration * PERIOD_S))
-        way_m += speed * PERIOD_S
+        distance_m += speed * PERIOD_S
         fault = ""
         # Each fault stands alone, after enough readings to know the speed.
         if step > 20 and quiet <= 0 and draw(st.integers(0, 19)) == 0:
@@ -66,7 +66,7 @@ def drives(draw: st.DrawFn) -> tuple[int, int, list[tuple[float, int, str]]]:
             quiet = 3
         quiet -= 1
         jitter_s = draw(st.sampled_from([0.0, 0.001, -0.001, 0.0025]))
-        frames.append((step * PERIOD_S + jitter_s, math.floor(way_m / M_PER_COUNT), fault))
+        frames.append((step * PERIOD_S + jitter_s, math.floor(distance_m / M_PER_COUNT), fault))
     return bits, start, frames
 
 
@@ -184,8 +184,8 @@ def test_a_hard_stop_is_no_fault() -> None:
     wheel = Wheel(32, TEETH / 40000)
     for step in range(400):
         time_s = step * PERIOD_S
-        way_m = 20.0 * time_s - 5.0 * time_s**2 if time_s < 2.0 else 20.0
-        wheel.feed(time_s, math.floor(way_m / M_PER_COUNT * 40000 / TEETH))
+        distance_m = 20.0 * time_s - 5.0 * time_s**2 if time_s < 2.0 else 20.0
+        wheel.feed(time_s, math.floor(distance_m / M_PER_COUNT * 40000 / TEETH))
 
     assert 400 == len(rotations(wheel.out))
     assert {} == wheel.faults.counts

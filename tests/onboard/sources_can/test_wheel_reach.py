@@ -102,7 +102,7 @@ def test_after_a_minute_nobody_knows_the_counter(interval_s: float, taken: bool)
     assert taken == Fine(100).read(interval_s, 128 * 6000, PERIOD_S)
 
 
-def test_the_way_is_that_of_all_segments_and_the_speed_that_of_the_last_readings() -> None:
+def test_the_distance_is_that_of_all_segments_and_the_speed_that_of_the_last_readings() -> None:
     """Both by the nominal radius; nothing is known of the speed after one reading."""
     wheel = Fine(None)
     assert math.isnan(wheel.counter.speed_mps)
@@ -135,9 +135,9 @@ def test_a_wheel_is_stuck_when_two_others_have_turned(
     wheel = Fine(0)
     since_s = wheel.counter.still_since
     assert since_s == 0.0
-    ways = [bits * wheel.counter.m_per_bit for bits in others_bits]
+    distances = [bits * wheel.counter.m_per_bit for bits in others_bits]
 
-    assert stuck == wheel.counter.is_stuck(since_s + after_s, ways)
+    assert stuck == wheel.counter.is_stuck(since_s + after_s, distances)
 
 
 def test_a_stuck_counter_begins_anew_when_its_value_changes() -> None:

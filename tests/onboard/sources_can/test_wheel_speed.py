@@ -29,7 +29,7 @@ class Wheel:
         self.integrator.update(time_s, speed_mps / RADIUS_M, PERIOD_S, self.out)
 
     @property
-    def ways_m(self) -> list[float]:
+    def distances_m(self) -> list[float]:
         return [sample.angle_rad * RADIUS_M for sample in rotations(self.out)]
 
 
@@ -49,7 +49,7 @@ def test_an_even_change_of_speed_is_integrated_exactly(
         time_s += interval
         wheel.feed(time_s, speed_mps + acceleration * time_s)
 
-    assert speed_mps * time_s + acceleration * time_s**2 / 2 == pytest.approx(wheel.ways_m[-1], abs=1e-9)
+    assert speed_mps * time_s + acceleration * time_s**2 / 2 == pytest.approx(wheel.distances_m[-1], abs=1e-9)
     assert {0.0} == {sample.quantum_rad for sample in rotations(wheel.out)}
     assert {} == wheel.faults.counts
 
@@ -81,7 +81,7 @@ def test_a_new_level_begins_a_segment() -> None:
         wheel.feed(step * PERIOD_S, 20.0 if step < 25 else 45.0)
 
     assert [0] * 25 + [1] * 24 == [sample.segment for sample in rotations(wheel.out)]
-    assert 23 * PERIOD_S * 45.0 == pytest.approx(wheel.ways_m[-1])
+    assert 23 * PERIOD_S * 45.0 == pytest.approx(wheel.distances_m[-1])
     assert {"fr.jump": 1} == dict(wheel.faults.counts)
 
 
@@ -91,7 +91,7 @@ def test_a_gap_beyond_the_time_out_begins_a_segment() -> None:
     for time_s in (0.0, 0.02, 0.06, 0.08, 0.29, 0.31):
         wheel.feed(time_s, 10.0)
 
-    assert [0.0, 0.2, 0.6, 0.8, 0.0, 0.2] == pytest.approx(wheel.ways_m)
+    assert [0.0, 0.2, 0.6, 0.8, 0.0, 0.2] == pytest.approx(wheel.distances_m)
     assert [0, 0, 0, 0, 1, 1] == [sample.segment for sample in rotations(wheel.out)]
 
 

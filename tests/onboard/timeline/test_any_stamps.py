@@ -158,7 +158,7 @@ def in_order(block: FrameBlock, sentences: tuple[Sentence, ...]) -> list[FrameSl
     return [*items, FrameSlice(block, at, len(block))] if at < len(block) else items
 
 
-def told(drive: Log, items: list[FrameSlice | Sentence], in_blocks: bool) -> dict[str, Any]:
+def reported(drive: Log, items: list[FrameSlice | Sentence], in_blocks: bool) -> dict[str, Any]:
     """All that a pass over a log tells: ticks with their faults, samples, counts."""
     source = TickSource(drive.config, drive.database)
     samples: list[Any] = []
@@ -210,6 +210,6 @@ def test_any_stamps(kind: str, route: str, changes: list[Change]) -> None:
     for change in changes:
         block = changed(block, change)
     items = in_order(block, drive.sentences)
-    expected, actual = told(drive, items, in_blocks=False), told(drive, items, in_blocks=True)
+    expected, actual = reported(drive, items, in_blocks=False), reported(drive, items, in_blocks=True)
     for key, value in expected.items():
         assert value == actual[key], key

@@ -28,9 +28,9 @@ CONFIG = Config(
 def _ticks(speed_mps: float, seconds: float = 6.0, yaw_rate: float = 0.0, **fields: float) -> list[Tick]:
     """Steady driving on wheels of nominal radius, with a fix in the last tick."""
     rear = np.array([speed_mps - yaw_rate * 0.75, speed_mps + yaw_rate * 0.75])
-    way = np.array([speed_mps, speed_mps, rear[0], rear[1]])
+    speeds = np.array([speed_mps, speed_mps, rear[0], rear[1]])
     ticks = [
-        Tick(k, 0.1 * k, 0.1, way * 0.1 / RADIUS, np.full(4, 0.01), yaw_rate_radps=yaw_rate, **fields)
+        Tick(k, 0.1 * k, 0.1, speeds * 0.1 / RADIUS, np.full(4, 0.01), yaw_rate_radps=yaw_rate, **fields)
         for k in range(1, round(seconds / 0.1))
     ]
     end = ticks[-1]
@@ -129,11 +129,11 @@ def test_a_spline_term_is_taken_out_of_readings() -> None:
 def test_a_spline_term_over_torque_follows_the_bus() -> None:
     """At 100 of 200 Nm half the shape is taken out; without a reading none."""
     model = ExtendedModel((_shape("fl fr", "torque", [0.0, 1e-3], (0.0, 200.0)),))
-    told, silent = _ticks(20.0, drive_torque_nm=100.0), _ticks(20.0)
+    reported, silent = _ticks(20.0, drive_torque_nm=100.0), _ticks(20.0)
     wired = dataclasses.replace(CONFIG, can=CanConfig({"drive_torque": "A.B"}, Path("bus.dbc")))
     half, none = (
         [Compensation(wired, model).apply(tick) for tick in ticks][-1].rotation_rad / ticks[-1].rotation_rad
-        for ticks in (told, silent)
+        for ticks in (reported, silent)
     )
     assert half == pytest.approx([1 + 5e-4 / RADIUS] * 2 + [1.0] * 2)
     assert none.tolist() == [1.0] * 4

@@ -26,7 +26,7 @@ def factors(stated: list[float]) -> list[float]:
 
 
 @pytest.mark.parametrize("lie", [1 / 2.4, 1.0, 3.0])
-def test_a_street_is_told_whatever_the_scale(lie: float) -> None:
+def test_a_street_is_reported_whatever_the_scale(lie: float) -> None:
     """Ten times its usual error is a factor of ten, also from a receiver that is off by a factor of three."""
     stated = [lie * one for one in [OPEN] * 100 + [STREET] * 40 + [OPEN] * 20]
     got = factors(stated)

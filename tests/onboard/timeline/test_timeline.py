@@ -153,11 +153,11 @@ def test_fixes_fall_into_the_tick_in_which_they_were_valid(rate_hz: float) -> No
         assert begin - 1e-6 < fix.time_s <= tick.time_s
         assert (fix.time_s - begin) / tick.dt_s == pytest.approx(fix.fraction, abs=1e-5 * rate_hz)
         assert math.pi / 2 == pytest.approx(fix.heading_rad, abs=1e-4)  # course 0 is north
-    ways = np.diff([fix.north_m for _, fix in pairs])
-    assert 0.3 * 15.0 == pytest.approx(float(np.median(ways)), abs=2e-3)
+    distances = np.diff([fix.north_m for _, fix in pairs])
+    assert 0.3 * 15.0 == pytest.approx(float(np.median(distances)), abs=2e-3)
 
 
-def test_a_late_fix_is_left_out_and_told() -> None:
+def test_a_late_fix_is_left_out_and_reported() -> None:
     """A fix whose tick is gone is not put where the car no longer is; it is counted and reported."""
     timeline = Timeline(10.0)
     late = fixes(20.0, 10.0, lag_s=0.1)
@@ -165,16 +165,16 @@ def test_a_late_fix_is_left_out_and_told() -> None:
     assert isinstance(one, GnssFix)
     late[5] = GnssFix(one.arrival_s + 0.7, *list(_values(one))[1:])
     ticks = play(timeline, merged(rotations(60.0, 10.0), late))
-    told = [fault for tick in ticks for fault in tick.faults]
+    reported = [fault for tick in ticks for fault in tick.faults]
     assert (1, [("gnss", "late")]) == (
         timeline.counts["late_fixes"],
-        [(fault.source, fault.kind) for fault in told],
+        [(fault.source, fault.kind) for fault in reported],
     )
     errors = [fix.north_m - 20.0 * (fix.time_s - START_S) for tick in ticks for fix in tick.fixes]
     assert np.ptp(errors) < 20.0 * 0.03 + 0.01
 
 
-def test_a_fix_that_is_valid_seconds_after_it_arrives_is_left_out_and_told() -> None:
+def test_a_fix_that_is_valid_seconds_after_it_arrives_is_left_out_and_reported() -> None:
     """One fix whose UTC leaps by 3 s is not kept until then; the others keep their ticks."""
     timeline = Timeline(10.0)
     several = fixes(20.0, 20.0, lag_s=0.1)

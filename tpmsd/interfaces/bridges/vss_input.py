@@ -91,9 +91,9 @@ class VssInput:
     def _hand_on_all(self, paths: list[str]) -> None:
         request = self._databroker.requests.SubscribeRequest(signal_paths=paths, buffer_size=BUFFER)
         call = self._databroker.stream("Subscribe", request)
-        with cancelled_by_silence(call, SILENCE_S) as heard:
+        with cancelled_by_silence(call, SILENCE_S) as received:
             for number, response in enumerate(call):
-                heard()
+                received()
                 if self._said:
                     self._log.info("the databroker gives values")
                     self._said = ""
@@ -137,18 +137,18 @@ def value_of(point: Any) -> object:
 def cancelled_by_silence(call: Any, patience_s: float) -> Iterator[Callable[[], None]]:
     """Cancel a call that is silent for one to two times `patience_s`; yield the function that notes a sign of
     life."""
-    heard, over = threading.Event(), threading.Event()
+    received, over = threading.Event(), threading.Event()
 
     def watch() -> None:
         while not over.wait(patience_s):
-            if not heard.is_set():
+            if not received.is_set():
                 call.cancel()
-            heard.clear()
+            received.clear()
 
     thread = threading.Thread(target=watch, daemon=True)
     thread.start()
     try:
-        yield heard.set
+        yield received.set
     finally:
         over.set()
         call.cancel()

@@ -30,7 +30,7 @@ _NOTHING = {"none", "0"}
 
 
 @dataclass(frozen=True, slots=True)
-class HeardAlarm:
+class ReceivedAlarm:
     """An alarm as it came off the bus."""
 
     time_s: float
@@ -48,7 +48,7 @@ class Panel:
         self, database: Database, out: IO[str], colour: bool, now: Callable[[], float], puncture_s: float
     ) -> None:
         """`now`: seconds since the drive's start; `puncture_s`: when the tyre begins to lose air, as well."""
-        self.alarms: list[HeardAlarm] = []
+        self.alarms: list[ReceivedAlarm] = []
         self.damaged = 0
         self.now = now
         self._database = database
@@ -83,19 +83,19 @@ class Panel:
     def _show_alarm(self, words: dict[str, str], frame: str) -> None:
         raised = words["AlarmRaised"] == "raised"
         wheel = words["AlarmWheel"] if words["AlarmWheel"] in WHEELS else None
-        heard = HeardAlarm(self.now(), words["AlarmKind"], wheel, frame)
+        received = ReceivedAlarm(self.now(), words["AlarmKind"], wheel, frame)
         if raised:
-            self.alarms.append(heard)
-        what = f"{wheel_name(wheel)} {heard.kind.replace('_', ' ')}"
+            self.alarms.append(received)
+        what = f"{wheel_name(wheel)} {received.kind.replace('_', ' ')}"
         if words["AlarmChange"] != "not_available":
             what += f" {float(words['AlarmChange']):+.1f} mm ({words['AlarmProbability']} %)"
-        since_s = heard.time_s - self._puncture_s
+        since_s = received.time_s - self._puncture_s
         if since_s >= 0.0:
             what += f", {since_s:.0f} s after the puncture began"
         verb = "ALARM" if raised else "cleared"
         self._overwrite("")
         for number, line in enumerate(self._wrapped(f"{verb:<11} {what}")):
-            margin = f"{drive_time(heard.time_s):>6}  " if number == 0 else " " * MARGIN
+            margin = f"{drive_time(received.time_s):>6}  " if number == 0 else " " * MARGIN
             self._print(margin + self.paint(line, RED if raised else GREEN))
         self._print(f"{'':8}frame       {frame}")
         words_shown = [f"{k}={v}" for k, v in words.items() if k not in _UNSPOKEN and v not in _NOTHING]

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
-from tpmsd.foundation.lean import keep_freed_memory
+from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
 

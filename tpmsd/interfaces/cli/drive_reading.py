@@ -13,7 +13,7 @@ from pathlib import Path
 from cantools.database.can import Database
 
 from tpmsd.car.config.model import Config
-from tpmsd.foundation.lean import no_collection
+from tpmsd.foundation.startup import no_collection
 from tpmsd.interfaces.cli.output import Progress
 from tpmsd.offline.drives import reading
 from tpmsd.offline.drives.reading import DESK_RATE_HZ, Core, FolderRecording, Out

@@ -21,7 +21,7 @@ from pathlib import Path
 from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.kernels import kernel
-from tpmsd.foundation.lean import import_on_demand, keep_for_good, leave_out_mf4, no_collection
+from tpmsd.foundation.startup import import_on_demand, keep_for_good, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
 from tpmsd.interfaces.cli.output import Subparsers

@@ -17,8 +17,8 @@ from tpmsd.car.config.model import VEHICLE_STATE_METHODS, Config
 from tpmsd.car.config.vehicle_state import check_vehicle_state
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import InputError
-from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.foundation.provenance import provenance
+from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.interfaces.api.results import REPLAY_SCHEMA
 from tpmsd.interfaces.cli.drive_reading import say, span_s
 from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter

@@ -16,7 +16,7 @@ from tpmsd.car.config.gnss_source import parse_source
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.car.config.problems import BadValueError
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.foundation.lean import reserve_linear_algebra
+from tpmsd.foundation.startup import reserve_linear_algebra
 from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Subparsers
 

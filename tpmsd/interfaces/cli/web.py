@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError, TpmsdError
-from tpmsd.foundation.lean import no_collection
+from tpmsd.foundation.startup import no_collection
 from tpmsd.foundation.text_file import read_text
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.filter_options import add_filter_options, refuse_without_drive, with_filter

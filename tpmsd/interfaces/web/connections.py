@@ -54,9 +54,9 @@ class Connections:
     def admit(self, opened: socket.socket, address: tuple[Any, ...]) -> bool:
         """Take a connection, if need be in the place of one that waits; False: no place, close it."""
         origin = origin_of(address[0])
-        alike = [peer for peer, one in self._held.items() if one.origin == origin]
-        if len(alike) >= self._settings.max_connections_per_address:
-            taken = self._evict(alike)
+        same_origin = [peer for peer, one in self._held.items() if one.origin == origin]
+        if len(same_origin) >= self._settings.max_connections_per_address:
+            taken = self._evict(same_origin)
         elif len(self._held) >= self._settings.max_connections:
             taken = self._evict(list(self._held))
         else:

@@ -97,11 +97,11 @@ def main(folder: Path, model: Path | None = None) -> int:
         os.environ.setdefault(name, "1")  # before numpy is imported
     from tpmsd.interfaces.api.functions import diagnose
 
-    def tell(share: float) -> None:
+    def report_progress(share: float) -> None:
         print(f"progress {share:.3f}", file=sys.stderr, flush=True)
 
     try:
-        page = diagnose(folder, model=model, progress=tell).to_html(standalone=False)
+        page = diagnose(folder, model=model, progress=report_progress).to_html(standalone=False)
     except TpmsdError as error:
         print(error, file=sys.stderr)
         return error.exit_code

@@ -89,8 +89,8 @@ def probes() -> dict[str, FittedParameter]:
     for effect in EFFECTS.values():
         numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
         for name, what, _ in effect.in_calibration:
-            alike = (one for one in numbers.values() if one.name.split("_")[0] == what.split("_")[0])
-            one = numbers.get(what) or next(alike)
+            similar = (one for one in numbers.values() if one.name.split("_")[0] == what.split("_")[0])
+            one = numbers.get(what) or next(similar)
             out[name] = FittedParameter(effect.name, one.name, one.neutral + one.probe, one.neutral)
     return out
 

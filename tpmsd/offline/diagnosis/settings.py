@@ -180,7 +180,7 @@ class AssessmentSettings:
     """Cosine of the angle between two sensitivities: of what the one gains, four fifths are then gained by
     the other.
     """
-    tells_nats: float = 10.0
+    identifiable_nats: float = 10.0
     """At the usual size, from which a drive tells an effect: its penalty, and odds of a thousand."""
     power_stds: float = 1.645
     """Standard deviations of a value that make it seen in 19 of 20 drives: the normal's 95 % quantile."""
@@ -300,7 +300,7 @@ class SensorSettings:
 class ReportSettings:
     """Settings of what is written down."""
 
-    drift_told_from: float = 2e-4
+    drift_reported_from: float = 2e-4
     """Relative standard deviation of the radii's drift from which it is reported as unexplained."""
     suspected_from: float = 0.5
     """Confidence of a suspicion: below, it is likelier that there is nothing, or something else."""

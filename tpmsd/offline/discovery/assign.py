@@ -181,7 +181,7 @@ def _coherence(members: Sequence[Follower], order: Sequence[int]) -> float:
         score += 1.0 * (one.key == other.key) + 1.0 * (one.layout.length == other.layout.length)
         # A driven axle's wheels slip alike.
         pair = members[order[left]], members[order[right]]
-        std = float(np.hypot(np.hypot(pair[0].slip_std, pair[1].slip_std), SETTINGS.slip_alike_s2pm))
+        std = float(np.hypot(np.hypot(pair[0].slip_std, pair[1].slip_std), SETTINGS.slip_similar_s2pm))
         if np.isfinite(std):
             score -= 0.5 * min(((pair[0].slip - pair[1].slip) / std) ** 2, 30.0)
     lags = [members[i].lag_s for i in order]

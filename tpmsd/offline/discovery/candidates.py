@@ -29,7 +29,7 @@ from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower, clusters
 
 Order = tuple[int, ...]
-_AXLES_ALIKE = 0.15
+_AXLES_SIMILAR = 0.15
 """Standard deviation of what the axles' differences differ by, in parts of their mean: tracks by 3 %, the
 longer way of the front axle in a bend, and loads that shift (0.1)."""
 
@@ -87,12 +87,12 @@ def _weighed(
     slopes: dict[Order, float | None] = {}
     orders, scores = [], []
     for order in itertools.permutations(range(len(members)), len(WHEELS)):
-        alike = (
+        similar = (
             order if order[0] < order[2] else (order[2], order[3], order[0], order[1])
         )  # front and rear for each other
-        if alike not in slopes:
-            slopes[alike] = _by_yaw(members, alike, reference, settings)
-        by_yaw = slopes[alike]
+        if similar not in slopes:
+            slopes[similar] = _by_yaw(members, similar, reference, settings)
+        by_yaw = slopes[similar]
         if by_yaw is not None:
             orders.append(order)
             scores.append(by_yaw + _shared(members, order))
@@ -143,8 +143,8 @@ def _by_yaw(
     std = float(np.hypot(stds[0], settings.track_std_m / settings.track_m**2))
     score = _log_normal(slope - expected, std) - _log_normal(slope, float(np.hypot(stds[0], expected)))
     unlike = float(between.value[0])
-    alike = float(np.hypot(stds[1], _AXLES_ALIKE))
-    return score + _log_normal(unlike, alike) - _log_normal(unlike, float(np.hypot(stds[1], 1.0)))
+    similar = float(np.hypot(stds[1], _AXLES_SIMILAR))
+    return score + _log_normal(unlike, similar) - _log_normal(unlike, float(np.hypot(stds[1], 1.0)))
 
 
 def _shared(members: Sequence[Follower], order: Order) -> float:

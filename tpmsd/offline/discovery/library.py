@@ -93,14 +93,14 @@ def _match(car: CarPlatform, fields: Sequence[MessageField]) -> Match | None:
     names = {role[-2:]: name for role, name in car.signal_names().items()}
     wheels = {}
     for wheel, expected in car.fields_by_wheel().items():
-        here = [one.signal for one in fields if _alike(one, expected)]
+        here = [one.signal for one in fields if _similar(one, expected)]
         if not here:
             return None
         wheels[wheel] = here[0]
     return Match(car, wheels, wheels == names)
 
 
-def _alike(one: MessageField, other: MessageField) -> bool:
+def _similar(one: MessageField, other: MessageField) -> bool:
     """Return whether two fields lie in the same bits of the same message."""
     same = (one.key ^ other.key) & (1 << BUS_SHIFT) - 1 == 0
     return same and _bits(one) == _bits(other)

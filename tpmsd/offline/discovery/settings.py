@@ -105,7 +105,7 @@ class Settings(ToothCountSettings):
     assign them grows with its fourth power."""
     lag_scale_s: float = 0.008
     """A copy of a wheel that comes this much later is that much less likely the wheel itself."""
-    slip_alike_s2pm: float = 0.0006
+    slip_similar_s2pm: float = 0.0006
     """Slip per acceleration of two wheels of one axle: an open differential gives both the same torque."""
     decoy_std_m: float = 0.5
     """Spread of lateral positions of speeds that are no wheel's, m."""

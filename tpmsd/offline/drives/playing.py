@@ -45,10 +45,10 @@ def replayed(
     table: bool = False,
     progress: Progress = ignore_progress,
     note: Note = ignore_note,
-    heard: list[Tick] | None = None,
+    collected: list[Tick] | None = None,
 ) -> tuple[ReplayResult, TickTable | None]:
     """Return a replay as records; each note is handed on at once. The ticks as the timeline made them are
-    added to `heard`."""
+    added to `collected`."""
     config = drive.config
     stream, database = drive.recording.open(config, note)
     recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
@@ -59,8 +59,8 @@ def replayed(
     pipeline = Pipeline(config, database, model)
     if ticks is not None:
         pipeline.timeline.observe_fixes(ticks.observe_fix)
-    if heard is not None:
-        pipeline.observe_ticks(heard.append)
+    if collected is not None:
+        pipeline.observe_ticks(collected.append)
     watch = pipeline.resonance
     if watch is None:  # a report all the same
         watch = ResonanceWatch(config.vehicle.wheel_radius_m)
@@ -106,15 +106,15 @@ def replayed_at_desk_rate(drive: Drive) -> bool:
     return drive.config.filter.rate_hz == DESK_RATE_HZ
 
 
-def recording_of(drive: Drive, name: str | None = None, heard: list[Tick] | None = None) -> Recording:
+def recording_of(drive: Drive, name: str | None = None, collected: list[Tick] | None = None) -> Recording:
     """Return a drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it.
 
-    `heard`: its ticks, if a replay has made them already (`replayed_at_desk_rate`); else it is read.
+    `collected`: its ticks, if a replay has made them already (`replayed_at_desk_rate`); else it is read.
     """
     from tpmsd.offline.inference.recording import record  # SciPy, which a replay does not need
 
     try:
-        ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ) if heard is None else heard
+        ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ) if collected is None else collected
         return record(ticks, drive.config, name or drive.name)
     except TpmsdError:
         raise

@@ -21,8 +21,8 @@ from tpmsd.car.config.coarse_speed import coarse_speeds
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
-from tpmsd.foundation.lean import no_collection
 from tpmsd.foundation.plain import brief
+from tpmsd.foundation.startup import no_collection
 from tpmsd.onboard.sources.can.block import FrameBlock
 from tpmsd.onboard.sources.can.channels import bus_numbers, channel_names, choose_channel
 from tpmsd.onboard.sources.can.databases import load_databases

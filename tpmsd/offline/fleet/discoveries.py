@@ -61,52 +61,52 @@ def robust_fit(stack: FleetStatistics) -> tuple[ModelFit, NDArray[np.bool_]]:
 
     Cars that differ at `outlier_p` are taken out of mean and spread, and judged again in the next round.
     """
-    alike = np.ones(stack.cars, dtype=np.bool_)
+    similar = np.ones(stack.cars, dtype=np.bool_)
     for _ in range(SETTINGS.outlier_rounds):
-        cars, drives = spreads(sampled(stack.of(alike)))
-        fit = _with_population(stack, alike, cars, drives)
-        p_values = differences(fit, alike)[2]
+        cars, drives = spreads(sampled(stack.of(similar)))
+        fit = _with_population(stack, similar, cars, drives)
+        p_values = differences(fit, similar)[2]
         level = SETTINGS.outlier_p / max(p_values.shape[1], 1)
         now = ~np.any(p_values < level, axis=1)
-        if now.sum() < max(2, stack.cars // 2) or np.array_equal(now, alike):
+        if now.sum() < max(2, stack.cars // 2) or np.array_equal(now, similar):
             break
-        alike = now
-    return fit, alike
+        similar = now
+    return fit, similar
 
 
 def _with_population(
-    stack: FleetStatistics, alike: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
+    stack: FleetStatistics, similar: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
 ) -> ModelFit:
     """Return all cars, shrunk to the population of those that are alike."""
-    whole, population = fit_with(stack, cars, drives), fit_with(stack.of(alike), cars, drives)
+    whole, population = fit_with(stack, cars, drives), fit_with(stack.of(similar), cars, drives)
     names = ("mean", "covariance", "freedom")
     return replace(whole, **{name: getattr(population, name) for name in names})
 
 
-def differences(fit: ModelFit, alike: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def differences(fit: ModelFit, similar: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(m, p) each car's own value less the other cars' mean, its standard deviation, and its p-value.
 
     The mean is taken without the car itself: with weights 1/(spread^2 + std^2), parameter by parameter.
     """
     own_variance = np.einsum("cii->ci", fit.own_covariance)
     variance = own_variance + np.square(fit.car_spread)
-    weight = np.where(alike[:, None], 1.0 / variance, 0.0)
+    weight = np.where(similar[:, None], 1.0 / variance, 0.0)
     others = weight.sum(axis=0) - weight
     mean = ((weight * fit.own).sum(axis=0) - weight * fit.own) / np.maximum(others, SETTINGS.ridge)
     std = np.sqrt(variance + 1.0 / np.maximum(others, SETTINGS.ridge))
-    counted = np.maximum(alike.sum() - 1.0 - alike, 1.0)[:, None]
+    counted = np.maximum(similar.sum() - 1.0 - similar, 1.0)[:, None]
     p_values = 2.0 * stats.t.sf(np.abs(fit.own - mean) / std, counted)
     known = (np.sqrt(own_variance) < SETTINGS.well_known_scales) & (fit.drives > 0)[:, None]
     return fit.own - mean, std, np.where(known, p_values, 1.0)
 
 
 def cars_that_differ(
-    model: str, cars: Sequence[str], fit: ModelFit, alike: NDArray[np.bool_]
+    model: str, cars: Sequence[str], fit: ModelFit, similar: NDArray[np.bool_]
 ) -> list[FleetHypothesis]:
     """Tests of every car's every parameter against the other cars of the model."""
     if len(cars) < 3:
         return []
-    value, std, p_value = differences(fit, alike)
+    value, std, p_value = differences(fit, similar)
     return [
         _discovery("car", model, car, "differs", k, value[c, k], std[c, k], float(p_value[c, k]))
         for c, car in enumerate(cars)

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.foundation.errors import TpmsdError
-from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.foundation.plain import plain
+from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.foundation.version import __version__
 from tpmsd.offline.fleet.find import local_copy
 from tpmsd.offline.fleet.settings import SETTINGS
@@ -92,10 +92,10 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     drive = load(folder)
     # The drive is decoded once: what follows takes the replay's ticks.
     ticks: list[Tick] | None = [] if "replay" in stages and replayed_at_desk_rate(drive) else None
-    heard = cache(lambda: recording_of(drive, "the drive", ticks))
+    recording = cache(lambda: recording_of(drive, "the drive", ticks))
     parts: dict[str, Any] = {}
     if "replay" in stages:
-        result, _ = replayed(drive, heard=ticks)
+        result, _ = replayed(drive, collected=ticks)
         document = replay_document(result)
         for name in ("drive", "realtime_factor", "resonance", "pose"):
             document.pop(name, None)
@@ -106,7 +106,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.offline.calibration.statistics import drive_statistics
 
         try:
-            statistics = drive_statistics(heard(), vehicle_of(drive.config.vehicle))
+            statistics = drive_statistics(recording(), vehicle_of(drive.config.vehicle))
         except (RefusedError, TpmsdError) as error:
             parts["calibrate"] = {"reason": str(error).replace(str(folder), "DRIVE"), "statistics": None}
         else:
@@ -115,7 +115,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.offline.diagnosis.diagnose import diagnose
         from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
-        found = diagnose([heard()], known=known_effects([drive]))
+        found = diagnose([recording()], known=known_effects([drive]))
         document = diagnosis_document(found, None)
         kept = ("verdict", "reason", "findings", "driving_s")
         parts["diagnose"] = _rounded(plain({name: document[name] for name in kept}))

@@ -45,7 +45,7 @@ LIMITS = (2.0, 2.5)
 """Least and greatest multiple of the limit that is drawn where the usual size is below."""
 MOST = 3.0
 """Usual sizes beyond which an effect is not plausible: three standard deviations of what cars have."""
-MOST_ALIKE = 0.95
+MOST_SIMILAR = 0.95
 """Cosine of the angle to another effect's sensitivity from which a name is a matter of luck."""
 LOSS_M = 1.4e-3
 """Loss of radius (m) at 20 % less pressure, of which UN R64 requires a warning."""
@@ -118,7 +118,7 @@ class Showing:
         terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in self._terms]
         selector = Selector(study.evidence(), study.hypotheses)
         gram, _ = selector.evidence.projected(selector.design(terms))
-        if _cosine_to_others(gram, [column - 1 for column in columns]) > MOST_ALIKE:
+        if _cosine_to_others(gram, [column - 1 for column in columns]) > MOST_SIMILAR:
             return math.inf
         return smallest_size(study, selector, terms, gram, ramps[0])
 
@@ -126,7 +126,7 @@ class Showing:
 def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect, ...]:
     """Return `count` different effects that are not confounded; ConfigError where the drive cannot show as
     many."""
-    alike = {
+    similar = {
         one.effect: {other for other, cosine in one.confounded_with if other != one.effect}
         for one in showing.identifiable
     }
@@ -135,7 +135,7 @@ def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect
     drawn: list[Effect] = []
     for index in rng.permutation(len(candidates)):
         name = candidates[int(index)]
-        if any(name in alike.get(one.name, ()) or one.name in alike.get(name, ()) for one in drawn):
+        if any(name in similar.get(one.name, ()) or one.name in similar.get(name, ()) for one in drawn):
             continue
         effect = _large_enough(showing, name, rng)
         if effect is not None:
@@ -152,7 +152,7 @@ def _is_ambiguous(one: EffectIdentifiability) -> bool:
     """Return whether another effect is confounded with it, other than one whose limit it is for small
     values."""
     return any(
-        cosine > MOST_ALIKE and EFFECTS[other].rivals.limit != one.effect
+        cosine > MOST_SIMILAR and EFFECTS[other].rivals.limit != one.effect
         for other, cosine in one.confounded_with
     )
 

@@ -153,8 +153,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         out["drives"] = list(finding.drives)
     if finding.advice:
         out["advice"] = finding.advice
-    if finding.told_by:
-        out["told_by"] = finding.told_by
+    if finding.identified_by:
+        out["told_by"] = finding.identified_by
     if finding.shape:
         out["shape"] = [{"at": x, "value": value, "std": std} for x, value, std in finding.shape]
     return out

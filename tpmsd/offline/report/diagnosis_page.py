@@ -215,8 +215,8 @@ def _sentences(finding: Finding) -> tuple[str, ...]:
     ]
     if finding.drives:
         out.append(f"Only in {', '.join(finding.drives)}.")
-    if finding.told_by:
-        out.append(f"{_capital(finding.told_by)}.")
+    if finding.identified_by:
+        out.append(f"{_capital(finding.identified_by)}.")
     if finding.indistinguishable_from:
         rivals = ", ".join(plain_name(rival) for rival in finding.indistinguishable_from)
         out.append(f"Confounded on this drive with: {rivals}.")

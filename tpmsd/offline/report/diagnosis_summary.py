@@ -163,8 +163,8 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
     if finding.drives:
         lines.append(f"   only in {', '.join(finding.drives)}")
     lines.append(f"   seen in {location_text(finding.where)}; held-out gain {finding.gain:.0f} nats")
-    if finding.told_by:
-        lines.append(f"   {finding.told_by}")
+    if finding.identified_by:
+        lines.append(f"   {finding.identified_by}")
     if finding.indistinguishable_from:
         lines.append(f"   this drive cannot tell it from: {', '.join(finding.indistinguishable_from)}")
         lines.append(f"   {finding.advice}")

@@ -74,7 +74,7 @@ def _prior(parameter: object) -> dict[str, Any] | None:
 def _identifiability(one: EffectIdentifiability) -> dict[str, Any]:
     return {
         "expected_gain_nats": one.expected_gain,
-        "told": one.told,
+        "told": one.identifiable,
         "confounded_with": [{"effect": name, "cosine": cosine} for name, cosine in one.confounded_with],
         "separating_drive": one.drive,
     }

@@ -29,7 +29,7 @@ def score(
     own = [
         rank
         for rank, finding in enumerate(findings)
-        if rank not in matched.values() and any(_alike(finding, other) for other in before)
+        if rank not in matched.values() and any(_similar(finding, other) for other in before)
     ]
     new = [rank for rank in range(len(findings)) if rank not in own]
     concealed = []
@@ -92,7 +92,7 @@ def _same(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
     return not wheels or _wheels(finding) in ("", wheels[0])
 
 
-def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def _similar(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Return whether two findings are of the same effect on the same wheels."""
     return (one.get("effect"), _wheels(one)) == (other.get("effect"), _wheels(other))
 

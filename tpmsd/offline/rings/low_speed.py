@@ -63,14 +63,14 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
         return None
     gains = np.array([gain for *_, gain in found])
     _, below, below_std, share, share_std, _ = found[int(np.argmax(gains))]
-    alike = [one for one in found if abs(one[1] - below) <= 0.5]
+    similar = [one for one in found if abs(one[1] - below) <= 0.5]
     return Lost(
-        wheels=tuple(WHEELS[one[0]] for one in alike),
-        below_mps=float(np.mean([one[1] for one in alike])),
+        wheels=tuple(WHEELS[one[0]] for one in similar),
+        below_mps=float(np.mean([one[1] for one in similar])),
         below_std_mps=below_std,
         share=float(np.clip(share, 0.0, 1.0)),
         share_std=share_std,
-        gain=max(one[-1] for one in alike),  # what the receiver errs by is in every wheel
+        gain=max(one[-1] for one in similar),  # what the receiver errs by is in every wheel
         speeds_mps=(least, below),
     )
 

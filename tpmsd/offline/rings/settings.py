@@ -90,7 +90,7 @@ class CounterSettings:
     """Standard deviations above the mean up to which numbers of lost counts are added up."""
     single_probe: float = 0.05
     """Step in the logarithm of rate and noise by which the likelihood's curvature is taken."""
-    single_alike: float = 0.98
+    single_similar: float = 0.98
     """Share of what an error of the best wheel explains, from which another wheel's explains it as well."""
     single_admit_nats: float = 6.0
     """Gain of losses over symmetric noise from which they are a finding: odds of four hundred."""

@@ -98,16 +98,18 @@ def single_losses(
     if not distances:
         return None
     most = max(distance.explained for distance in distances.values())
-    alike = [wheel for wheel in distances if distances[wheel].explained > COUNTERS.single_alike * most]
+    similar = [wheel for wheel in distances if distances[wheel].explained > COUNTERS.single_similar * most]
     # A counter in order rather misses a count than makes one up.
-    wheel = min(alike, key=lambda one: float(np.mean(distances[one].counts ** 3)))
+    wheel = min(similar, key=lambda one: float(np.mean(distances[one].counts ** 3)))
     counts = distances[wheel].counts
     sign = -1.0 if float(np.mean(counts**3)) < 0.0 else 1.0
     counted = distances[wheel].counted
     steps = _steps(sign * counts, counted)
     mean = steps.share * float(counted.mean())
     gain = steps.log_likelihood - _symmetric(counts) - _not_at_random(counts, mean)
-    unlike = _unlike(counts, [distance.counts for other, distance in distances.items() if other not in alike])
+    unlike = _unlike(
+        counts, [distance.counts for other, distance in distances.items() if other not in similar]
+    )
     if _lasting(counts, mean) < COUNTERS.single_admit_nats:
         return None
     if distances[wheel].elsewhere > COUNTERS.lost_admit_nats:
@@ -121,7 +123,7 @@ def single_losses(
         # The two differ where the noise is not normal, as that of late readings is not.
         rate_std_per_s=math.hypot(steps.std * mean / steps.share, 0.5 * (mean - by_growth)) / WINDOW_S,
         std=float(counts.std()),
-        twins=tuple(WHEELS[other] for other in alike if other != wheel),
+        twins=tuple(WHEELS[other] for other in similar if other != wheel),
         gain=gain,
         unlike=unlike,
         p_value=min(1.0, 2.0 * len(distances) * _by_chance(steps.ahead)),

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.foundation.apart import Apart, ApartError, Send, installed
+from tpmsd.foundation.child_reader import ChildReader, ChildReadError, Send, installed
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
@@ -117,7 +117,7 @@ def _check_members(file: Path, members: list[zipfile.ZipInfo]) -> None:
 def _simulated(file: Path, request: Mapping[str, Any], wall_s: float) -> tuple[list[str], FloatArray]:
     """Run the child; names of the outputs, time first, and their values (k, n)."""
     late = threading.Event()
-    with Apart("tpmsd.offline.signals.fmu:run_fmu", file) as child:
+    with ChildReader("tpmsd.offline.signals.fmu:run_fmu", file) as child:
 
         def end() -> None:
             late.set()
@@ -129,7 +129,7 @@ def _simulated(file: Path, request: Mapping[str, Any], wall_s: float) -> tuple[l
             child.ask(json.dumps(request))
             names = child.receive()
             values = child.receive()
-        except (ApartError, ValueError, OSError) as error:
+        except (ChildReadError, ValueError, OSError) as error:
             why = f"takes longer than {wall_s:g} s" if late.is_set() else str(error)
             raise InputError(file, f"the simulation failed: {why}") from None
         finally:

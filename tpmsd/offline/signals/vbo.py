@@ -98,7 +98,12 @@ _CHANNELS = {
 }
 _SIGNED = ("yaw_rate_radps", "accel_long_mps2", "accel_lat_mps2", "steering_wheel_angle_rad")
 _TIME, _LATITUDE, _LONGITUDE, _SATELLITES = "time", "lat", "long", "sats"
-_ALIKE = {"latitude": _LATITUDE, "longitude": _LONGITUDE, "lon": _LONGITUDE, "satellites": _SATELLITES}
+_SIMILAR_NAMES = {
+    "latitude": _LATITUDE,
+    "longitude": _LONGITUDE,
+    "lon": _LONGITUDE,
+    "satellites": _SATELLITES,
+}
 
 
 @dataclass(frozen=True)
@@ -220,7 +225,7 @@ def _indices(path: Path, names: list[str]) -> dict[str, int]:
     found: dict[str, int] = {}
     for index, name in enumerate(names):
         plain = re.sub(r"[\s._-]+", "", name.lower())
-        plain = _ALIKE.get(plain, plain)
+        plain = _SIMILAR_NAMES.get(plain, plain)
         if plain in (_TIME, _LATITUDE, _LONGITUDE, _SATELLITES):
             found.setdefault(plain, index)
             continue

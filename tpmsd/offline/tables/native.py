@@ -16,9 +16,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tpmsd.foundation.apart import Apart, ApartError, Send, installed, limit
+from tpmsd.foundation.child_reader import ChildReader, ChildReadError, Send, installed, limit
 from tpmsd.foundation.errors import ConfigError, InputError
-from tpmsd.foundation.lean import bring_in_mf4
+from tpmsd.foundation.startup import bring_in_mf4
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.tables.extras import not_installed
 from tpmsd.offline.tables.write import SCHEMA, SCHEMA_KEY, VEHICLE_KEY
@@ -52,7 +52,7 @@ class NativeTable:
         self._left = MAX_VALUES
         self._has_times = kind == ".mf4"
         self._cached: dict[tuple[str, str], FloatArray] = {}
-        self._child = Apart(f"{__name__}:serve_table", path)
+        self._child = ChildReader(f"{__name__}:serve_table", path)
         try:
             self._child.ask(kind)
             opened = json.loads(self._received())
@@ -82,7 +82,7 @@ class NativeTable:
         if (what, name) not in self._cached:
             try:
                 self._child.ask(json.dumps([what, name, self._left]))
-            except ApartError as error:
+            except ChildReadError as error:
                 raise InputError(self.path, str(error)) from None
             values = np.frombuffer(self._received(), dtype=np.float64)
             self._left -= len(values)
@@ -92,7 +92,7 @@ class NativeTable:
     def _received(self) -> bytes:
         try:
             return self._child.receive() or b""
-        except ApartError as error:
+        except ChildReadError as error:
             raise InputError(self.path, str(error)) from None
 
 

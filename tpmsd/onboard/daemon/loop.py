@@ -274,7 +274,7 @@ class Daemon:
         frames: list[CanFrame] = []
         for number, bus in enumerate((self._bus, *self._others)):
             came = bus.read(monotonic_s)
-            self._own.heard(number, came, monotonic_s)
+            self._own.received(number, came, monotonic_s)
             frames += came
         read_s = self._clock.now()
         for frame in frames:

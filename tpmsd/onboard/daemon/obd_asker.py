@@ -26,7 +26,7 @@ UNANSWERED, RARELY_S = 10, 60.0
 
 
 class ObdAsker:
-    """Asks one car; `heard` and `frames` do nothing where the configuration does not ask."""
+    """Asks one car; `received` and `frames` do nothing where the configuration does not ask."""
 
     def __init__(self, config: ObdConfig) -> None:
         self._config = config
@@ -56,7 +56,7 @@ class ObdAsker:
             {"can_id": first, "can_mask": 0x1FFFFF00 if extended else 0x7F8, "extended": extended},
         ]
 
-    def heard(self, identifier: int, extended: bool, data: bytes, now_s: float) -> str:
+    def received(self, identifier: int, extended: bool, data: bytes, now_s: float) -> str:
         """Take a frame of the bus that is asked; return a line for the log if that ends the requests, else
         nothing."""
         if now_s - self._spoke_s > ASLEEP_S:

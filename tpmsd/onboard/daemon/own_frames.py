@@ -39,15 +39,15 @@ class OwnFrames:
         asked = self._asker.filters() if bus == self._asked_bus else []
         return [*self._outputs.filters(bus), *asked]
 
-    def heard(self, bus: int, frames: list[CanFrame], monotonic_s: float) -> None:
+    def received(self, bus: int, frames: list[CanFrame], monotonic_s: float) -> None:
         """Take frames that came on a bus; what that ends is logged."""
         asked = bool(self._asker) and bus == self._asked_bus
         if not (self._outputs or asked):
             return
         for frame in frames:
-            note = self._outputs.heard(bus, frame.arbitration_id, frame.is_extended)
+            note = self._outputs.received(bus, frame.arbitration_id, frame.is_extended)
             if asked and not note:
-                note = self._asker.heard(frame.arbitration_id, frame.is_extended, frame.data, monotonic_s)
+                note = self._asker.received(frame.arbitration_id, frame.is_extended, frame.data, monotonic_s)
             if note:
                 self._log.warning("%s", note)
 

@@ -84,7 +84,7 @@ class RadiusFilter:
         self._fix_gate = FixGate()
         self._accuracy = PositionAccuracy()
         self._finder = PoseFinder()
-        self._heard = NamedMeasurements(settings.measurements)
+        self._received = NamedMeasurements(settings.measurements)
         self._blocks = FrameBlocks(car) if belief.takes_blocks else None
         self._reverse = ReverseWatch()
         self._located = False
@@ -100,7 +100,7 @@ class RadiusFilter:
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
-        tick = self._heard.of(tick)
+        tick = self._received.of(tick)
         if tick.gap_s > SETTINGS.coast_limit_s:
             self._lose_pose()
         moment = self._move(tick)
@@ -181,7 +181,7 @@ class RadiusFilter:
         """Find the pose by a fix, or hold the belief against it."""
         moving = self._speed > SETTINGS.moving_mps
         interval_s = fix.time_s - self._last_used_s
-        by_position = self._heard.position
+        by_position = self._received.position
         measurement = FixMeasurement(fix, tick, self._speed, self._yaw_rate, interval_s, by_position)
         if not self._located:
             if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again

@@ -169,8 +169,8 @@ class Monitor:
 
     def car_speed(self) -> dict[str, Any]:
         """Return whether wheels and receiver agree with the car's own speed (status); null: not known."""
-        heard = self._signals.car.heard
-        return {"wheels_agree": heard.wheels, "receiver_agrees": heard.receiver}
+        received = self._signals.car.received
+        return {"wheels_agree": received.wheels, "receiver_agrees": received.receiver}
 
     def _watching(self) -> Watching:
         """Return the state of the monitor that malfunctions depend on."""
@@ -266,7 +266,7 @@ class Monitor:
                 f"about {100 * pressure:.0f} +- {100 * pressure_std:.0f} % of its pressure "
                 f"(probability {probability:.3f})"
             )
-            if judged.all_alike and turned == "raised":
+            if judged.all_monitored and turned == "raised":
                 reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
@@ -353,7 +353,7 @@ class Monitor:
     def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
         if self._cached[0] is not self._judged:
             self._cached = (self._judged, self._judged.by_wheel())
-        watched = () if self._signals.unusable else self._signals.heard(tick.time_s)
+        watched = () if self._signals.unusable else self._signals.received(tick.time_s)
         sound = WheelState.LEARNING
         if self.baseline.ready and not self._sets.undecided:
             sound = WheelState.MONITORING

@@ -115,7 +115,7 @@ class JudgeSettings:
     of pressure, 5 % a flat tyre."""
     named_causes: int = 3
     """Causes that a question names, the likeliest first: what a reader weighs at a glance."""
-    alike_hold_s: float = 180.0
+    all_hold_s: float = 180.0
     """An alarm of all wheels rests on the receiver's speed alone, which is held against its positions over so
     long (`estimators.path_length`): a receiver whose speed drifts is a malfunction by then."""
     losses_per_km: tuple[float, float, float, float] = (4.5e-6, 1.4e-6, 4.5e-7, 4.5e-6)
@@ -125,7 +125,7 @@ class JudgeSettings:
     """
     unseen_km: float = 220.0
     """Over which a loss may have gone unseen, in a week of 12,000 km a year: a prior of 1 in 1,000."""
-    unseen_alike_km: float = 1000.0
+    unseen_all_km: float = 1000.0
     """Distance over which a loss of all four alike stays unseen, for only long drives at learned speeds show
     it: a month, and a prior of 1 in 220. Without a monitor 3 % of passenger cars and 6 % of light trucks are
     driven so [NHTSA 2001].
@@ -182,7 +182,7 @@ class JudgeSettings:
     def prior_by_size(self) -> tuple[float, ...]:
         """Prior probability of each subset of one to four wheels."""
         some = tuple(rate * self.unseen_km for rate in self.losses_per_km[:-1])
-        return (*some, self.losses_per_km[-1] * self.unseen_alike_km)
+        return (*some, self.losses_per_km[-1] * self.unseen_all_km)
 
 
 @dataclass(frozen=True, slots=True)

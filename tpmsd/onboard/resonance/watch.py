@@ -234,12 +234,12 @@ class ResonanceWatch:
 
     def _status(self, number: int) -> ResonanceStatus:
         wheel = self._wheels[number]
-        heard_hz = wheel.rate_hz if math.isfinite(wheel.rate_hz) else wheel.stream.rate_hz
-        if not math.isfinite(heard_hz):
+        received_hz = wheel.rate_hz if math.isfinite(wheel.rate_hz) else wheel.stream.rate_hz
+        if not math.isfinite(received_hz):
             return ResonanceStatus(ResonanceState.WAITING, "no steady driving yet")
-        reach_hz = PeakFit.reach_of(heard_hz)
+        reach_hz = PeakFit.reach_of(received_hz)
         if reach_hz <= 0.0:
-            reason = f"sampled at {heard_hz:.0f} Hz; a resonance of 25 Hz and more needs 65 Hz or faster"
+            reason = f"sampled at {received_hz:.0f} Hz; a resonance of 25 Hz and more needs 65 Hz or faster"
             return ResonanceStatus(ResonanceState.OFF, reason)
         known = [entry for entry in wheel.classes.values() if entry.now or entry.baseline]
         if not known:

@@ -94,7 +94,7 @@ class CanOutputs:
             if out.bus == bus
         ]
 
-    def heard(self, bus: int, identifier: int, extended: bool) -> str:
+    def received(self, bus: int, identifier: int, extended: bool) -> str:
         """Take a frame of another node; return a line for the log if that stops an output, else nothing."""
         out = self._watched.get((bus, extended, identifier))
         if out is None or out.stopped:

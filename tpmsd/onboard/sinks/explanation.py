@@ -279,9 +279,9 @@ class Explanation:
             }
             for name, row in rows.items()
         }
-        heard = None
+        received = None
         if resonance is not None and resonance.wheels:
-            heard = {
+            received = {
                 WHEELS[w]: round(float(resonance.log_ratio([w])), 3)
                 for w in self._wheels
                 if w in resonance.wheels
@@ -290,7 +290,7 @@ class Explanation:
             "time": _number(judged.time_s),
             "speed_mps": _number(estimate.speed_mps),
             "wheels": wheels,
-            "witnesses": {**witnesses, "resonance_log_ratio": heard},
+            "witnesses": {**witnesses, "resonance_log_ratio": received},
             "judged_over": finding.over,
             "drive_models": {
                 name: _number(probability) for name, probability in judgement.drive_models.items()

@@ -75,8 +75,8 @@ def _rows(windows: Windows) -> tuple[coo_matrix, Array, coo_matrix, Array]:
         put(row, at + V, one)
         put(row, at + Q + wheel, one)
         put(row, before + Q + wheel, -one, later)
-        put(row, at + PSI, windows.yaw_of_way[:, wheel])
-        put(row, before + PSI, -windows.yaw_of_way[:, wheel], later)
+        put(row, at + PSI, windows.yaw_of_distance[:, wheel])
+        put(row, before + PSI, -windows.yaw_of_distance[:, wheel], later)
     gyro, speed, course = 9 * k + 4, 9 * k + 5, 9 * k + 6
     put(gyro, at + PSI, one)
     put(gyro, before + PSI, -one, later)

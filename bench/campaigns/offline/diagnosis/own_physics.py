@@ -30,9 +30,9 @@ def main(folder: Path) -> int:
         assert course.spin is not None
         turning = (1.0 + course.spin) * course.hubs
         for axle, (left, right) in AXLES.items():
-            way = (course.hubs[:, left] - course.hubs[:, right]) / course.speed
+            distance = (course.hubs[:, left] - course.hubs[:, right]) / course.speed
             more = (turning[:, left] - turning[:, right]) / course.speed
-            columns = np.stack([way, course.a_lat], axis=1)
+            columns = np.stack([distance, course.a_lat], axis=1)
             (share, by_accel), *_ = np.linalg.lstsq(columns, more, rcond=None)
             print(
                 f"car {car} {road:9s} {axle:5s} way {share:6.3f}  lateral acceleration {by_accel:9.2e} s2/m"

@@ -133,15 +133,17 @@ def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
     out = []
     for kind, size in dict.fromkeys((row["kind"], row["strength"]) for row in rows):
         those = [row for row in rows if (row["kind"], row["strength"]) == (kind, size)]
-        told = [row for row in those if row["told"]]
+        reported = [row for row in those if row["told"]]
         out.append(
             {
                 "kind": kind,
                 "strength": size,
                 "drives": len(those),
-                "told": len(told),
-                "first": count(row["first"] for row in told),
-                "found": share(sum(row["told_found"] for row in told), sum(row["told"] for row in told)),
+                "told": len(reported),
+                "first": count(row["first"] for row in reported),
+                "found": share(
+                    sum(row["told_found"] for row in reported), sum(row["told"] for row in reported)
+                ),
                 "false": sum(len(row["false"]) for row in those),
                 "gain": float(np.median([min(row["gains"]) for row in those])) if those[0]["gains"] else None,
             }

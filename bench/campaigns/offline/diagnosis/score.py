@@ -40,7 +40,7 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     findings = document.get("findings", [])
     matched = match(truth, findings)
     wanted = [k for k, each in enumerate(truth.effects) if not each.inherent]
-    told = [k for k in wanted if truth.effects[k].told]
+    detectable = [k for k in wanted if truth.effects[k].detectable]
     right = {k for k in matched if k is not None}
     strays = [n for n, k in enumerate(matched) if k is None and not _beyond(truth, findings[n])]
     # what the world does of itself is neither asked for nor in the way
@@ -56,8 +56,8 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
         "gains": [round(truth.effects[k].gain, 1) for k in wanted],
         "margins": [round(truth.effects[k].margin, 1) for k in wanted],
         "rivals": [truth.effects[k].rival for k in wanted],
-        "told": len(told),
-        "told_found": sum(k in right for k in told),
+        "told": len(detectable),
+        "told_found": sum(k in right for k in detectable),
         "first": first,
         "false": [findings[n]["effect"] for n in strays],
         "strays": strays,
@@ -71,16 +71,16 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
             if k is not None and not truth.effects[k].inherent
         ],
     }
-    if told and not document.get("reason"):
+    if detectable and not document.get("reason"):
         row["f1"] = localisation(truth, findings, windows)
-    if told and not ORIGINS[case.world].own_tyres and "tone_ring_error" not in case.kind:
+    if detectable and not ORIGINS[case.world].own_tyres and "tone_ring_error" not in case.kind:
         row["heldout"], row["bias_mm"] = improvement(case, model, windows)
     return row
 
 
 def _clear(truth: Truth) -> bool:
     """Whether no two effects share what the drive shows: else the one's parameters hold the other."""
-    return all(each.told or each.gain < 4.0 for each in truth.effects if not each.inherent)
+    return all(each.detectable or each.gain < 4.0 for each in truth.effects if not each.inherent)
 
 
 def match(truth: Truth, findings: list[dict[str, Any]]) -> list[int | None]:
@@ -162,7 +162,7 @@ def localisation(truth: Truth, findings: list[dict[str, Any]], windows: Windows)
     count = len(windows)
     true, found = np.zeros((len(ROWS), count), bool), np.zeros((len(ROWS), count), bool)
     for each in truth.effects:
-        if each.told:
+        if each.detectable:
             inside = _in_spans(each.spans, count)
             for place in each.wheels or (["yaw_rate"] if each.channels == ["yaw_rate"] else ["gnss"]):
                 true[ROWS.index(place)] |= inside
@@ -253,7 +253,7 @@ def apparent_radius_mm(change: Array, own: Array, windows: Windows) -> float:
     if read.sum() < BLOCK:
         return 0.0
     speed = np.where(windows.read[:, 5:6], change[:, 5:6], 0.0)
-    way = np.maximum(own[:, :4], 1.0)
-    resembled = (windows.spec.radius_m * (speed - change[:, :4]) / way)[read]
+    distance = np.maximum(own[:, :4], 1.0)
+    resembled = (windows.spec.radius_m * (speed - change[:, :4]) / distance)[read]
     blocks = resembled[: len(resembled) // BLOCK * BLOCK].reshape(-1, BLOCK, 4).mean(axis=1)
     return 1e3 * float(np.sqrt(((blocks - blocks.mean(axis=0)) ** 2).mean()))

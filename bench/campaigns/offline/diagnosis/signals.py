@@ -47,7 +47,7 @@ class Windows:
     """(w,) number of fixes."""
     covariates: dict[str, Array]
     """(w,) each."""
-    yaw_of_way: Array
+    yaw_of_distance: Array
     """(w, 4) answer of each wheel's way to the yaw rate."""
     sin: Array
     cos: Array
@@ -75,7 +75,7 @@ class Windows:
         angle = summed(wheel_rates(course, spec), course.time_s)
         out[:, :4] = np.diff(angle[:end:PER_S], axis=0) * spec.radius_m
         out[:, 4] = window_means(gyro_reading(course, spec), count)
-        way = antenna(course, spec)
+        antenna_path = antenna(course, spec)
         at_fix = _fix_times(spec, course)
         when = at_fix - float(spec.physics.get("gnss_latency", {}).get("latency_s", 0.0))
         window = np.floor(at_fix).astype(int)
@@ -87,11 +87,11 @@ class Windows:
         def at(values: Array) -> Array:
             return np.interp(when, course.time_s, values)
 
-        ve, vn, heading = at(way.east_mps), at(way.north_mps), at(course.heading)
+        ve, vn, heading = at(antenna_path.east_mps), at(antenna_path.north_mps), at(course.heading)
         out[:, 5] = mean(np.hypot(ve, vn) + at(strange_speed(course, spec)))
         turned = np.remainder(np.arctan2(vn, ve) - heading + np.pi, 2 * np.pi) - np.pi
         out[:, 6] = mean(np.where(np.hypot(ve, vn) > 0.5, heading + turned, heading))
-        out[:, 7], out[:, 8] = mean(at(way.east)), mean(at(way.north))
+        out[:, 7], out[:, 8] = mean(at(antenna_path.east)), mean(at(antenna_path.north))
         return out
 
 
@@ -141,7 +141,7 @@ def windows_of(course: Course, drive: Drive) -> Windows:
         read=read,
         fixes=fixes,
         covariates=covariates,
-        yaw_of_way=np.stack([mean(per_yaw[:, k]) for k in range(4)], axis=1),
+        yaw_of_distance=np.stack([mean(per_yaw[:, k]) for k in range(4)], axis=1),
         sin=mean(np.sin(slow.heading)),
         cos=mean(np.cos(slow.heading)),
     )

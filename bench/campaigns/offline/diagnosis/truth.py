@@ -54,7 +54,7 @@ class Concealed:
     """Of the world itself: true when found, and not asked for."""
 
     @property
-    def told(self) -> bool:
+    def detectable(self) -> bool:
         """Whether the data can tell it."""
         return self.gain >= TELLS_GAIN and self.margin >= TELLS_MARGIN
 
@@ -355,9 +355,9 @@ def spans_of(mask: np.ndarray) -> list[list[float]]:
     ]
 
 
-def told_names(truth: Truth) -> list[str]:
+def detectable_names(truth: Truth) -> list[str]:
     """Names that a diagnosis should give, for effects that the data can tell."""
-    return [each.effect for each in truth.effects if each.told and not each.inherent]
+    return [each.effect for each in truth.effects if each.detectable and not each.inherent]
 
 
-__all__ = ["EFFECTS", "Concealed", "Truth", "nuisances", "rolling", "told_names", "truth_of"]
+__all__ = ["EFFECTS", "Concealed", "Truth", "detectable_names", "nuisances", "rolling", "truth_of"]

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.campaigns.onboard.alarms.cases import group
 from bench.campaigns.onboard.alarms.lives import LEARNING, SLIPPERY_OF, kinds, life, slippery
-from bench.campaigns.onboard.alarms.play import Heard, hear
+from bench.campaigns.onboard.alarms.play import LegResult, replay_leg
 from bench.worlds.folder import write_folder
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import POOLS, Car
@@ -57,22 +57,22 @@ def story(name: str) -> Story:
 
 def one(name: str, folder: Path | None) -> str:
     """Play it and say all that was said; or write it."""
-    told = story(name)
+    life_story = story(name)
     if folder is not None:
-        write_story(told, folder)
-        return f"{folder}: {len(told.legs)} legs; `tpmsd replay {folder}` plays them"
+        write_story(life_story, folder)
+        return f"{folder}: {len(life_story.legs)} legs; `tpmsd replay {folder}` plays them"
     state: dict[str, object] = {}
     tyre_k: Array | None = None
     lines: list[str] = []
-    for leg in told.legs:
-        driven = drive_leg(told.car, leg, tyre_k)
-        heard = hear(driven, state)
-        state, tyre_k = heard.state, driven.temperature_k
-        lines += _told(driven, heard)
+    for leg in life_story.legs:
+        driven = drive_leg(life_story.car, leg, tyre_k)
+        outcome = replay_leg(driven, state)
+        state, tyre_k = outcome.state, driven.temperature_k
+        lines += _described(driven, outcome)
     return "\n".join(lines)
 
 
-def _told(driven: Driven, heard: Heard) -> list[str]:
+def _described(driven: Driven, outcome: LegResult) -> list[str]:
     leg = driven.leg
     lost = ", ".join(
         f"{100 * x.share:.0f} % of wheel {x.wheel} from {x.onset_s:.0f} to {x.done_s:.0f} s"
@@ -80,23 +80,24 @@ def _told(driven: Driven, heard: Heard) -> list[str]:
     )
     lines = [f"{leg.road}, {driven.kilometres:.1f} km, {', '.join(leg.tags)} {lost or 'no loss'}"]
     lines += [
-        f"  {said.time_s:8.1f} s  {said.kind} {said.wheel} {said.state}: {said.reason}" for said in heard.said
+        f"  {said.time_s:8.1f} s  {said.kind} {said.wheel} {said.state}: {said.reason}"
+        for said in outcome.said
     ]
     true = 1e3 * driven.lost_m[-1]
-    for k, (wheel, (change, std)) in enumerate(heard.change.items()):
+    for k, (wheel, (change, std)) in enumerate(outcome.change.items()):
         lines.append(
             f"  {wheel}: told {1e3 * change:+.2f} +- {1e3 * std:.2f} mm, by loss of air {-true[k]:+.2f} mm"
         )
-    return [*lines, f"  learned: {heard.learned}; state: {len(json.dumps(heard.state))} bytes"]
+    return [*lines, f"  learned: {outcome.learned}; state: {len(json.dumps(outcome.state))} bytes"]
 
 
-def write_story(told: Story, folder: Path) -> None:
+def write_story(life_story: Story, folder: Path) -> None:
     """All legs as one drive folder: each begins where the one before ended, after the pause."""
     east = north = 0.0
-    start_s = told.legs[0].start_s
+    start_s = life_story.legs[0].start_s
     tyre_k: Array | None = None
-    for number, leg in enumerate(told.legs):
-        driven = drive_leg(told.car, replace(leg, start_s=start_s), tyre_k)
+    for number, leg in enumerate(life_story.legs):
+        driven = drive_leg(life_story.car, replace(leg, start_s=start_s), tyre_k)
         drive = driven.drive
         part = folder / f"leg{number}"
         write_folder(replace(drive, fix_east=drive.fix_east + east, fix_north=drive.fix_north + north), part)

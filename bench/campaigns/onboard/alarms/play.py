@@ -1,7 +1,7 @@
 """Drives into the program's core, and what it said.
 
-In: legs as they were driven, and what was learned before. Out: `Heard`: alarms by driving time, and what is
-learned now. Each leg is a start of the daemon: a new core that takes up the saved state.
+In: legs as they were driven, and what was learned before. Out: `LegResult`: alarms by driving time, and what
+is learned now. Each leg is a start of the daemon: a new core that takes up the saved state.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.timeline.tick import Tick
 
-TOLD_EVERY_S = 10.0
+PROBABILITIES_EVERY_S = 10.0
 FAST_MPS = 40.0 / 3.6
 """From here driving counts for the time to detect."""
 State = dict[str, Any]
@@ -50,7 +50,7 @@ class Said:
 
 
 @dataclass
-class Heard:
+class LegResult:
     """What the core said on a leg."""
 
     said: list[Said] = field(default_factory=list)
@@ -63,8 +63,8 @@ class Heard:
     played_s: float = 0.0
     change: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Change against the baseline and its standard deviation in m at the end, by wheel."""
-    told: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
-    """Every `TOLD_EVERY_S` of judged driving: seconds since the start, P(deflation) of each wheel."""
+    probabilities: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    """Every `PROBABILITIES_EVERY_S` of judged driving: seconds since the start, each wheel's P(deflation)."""
     standing: list[str] = field(default_factory=list)
     """`kind wheel` of the alarms that stand at the end."""
 
@@ -84,15 +84,15 @@ def with_method(config: Config, method: str | None) -> Config:
     return config if method is None else replace(config, filter=replace(config.filter, method=method))
 
 
-def hear(
+def replay_leg(
     driven: Driven,
     before: State | None = None,
-    stop: Callable[[Heard], float | None] | None = None,
+    stop: Callable[[LegResult], float | None] | None = None,
     frames: bool | None = None,
     memory: Path | None = None,
     method: str | None = None,
     silent: tuple[int, float] | None = None,
-) -> Heard:
+) -> LegResult:
     """Play a leg. `stop` may say, after an alarm, at which time since the start enough was heard.
 
     `frames`: through the decoder instead of by ticks; None: where the leg needs it. `memory`: a folder that
@@ -125,10 +125,10 @@ def hear(
             if silent is not None:
                 ticks = [_without(tick, silent[0], driven.leg.start_s + silent[1]) for tick in ticks]
             steps = (pipeline.on_tick(tick) for tick in ticks)
-        heard = _listen(driven, pipeline, steps, stop)
+        outcome = _listen(driven, pipeline, steps, stop)
         if remembered is not None:
             remembered.keep()
-        return heard
+        return outcome
 
 
 def _without(tick: Tick, wheel: int, from_s: float) -> Tick:
@@ -153,9 +153,12 @@ def beginning(driven: Driven) -> Driven:
 
 
 def _listen(
-    driven: Driven, pipeline: Pipeline, steps: Iterator[Step], stop: Callable[[Heard], float | None] | None
-) -> Heard:
-    heard = Heard()
+    driven: Driven,
+    pipeline: Pipeline,
+    steps: Iterator[Step],
+    stop: Callable[[LegResult], float | None] | None,
+) -> LegResult:
+    outcome = LegResult()
     start_s = driven.leg.start_s
     end_s = math.inf
     report = None
@@ -165,23 +168,25 @@ def _listen(
         now = step.tick.host_time_s - start_s
         if report.learning_fraction >= 1.0 and not learned:
             learned = True
-            heard.learned_at_s = now
-        if report.losses is not None and (not heard.told or now - heard.told[-1][0] >= TOLD_EVERY_S):
-            heard.told.append((now, tuple(wheel.deflation_probability for wheel in report.wheels)))
+            outcome.learned_at_s = now
+        if report.losses is not None and (
+            not outcome.probabilities or now - outcome.probabilities[-1][0] >= PROBABILITIES_EVERY_S
+        ):
+            outcome.probabilities.append((now, tuple(wheel.deflation_probability for wheel in report.wheels)))
         if report.events:
-            heard.said += [_plain(event, now) for event in report.events]
+            outcome.said += [_plain(event, now) for event in report.events]
             if stop is not None:
-                wanted = stop(heard)
+                wanted = stop(outcome)
                 end_s = math.inf if wanted is None else max(wanted, now)
         if now >= end_s:
             break
-    heard.state = json.loads(json.dumps(pipeline.snapshot()))
+    outcome.state = json.loads(json.dumps(pipeline.snapshot()))
     if report is not None:
-        heard.played_s = report.time_s - start_s
-        heard.learned = report.learning_fraction >= 1.0
-        heard.change = {each.wheel: (each.change_m, each.change_std_m) for each in report.wheels}
-        heard.standing = sorted(f"{alarm.kind} {alarm.wheel}" for alarm in report.active)
-    return heard
+        outcome.played_s = report.time_s - start_s
+        outcome.learned = report.learning_fraction >= 1.0
+        outcome.change = {each.wheel: (each.change_m, each.change_std_m) for each in report.wheels}
+        outcome.standing = sorted(f"{alarm.kind} {alarm.wheel}" for alarm in report.active)
+    return outcome
 
 
 def _plain(event: AlarmEvent, now_s: float) -> Said:

@@ -76,8 +76,8 @@ def _sizes(axes: Any, cases: Sequence[Row]) -> None:
             if row["told_mm"].get(wheel, [None])[0] is not None
         ]
         if points:
-            lost, told = np.array(points).T
-            axes.plot(lost, told, ".", color=colour, label=label, ms=5, alpha=0.7)
+            lost, reported = np.array(points).T
+            axes.plot(lost, reported, ".", color=colour, label=label, ms=5, alpha=0.7)
     limits = (0.0, 4.0)
     axes.plot(limits, limits, color="0.7", lw=0.8)
     axes.set(

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.onboard.alarms.play import Heard
+from bench.campaigns.onboard.alarms.play import LegResult
 from bench.worlds.trip_road import STEP_S
 from bench.worlds.trips import Driven
 from tpmsd.car.config.model import MonitorConfig
@@ -25,10 +25,10 @@ EDGES = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 THRESHOLD = MonitorConfig().deflation_percent / 100.0
 
 
-def counts(driven: Driven, heard: Heard) -> list[list[float]]:
+def counts(driven: Driven, outcome: LegResult) -> list[list[float]]:
     """Of each class: instants of wheels, sum of what was told, sum of what was so."""
     out = np.zeros((len(EDGES) - 1, 3))
-    for time_s, told in heard.told:
+    for time_s, told in outcome.probabilities:
         at = min(max(round(time_s / STEP_S), 0), len(driven.lost_m) - 1)
         truth = np.clip(driven.lost_m[at] / driven.radius_m[at] / THRESHOLD, 0.0, 1.0)
         for chance, so in zip(told, truth.tolist(), strict=True):

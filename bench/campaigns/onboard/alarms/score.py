@@ -16,7 +16,7 @@ import numpy as np
 
 from bench.campaigns.onboard.alarms.cases import LAWS, Case, Group
 from bench.campaigns.onboard.alarms.lives import LEARNING, Life
-from bench.campaigns.onboard.alarms.play import Heard, Said, State, fast_seconds, hear, law_seconds
+from bench.campaigns.onboard.alarms.play import LegResult, Said, State, fast_seconds, law_seconds, replay_leg
 from bench.campaigns.onboard.alarms.reliability import counts
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import Car
@@ -38,15 +38,15 @@ def learned(
     tyre_k = None
     false: list[Said] = []
     kilometres = 0.0
-    heard = Heard()
+    outcome = LegResult()
     for leg in group.healthy:
         driven = drive_leg(car, leg, tyre_k)
-        heard = hear(driven, state, memory=memory, method=method)
-        state, tyre_k = heard.state, driven.temperature_k
+        outcome = replay_leg(driven, state, memory=memory, method=method)
+        state, tyre_k = outcome.state, driven.temperature_k
         kilometres += driven.kilometres
-        false += [said for kind in ("deflation", "radius_deviation") for said in heard.raised(kind)]
+        false += [said for kind in ("deflation", "radius_deviation") for said in outcome.raised(kind)]
     assert tyre_k is not None
-    row = {"learned": heard.learned, "false": [_short(said) for said in false], "km": kilometres}
+    row = {"learned": outcome.learned, "false": [_short(said) for said in false], "km": kilometres}
     return row, state, tyre_k
 
 
@@ -79,16 +79,16 @@ def play_case(
     driven = drive_leg(car, case.leg, tyre_k)
     onset = case.leg.losses[0].onset_s
 
-    def stop(heard: Heard) -> float | None:
-        real = [said for said in heard.raised("deflation") if said.time_s >= onset]
+    def stop(outcome: LegResult) -> float | None:
+        real = [said for said in outcome.raised("deflation") if said.time_s >= onset]
         return real[0].time_s + AFTER_S if real else None
 
-    heard = hear(driven, state, stop, memory=memory, method=method)
-    row = judge(case, driven, heard)
+    outcome = replay_leg(driven, state, stop, memory=memory, method=method)
+    row = judge(case, driven, outcome)
     if case.then is not None and not row["named"]:
-        row |= _after_stop(car, case, driven, heard, method)
+        row |= _after_stop(car, case, driven, outcome, method)
     if row["detected"]:
-        row["stands"] = _stands(car, driven, heard, "deflation", method)
+        row["stands"] = _stands(car, driven, outcome, "deflation", method)
     return row
 
 
@@ -96,32 +96,32 @@ OFF_S = 300.0
 """With the ignition off, after which the telltale has to light again (UN R141)."""
 
 
-def _after_stop(car: Car, case: Case, driven: Driven, heard: Heard, method: str | None) -> Row:
+def _after_stop(car: Car, case: Case, driven: Driven, outcome: LegResult, method: str | None) -> Row:
     """The drive goes on after a stop, from what was saved: what the law's time brings."""
     assert case.then is not None
     more = drive_leg(car, case.then, driven.temperature_k)
     law = LAWS[case.standard]
-    again = hear(more, heard.state, lambda so_far: _first_time(so_far, "deflation"), method=method)
+    again = replay_leg(more, outcome.state, lambda so_far: _first_time(so_far, "deflation"), method=method)
     counted = law_seconds(driven, law, case.done_s, math.inf)
     at = _first_time(again, "deflation")
     counted += law_seconds(more, law, 0.0, again.played_s if at is None else at)
     return {"by_law": at is not None and counted <= law.limit_s, "law_s": _number(counted)}
 
 
-def _first_time(heard: Heard, kind: str) -> float | None:
-    raised = heard.raised(kind)
+def _first_time(outcome: LegResult, kind: str) -> float | None:
+    raised = outcome.raised(kind)
     return raised[0].time_s if raised else None
 
 
-def _stands(car: Car, driven: Driven, heard: Heard, kind: str, method: str | None) -> bool:
+def _stands(car: Car, driven: Driven, outcome: LegResult, kind: str, method: str | None) -> bool:
     """Whether an alarm of this kind stands when the ignition is switched on again."""
     leg = driven.leg
-    start_s = leg.start_s + heard.played_s + OFF_S
+    start_s = leg.start_s + outcome.played_s + OFF_S
     losses = tuple(replace(loss, onset_s=0.0, duration_s=0.0) for loss in leg.losses)
     begin = replace(
         leg, seed=leg.seed + 70, duration_s=ON_S, losses=losses, pause_s=OFF_S, start_s=start_s, tags=()
     )
-    after = hear(drive_leg(car, begin, driven.temperature_k), heard.state, method=method)
+    after = replay_leg(drive_leg(car, begin, driven.temperature_k), outcome.state, method=method)
     return any(name.split()[0] == kind for name in after.standing)
 
 
@@ -136,39 +136,39 @@ def play_malfunction(car: Car, group: Group, state: State, tyre_k: Array | None,
     start_s = group.cases[0].leg.start_s
     driven = drive_leg(car, replace(usual, seed=190, duration_s=700.0, start_s=start_s), tyre_k)
     wheel = car.seed % 4
-    heard = hear(
+    outcome = replay_leg(
         driven, state, lambda one: _first_time(one, "malfunction"), method=method, silent=(wheel, SILENT_S)
     )
-    at, law = _first_time(heard, "malfunction"), LAWS["r141-malfunction"]
-    counted = law_seconds(driven, law, SILENT_S, heard.played_s)
+    at, law = _first_time(outcome, "malfunction"), LAWS["r141-malfunction"]
+    counted = law_seconds(driven, law, SILENT_S, outcome.played_s)
     return {
         "standard": "r141-malfunction",
         "wheels": [WHEELS[wheel]],
         "by_law": at is not None and at >= SILENT_S and counted <= law.limit_s,
         "law_s": _number(counted),
-        "stands": any(name.split()[0] == "malfunction" for name in _restarted(car, driven, heard, method)),
+        "stands": any(name.split()[0] == "malfunction" for name in _restarted(car, driven, outcome, method)),
     }
 
 
-def _restarted(car: Car, driven: Driven, heard: Heard, method: str | None) -> list[str]:
+def _restarted(car: Car, driven: Driven, outcome: LegResult, method: str | None) -> list[str]:
     """What stands at once when the ignition is switched on again, and the signal is still missing."""
     leg = replace(
         driven.leg,
         seed=driven.leg.seed + 70,
         duration_s=ON_S,
         pause_s=OFF_S,
-        start_s=driven.leg.start_s + heard.played_s + OFF_S,
+        start_s=driven.leg.start_s + outcome.played_s + OFF_S,
     )
     wheel = car.seed % 4
     again = drive_leg(car, leg, driven.temperature_k)
-    return hear(again, heard.state, method=method, silent=(wheel, 0.0)).standing
+    return replay_leg(again, outcome.state, method=method, silent=(wheel, 0.0)).standing
 
 
-def judge(case: Case, driven: Driven, heard: Heard) -> Row:
+def judge(case: Case, driven: Driven, outcome: LegResult) -> Row:
     """What the alarms are worth."""
     onset, done = case.leg.losses[0].onset_s, case.done_s
     soft = {WHEELS[wheel] for wheel in case.wheels}
-    raised = heard.raised("deflation")
+    raised = outcome.raised("deflation")
     before = [said for said in raised if said.time_s < onset]
     real = [said for said in raised if said.time_s >= onset]
     first = real[0] if real else None
@@ -187,48 +187,50 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "trailer": case.leg.trailer_kg > 0.0,
         "detected": detected,
         "fast_s": _number(fast),
-        **_by_law(case, driven, heard, first),
+        **_by_law(case, driven, outcome, first),
         "wait_s": _number(wait),
         "early": first is not None and first.time_s < done,
-        "driven_fast_s": fast_seconds(driven, done, heard.played_s),
+        "driven_fast_s": fast_seconds(driven, done, outcome.played_s),
         "right_wheel": first is not None and all(name is None or name in soft for name in named),
         "named": sorted(str(name) for name in named),
         "false_before": [_short(said) for said in before],
-        "other": [_short(said) for said in heard.said if said.kind != "deflation"],
-        "lost_mm": _per_wheel(1e3 * driven.lost_m[min(round(heard.played_s / 0.02), len(driven.lost_m) - 1)]),
-        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
-        "reliability": counts(driven, heard),
-        "reason": "" if detected else why_missed(case, driven, heard, before, first),
+        "other": [_short(said) for said in outcome.said if said.kind != "deflation"],
+        "lost_mm": _per_wheel(
+            1e3 * driven.lost_m[min(round(outcome.played_s / 0.02), len(driven.lost_m) - 1)]
+        ),
+        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in outcome.change.items()},
+        "reliability": counts(driven, outcome),
+        "reason": "" if detected else why_missed(case, driven, outcome, before, first),
     }
 
 
-def _by_law(case: Case, driven: Driven, heard: Heard, first: Said | None) -> Row:
+def _by_law(case: Case, driven: Driven, outcome: LegResult, first: Said | None) -> Row:
     """Driving that the law counts until the first alarm, or the end; and whether that is in time."""
     law = LAWS[case.standard]
-    counted = law_seconds(driven, law, case.done_s, heard.played_s if first is None else first.time_s)
+    counted = law_seconds(driven, law, case.done_s, outcome.played_s if first is None else first.time_s)
     return {"by_law": first is not None and counted <= law.limit_s, "law_s": _number(counted)}
 
 
-def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], late: Said | None) -> str:
+def why_missed(case: Case, driven: Driven, outcome: LegResult, before: list[Said], late: Said | None) -> str:
     """The proximate cause, from what is known of both sides."""
-    if not heard.learned:
+    if not outcome.learned:
         return "nothing was learned: no baseline"
     if before:
         names = ", ".join(str(said.wheel) for said in before)
         return f"an alarm before the air was let out, of {names}"
     if late is not None:
         return f"late: {fast_seconds(driven, case.done_s, late.time_s):.0f} s above 40 km/h"
-    fast = fast_seconds(driven, case.done_s, heard.played_s)
+    fast = fast_seconds(driven, case.done_s, outcome.played_s)
     if fast < 0.9 * case.limit_s:
         return f"the drive had but {fast:.0f} s above 40 km/h"
-    end = min(round(heard.played_s / 0.02), len(driven.lost_m)) - 1
+    end = min(round(outcome.played_s / 0.02), len(driven.lost_m)) - 1
     lost = -1e3 * driven.lost_m[max(end - 3000, 0) : end].mean(axis=0)
     texts = []
     seen = []
     for wheel in case.wheels:
-        change, std = heard.change.get(WHEELS[wheel], (math.nan, math.nan))
-        told = f"told {1e3 * change:+.2f} +- {1e3 * std:.2f} mm"
-        texts.append(f"{WHEELS[wheel]} lost {-lost[wheel]:.2f} mm, {told}")
+        change, std = outcome.change.get(WHEELS[wheel], (math.nan, math.nan))
+        reported = f"told {1e3 * change:+.2f} +- {1e3 * std:.2f} mm"
+        texts.append(f"{WHEELS[wheel]} lost {-lost[wheel]:.2f} mm, {reported}")
         seen.append(1e3 * change / lost[wheel] if abs(lost[wheel]) > 1e-3 else math.nan)
     share = float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
     cause = (
@@ -254,33 +256,33 @@ def play_life(
     for k, leg in enumerate(life.legs):
         begun = time.process_time()
         driven = drive_leg(life.car, leg, tyre_k)
-        heard = hear(driven, state, memory=memory, method=method)
+        outcome = replay_leg(driven, state, memory=memory, method=method)
         if k < LEARNING:
-            state, tyre_k = heard.state, driven.temperature_k
+            state, tyre_k = outcome.state, driven.temperature_k
         yield {
             "what": "leg",
             "name": f"{pool}/{what}/{seed}/{k}",
             **about,
-            **judge_leg(driven, heard),
+            **judge_leg(driven, outcome),
             **_spent(begun),
         }
 
 
-def judge_leg(driven: Driven, heard: Heard) -> Row:
+def judge_leg(driven: Driven, outcome: LegResult) -> Row:
     """Incidents of each kind on a leg on which nothing was wrong, and how far it went."""
-    end = min(round(heard.played_s / 0.02), len(driven.way_m) - 1)
+    end = min(round(outcome.played_s / 0.02), len(driven.distance_m) - 1)
     incidents = {
-        kind: incidents_of(heard.raised(kind)) for kind in ("deflation", "radius_deviation", "malfunction")
+        kind: incidents_of(outcome.raised(kind)) for kind in ("deflation", "radius_deviation", "malfunction")
     }
     return {
         "road": driven.leg.road,
         "tags": list(driven.leg.tags),
-        "km": float(driven.way_m[end]) / 1000.0,
-        "hours": heard.played_s / 3600.0,
-        "learned": heard.learned,
-        "reliability": counts(driven, heard),
+        "km": float(driven.distance_m[end]) / 1000.0,
+        "hours": outcome.played_s / 3600.0,
+        "learned": outcome.learned,
+        "reliability": counts(driven, outcome),
         "resized_mm": _per_wheel(1e3 * np.array(driven.leg.resized_m)),
-        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
+        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in outcome.change.items()},
         **incidents,
     }
 

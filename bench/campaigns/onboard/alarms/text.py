@@ -87,8 +87,8 @@ def _reliability(found: Figures) -> list[str]:
     ]
     for row in found["reliability"]:
         means = ["-" if row[name] is None else f"{row[name]:.4f}" for name in ("told", "true")]
-        told = f"| {row['from']:g} to {row['to']:g} | {row['drives']} | {row['instants']} |"
-        out.append(f"{told} {means[0]} | {means[1]} |")
+        reported = f"| {row['from']:g} to {row['to']:g} | {row['drives']} | {row['instants']} |"
+        out.append(f"{reported} {means[0]} | {means[1]} |")
     return out
 
 

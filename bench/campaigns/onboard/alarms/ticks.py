@@ -35,14 +35,14 @@ def ticks_of(drive: Drive) -> list[Tick]:
     rotation = np.diff(_angles(drive, messages, edges), axis=0)
     quantum = 2 * math.pi / drive.spec.teeth if drive.spec.wheel_signal == "counts" else 0.0
     std = np.where(np.isfinite(rotation), quantum / math.sqrt(6.0), math.nan)
-    told = _inertial(inertial_messages(drive), edges)
+    reported = _inertial(inertial_messages(drive), edges)
     fixes = _fixes(drive, edges)
     out = []
     for k in range(len(rotation)):
         end = drive.start_s + float(edges[k + 1])
         for wheel in implausible_wheels(rotation[k].tolist(), DT_S):
             rotation[k, wheel] = std[k, wheel] = math.nan
-        known: dict[str, Any] = {name: float(values[k]) for name, values in told.items()}
+        known: dict[str, Any] = {name: float(values[k]) for name, values in reported.items()}
         out.append(
             Tick(
                 index=k + 1,

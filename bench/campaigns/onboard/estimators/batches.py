@@ -123,10 +123,10 @@ def play_batch(
         if moving:
             noise = radii.draw(informative)
             roll = turned * (RADIUS_M + noise)
-            way, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
+            distance, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
             middle = pose[2] + turn * heading_after
-            pose[0] += way * np.cos(middle)
-            pose[1] += way * np.sin(middle)
+            pose[0] += distance * np.cos(middle)
+            pose[1] += distance * np.sin(middle)
             pose[2] += turn
         fixes = [some[k].fixes[-1] for some in ticks] if tick.fixes else []
         if fixes and moving:

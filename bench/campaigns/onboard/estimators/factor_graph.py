@@ -61,9 +61,9 @@ class Node:
         `doppler`: (2,) way by Doppler, m, None where one of its readings has no course."""
         self._turned, self._at = turned, at
         self.fix, self.doppler = fix, doppler
-        ways = turned.mean(axis=1) * RADIUS_M
-        rough = ROUGHNESS_M * math.sqrt(abs(ways.sum()))
-        across = QUANTUM_RAD / math.sqrt(6.0) * RADIUS_M / TRACK_M * math.sqrt(float(ways @ ways))
+        distances = turned.mean(axis=1) * RADIUS_M
+        rough = ROUGHNESS_M * math.sqrt(abs(distances.sum()))
+        across = QUANTUM_RAD / math.sqrt(6.0) * RADIUS_M / TRACK_M * math.sqrt(float(distances @ distances))
         std = [rough / math.sqrt(2.0), across, rough * math.sqrt(2.0) / TRACK_M]
         self.noise = np.maximum(LEAST, std)
         """(3,) standard deviations of forward, left, turn."""
@@ -79,10 +79,10 @@ class Node:
         return self._cached[1]
 
     def _rows(self, logs: Array) -> Array:
-        ways = self._turned * (RADIUS_M * np.exp(UNIT * logs))
-        heading = np.cumsum((ways[:, 1] - ways[:, 0]) / TRACK_M)
-        way, middle = ways.mean(axis=1), heading - (ways[:, 1] - ways[:, 0]) / TRACK_M / 2
-        east, north = np.cumsum(way * np.cos(middle)), np.cumsum(way * np.sin(middle))
+        distances = self._turned * (RADIUS_M * np.exp(UNIT * logs))
+        heading = np.cumsum((distances[:, 1] - distances[:, 0]) / TRACK_M)
+        distance, middle = distances.mean(axis=1), heading - (distances[:, 1] - distances[:, 0]) / TRACK_M / 2
+        east, north = np.cumsum(distance * np.cos(middle)), np.cumsum(distance * np.sin(middle))
         return np.array([east[-1], north[-1], heading[-1], east[self._at].mean(), north[self._at].mean()])
 
 
@@ -98,15 +98,18 @@ def nodes(driven: Driven) -> list[Node]:
     for begin in range(0, len(driven.ticks) // SECOND * SECOND, SECOND):
         ticks = driven.ticks[begin : begin + SECOND]
         turned = np.array([tick.rotation_rad[RL:] for tick in ticks])
-        heard = [(k, tick.fixes[0]) for k, tick in enumerate(ticks) if tick.fixes]
-        at = [k for k, _ in heard]
+        outcome = [(k, tick.fixes[0]) for k, tick in enumerate(ticks) if tick.fixes]
+        at = [k for k, _ in outcome]
         velocity = np.array(
-            [[f.speed_mps * math.cos(f.heading_rad), f.speed_mps * math.sin(f.heading_rad)] for _, f in heard]
+            [
+                [f.speed_mps * math.cos(f.heading_rad), f.speed_mps * math.sin(f.heading_rad)]
+                for _, f in outcome
+            ]
         )
         samples = velocity if last is None else np.vstack([last, velocity])
         last = velocity[-1]
-        whole = len(samples) == len(heard) + 1 and bool(np.isfinite(samples).all())
-        fix = np.mean([[f.east_m, f.north_m] for _, f in heard], axis=0)
+        whole = len(samples) == len(outcome) + 1 and bool(np.isfinite(samples).all())
+        fix = np.mean([[f.east_m, f.north_m] for _, f in outcome], axis=0)
         doppler = FIX_S * (samples[1:] + samples[:-1]).sum(axis=0) / 2 if whole else None
         out.append(Node(turned, at, fix, doppler))
     return out
@@ -222,7 +225,7 @@ def _position(node: Node) -> Any:
     return error
 
 
-def _doppler(way: Array) -> Any:
+def _doppler(distance: Array) -> Any:
     """Factor of the way of a second by Doppler."""
 
     def error(this: Any, values: Any, H: Any) -> Array:
@@ -232,7 +235,7 @@ def _doppler(way: Array) -> Any:
             H[1] = np.column_stack([_rotation(after.theta()), np.zeros(2)])
             H[2] = np.eye(2, 4, 2)
         step = np.array([after.x() - before.x(), after.y() - before.y()])
-        return np.asarray(step + values.atVector(this.keys()[2])[2:] - way)
+        return np.asarray(step + values.atVector(this.keys()[2])[2:] - distance)
 
     return error
 

@@ -100,11 +100,11 @@ class Kernel:
         """Posterior means of rl and rr and standard deviation of their difference, m."""
         left, right = float(tick.rotation_rad[RL]), float(tick.rotation_rad[RR])
         nominal = VEHICLE.wheel_radius_m
-        way = (left * nominal[RL] + right * nominal[RR]) / 2
+        distance = (left * nominal[RL] + right * nominal[RR]) / 2
         turn = (right * nominal[RR] - left * nominal[RL]) / VEHICLE.track_rear_m
-        informative = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
+        informative = self._gate.update(tick, distance / tick.dt_s, turn / tick.dt_s)
         fix = tick.fixes[-1] if tick.fixes else None
-        used = fix is not None and self._located and way / tick.dt_s > 0.5
+        used = fix is not None and self._located and distance / tick.dt_s > 0.5
         self._library.filter_step(
             self._filter,
             left,
@@ -118,7 +118,7 @@ class Kernel:
             self._out,
         )
         if fix is not None and not self._located:
-            start = self._finder.update(fix, way / tick.dt_s > 0.5)
+            start = self._finder.update(fix, distance / tick.dt_s > 0.5)
             if start is not None:
                 std = math.sqrt(position_variance(fix))
                 self._library.filter_place(

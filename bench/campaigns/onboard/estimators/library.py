@@ -66,11 +66,11 @@ class Move(dists.ProbDist):  # type: ignore[misc]
         mu = dists.Normal(loc=x[:, 3:5], scale=WALK_M).rvs(size=None)
         delta = dists.Normal(loc=mu, scale=np.sqrt(sigma)).rvs(size=None)
         roll = self._tick.rotation_rad[[RL, RR]] * (RADIUS_M + delta)
-        way, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / TRACK_M
+        distance, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / TRACK_M
         out = np.empty_like(x)
         middle = x[:, 2] + turn / 2
-        out[:, 0] = x[:, 0] + way * np.cos(middle)
-        out[:, 1] = x[:, 1] + way * np.sin(middle)
+        out[:, 0] = x[:, 0] + distance * np.cos(middle)
+        out[:, 1] = x[:, 1] + distance * np.sin(middle)
         out[:, 2] = x[:, 2] + turn
         out[:, 3:5], out[:, 5:] = mu, sigma
         return out

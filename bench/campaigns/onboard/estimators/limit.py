@@ -45,7 +45,7 @@ def _transition(driven: Driven, k: int, walk: float) -> tuple[Array, Array, Arra
     tick = driven.ticks[k]
     turned = tick.rotation_rad[RL:]
     radius = RADIUS_M + driven.offsets_m[k, RL:]
-    way = driven.way_m[k]
+    distance = driven.distance_m[k]
     errors = driven.errors
     F = np.eye(SIZE)
     noise = np.zeros((SIZE, SIZE))
@@ -59,7 +59,7 @@ def _transition(driven: Driven, k: int, walk: float) -> tuple[Array, Array, Arra
         noise[B + j, B + j] = errors.slow_m**2 * (1.0 - keep_b**2)
         noise[D + j, D + j] = errors.doppler_mps**2 * (1.0 - keep_d**2)
         noise[MU + j, MU + j] = walk**2 * TICK_S
-    if way <= 1e-9:  # at a standstill the wheels do not move within their counts
+    if distance <= 1e-9:  # at a standstill the wheels do not move within their counts
         return F, noise, F @ point
     F[Q, Q] = F[Q + 1, Q + 1] = 0.0
     # A rolled way is (difference of the readings + error after - error before) times the radius.
@@ -69,8 +69,8 @@ def _transition(driven: Driven, k: int, walk: float) -> tuple[Array, Array, Arra
     cos, sin = math.cos(mid), math.sin(mid)
     for j, sign in enumerate((-1.0, 1.0)):
         bend = sign / TRACK_M
-        gain[E, j] = cos / 2 - way * sin * bend / 2
-        gain[N, j] = sin / 2 + way * cos * bend / 2
+        gain[E, j] = cos / 2 - distance * sin * bend / 2
+        gain[N, j] = sin / 2 + distance * cos * bend / 2
         gain[PSI, j] = bend
         F[:, MU + j] += gain[:, j] * turned[j]
         F[:, Q + j] += gain[:, j] * -radius[j]
@@ -79,8 +79,8 @@ def _transition(driven: Driven, k: int, walk: float) -> tuple[Array, Array, Arra
         new = column * radius[j]
         new[Q + j] = 1.0
         noise += np.outer(new, new) * QUANTUM_RAD**2 / 12
-        noise += np.outer(column, column) * ROUGHNESS_M**2 * way
-    F[E, PSI], F[N, PSI] = -way * sin, way * cos
+        noise += np.outer(column, column) * ROUGHNESS_M**2 * distance
+    F[E, PSI], F[N, PSI] = -distance * sin, distance * cos
     after = F @ point
     middle, turn = rolled.sum() / 2, (rolled[1] - rolled[0]) / TRACK_M
     heading = point[PSI] + turn / 2
@@ -100,7 +100,7 @@ def _rows(driven: Driven, k: int) -> tuple[Array, Array, Array]:
     H = np.zeros((4, SIZE))
     H[0, E] = H[0, B] = H[1, N] = H[1, B + 1] = 1.0
     z = np.array([fix.east_m - truth[0], fix.north_m - truth[1], math.nan, math.nan])
-    if math.isfinite(fix.heading_rad) and driven.way_m[k] > 0.0:
+    if math.isfinite(fix.heading_rad) and driven.distance_m[k] > 0.0:
         cos, sin = math.cos(heading), math.sin(heading)
         z[2] = fix.speed_mps * math.cos(fix.heading_rad) - speed * cos
         z[3] = fix.speed_mps * math.sin(fix.heading_rad) - speed * sin
@@ -108,7 +108,7 @@ def _rows(driven: Driven, k: int) -> tuple[Array, Array, Array]:
             H[row, D + row - 2] = 1.0
             H[row, PSI] = speed * across
             for j in range(2):
-                share = along / 2 / driven.way_m[k] * speed
+                share = along / 2 / driven.distance_m[k] * speed
                 turned = driven.ticks[k].rotation_rad[RL + j]
                 H[row, MU + j] = share * turned
                 H[row, Q + j] = share * RADIUS_M

@@ -143,8 +143,8 @@ def _fig10(rows: list[Row]) -> list[str]:
 
 
 def _scenarios(rows: list[Row], receiver: str, inputs: str) -> list[str]:
-    heard = "positions alone" if inputs == POSITIONS else "positions, speed and course"
-    lines = [f"## RMSE diff. / radius, mm, at N={USUAL}: {receiver} position errors, {heard}", ""]
+    outcome = "positions alone" if inputs == POSITIONS else "positions, speed and course"
+    lines = [f"## RMSE diff. / radius, mm, at N={USUAL}: {receiver} position errors, {outcome}", ""]
     body = []
     for method, front in [(m, False) for m in WANTED] + [(m, True) for m in FOUR]:
         count = USUAL if method in SAMPLED else 0

@@ -149,8 +149,8 @@ def survive(plan: tuple[str, float, int]) -> dict[str, Any]:
         if done:
             break
     cpu_ms = 1e3 * (time.process_time() - begun) / ticks_done
-    told = {"method": method, "hours": hours, "seed": seed, "finite": finite, "cpu_ms": cpu_ms}
-    return told | {"hourly": hourly} | verdict(hourly, finite)
+    reported = {"method": method, "hours": hours, "seed": seed, "finite": finite, "cpu_ms": cpu_ms}
+    return reported | {"hourly": hourly} | verdict(hourly, finite)
 
 
 def verdict(hourly: list[dict[str, float]], finite: bool) -> dict[str, Any]:

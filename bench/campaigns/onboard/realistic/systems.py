@@ -142,6 +142,6 @@ class OnBus:
         while (frame := self.bus.recv(0.0)) is not None:
             same = (frame.arbitration_id, frame.is_extended_id) == (wanted.frame_id, wanted.is_extended_frame)
             if same and not frame.is_error_frame:
-                told = wanted.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
-                lit = lit or bool(isinstance(told, dict) and told.get(signal, 0))
+                reported = wanted.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
+                lit = lit or bool(isinstance(reported, dict) and reported.get(signal, 0))
         return lit

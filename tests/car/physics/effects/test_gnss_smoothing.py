@@ -17,7 +17,7 @@ def test_behind_a_steady_acceleration_the_speed_lags_by_the_time_constant() -> N
     assert pytest.approx(-(1.0 - np.exp(-motion.time_s / 0.5)), abs=1e-9) == error
 
 
-def test_the_course_lags_in_a_bend_alike() -> None:
+def test_the_course_lags_in_a_bend_equally() -> None:
     """In a bend of 0.1 rad/s to the left the course ends 0.05 rad to the right."""
     error = make_effect("gnss_smoothing", time_constant_s=0.5).gnss_course_error_rad(steady(20.0, 0.1), car())
 

@@ -8,7 +8,7 @@ from tests.car.physics.motions import car, steady
 from tpmsd.car.physics.catalogue import make_effect
 
 
-def test_all_tyres_lose_radius_with_the_way() -> None:
+def test_all_tyres_lose_radius_with_the_distance() -> None:
     """2e-10 per metre are 8 mm after 40,000 km: 40 nm in 10 s at 20 m/s, on every wheel."""
     change = make_effect("wear", rate=2e-10).radius_change_m(steady(20.0), car())
 

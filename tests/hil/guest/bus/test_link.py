@@ -166,13 +166,13 @@ def test_bus_off_is_said_and_ends_with_the_cars_frames(daemon: Daemon, car: subp
         car.send_signal(signal.SIGCONT)
     up = daemon.until(lambda status: status["can"]["state"] == "ok", "the bus is back")
     daemon.until(lambda status: status["can"]["frames"] > up["can"]["frames"] + 100, "frames are read")
-    told = [line for line in daemon.log().splitlines()[lines:] if "CAN vcan0" in line]
+    reported = [line for line in daemon.log().splitlines()[lines:] if "CAN vcan0" in line]
 
     assert "bus-off: the controller has switched itself off" == down["can"]["detail"]
     assert ("down", down["can"]["faults"]["down"]) == (still["can"]["state"], still["can"]["faults"]["down"])
     assert "" == up["can"]["detail"]
-    assert 1 == sum("bus-off" in line and "trying again until it is back" in line for line in told)
-    assert 1 == sum("is back after" in line for line in told)
+    assert 1 == sum("bus-off" in line and "trying again until it is back" in line for line in reported)
+    assert 1 == sum("is back after" in line for line in reported)
     assert daemon.process.poll() is None
 
 
@@ -202,11 +202,11 @@ def test_an_interface_that_is_down_is_said_and_waited_for(daemon: Daemon) -> Non
     run("ip", "link", "set", "vcan0", "up")
     up = daemon.until(lambda status: status["can"]["state"] == "ok", "the bus is back")
     daemon.until(lambda status: status["can"]["frames"] > up["can"]["frames"] + 100, "frames are read")
-    told = [line for line in daemon.log().splitlines()[lines:] if "CAN vcan0" in line]
+    reported = [line for line in daemon.log().splitlines()[lines:] if "CAN vcan0" in line]
 
     assert down["can"]["detail"]
-    assert 1 == sum("trying again until it is back" in line for line in told)
-    assert 1 == sum("is back after" in line for line in told)
+    assert 1 == sum("trying again until it is back" in line for line in reported)
+    assert 1 == sum("is back after" in line for line in reported)
 
 
 def test_an_interface_that_is_deleted_is_taken_up_when_it_is_made_again(

@@ -128,10 +128,10 @@ def test_the_status_is_cyclic_and_complete(outcome: Outcome) -> None:
 
 def test_socket_log_and_state_agree_with_the_bus(outcome: Outcome) -> None:
     """What the bus says is what the status socket and the log say; it is kept, and the stop is clean."""
-    told = {(alarm["kind"], alarm["wheel"]) for alarm in outcome.document["alarms"]}
+    reported = {(alarm["kind"], alarm["wheel"]) for alarm in outcome.document["alarms"]}
 
-    assert ("deflation", "rl") in told
-    assert {"rl"} == {wheel for _, wheel in told}
+    assert ("deflation", "rl") in reported
+    assert {"rl"} == {wheel for _, wheel in reported}
     assert "ALARM deflation rl raised" in outcome.log
     assert "Traceback" not in outcome.log
     assert 0 == outcome.exit_code

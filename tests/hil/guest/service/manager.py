@@ -19,10 +19,10 @@ def systemctl(*arguments: str, check: bool = True) -> str:
         ["systemctl", "--no-pager", *arguments], capture_output=True, text=True, timeout=120
     )
     if check and done.returncode:
-        told = subprocess.run(
+        reported = subprocess.run(
             ["journalctl", "-n", "30", "--no-pager", "-o", "cat"], capture_output=True, text=True
         )
-        raise AssertionError(f"systemctl {arguments}: {done.stderr}{done.stdout}\n{told.stdout}")
+        raise AssertionError(f"systemctl {arguments}: {done.stderr}{done.stdout}\n{reported.stdout}")
     return done.stdout
 
 

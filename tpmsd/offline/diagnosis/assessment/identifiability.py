@@ -32,9 +32,9 @@ class EffectIdentifiability:
     """Recommended manoeuvre to separate it from the nearest; empty where nothing is near."""
 
     @property
-    def told(self) -> bool:
+    def identifiable(self) -> bool:
         """True if the drive tells an effect of the usual size."""
-        return self.expected_gain >= SETTINGS.assessment.tells_nats
+        return self.expected_gain >= SETTINGS.assessment.identifiable_nats
 
 
 def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
@@ -48,12 +48,14 @@ def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
         size = np.array([usual_size(term.kind_of, parameter) for parameter in term.parameters])
         gain = 0.5 * float(size @ term.design[1:].T @ gram @ term.design[1:] @ size)
         near = {other: _cosine(bases[name], bases[other], gram) for other in terms if other != name}
-        alike = tuple(
+        similar = tuple(
             (other, cosine)
             for other, cosine in sorted(near.items(), key=lambda e: -e[1])
             if cosine > SETTINGS.assessment.confounded_cosine
         )
-        out.append(EffectIdentifiability(name, gain, alike, advice(name, tuple(other for other, _ in alike))))
+        out.append(
+            EffectIdentifiability(name, gain, similar, advice(name, tuple(other for other, _ in similar)))
+        )
     return tuple(sorted(out, key=lambda one: -one.expected_gain))
 
 

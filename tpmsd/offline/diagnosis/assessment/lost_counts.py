@@ -88,7 +88,7 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
         gain=one.gain,
         indistinguishable_from=(),
         drives=drives,
-        told_by=(
+        identified_by=(
             f"the ring's ripple, once per turn, comes every {one.per_turn:.0f} counts of"
             f" {one.whole_per_turn:.0f}; of a larger radius it would come every {one.whole_per_turn:.0f}"
         ),
@@ -139,7 +139,7 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
         gain=gain,
         indistinguishable_from=(other.name,) if one.twins else (),
         drives=drives,
-        told_by=(
+        identified_by=(
             f"its way {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"
             f" (standard deviation {one.std:.2g} counts in a second); a radius makes no steps"
         ),

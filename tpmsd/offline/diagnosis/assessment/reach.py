@@ -152,11 +152,11 @@ def _flexible(one: Seen, found: FloatArray, gram: FloatArray) -> FloatArray:
     A = scipy.linalg.cho_factor(base.T @ gram @ base + 1e-9 * np.eye(base.shape[1]))
     columns = np.array([k for k, name in enumerate(one.names) if name[0] not in _CALIBRATION])
     cross = scipy.linalg.cho_solve(A, base.T @ gram[:, columns])
-    told = np.diag(gram)[columns]
+    information = np.diag(gram)[columns]
     rest = gram[np.ix_(columns, columns)] - (gram[columns] @ base) @ cross
     # Columns that say nothing, or nothing that calibration does not say already, stay out.
-    new = (told > 1e-12 * max(told.max(), 1e-300)) & (np.diag(rest) > 1e-6 * told)
-    columns, cross, size = columns[new], cross[:, new], np.sqrt(told[new])
+    new = (information > 1e-12 * max(information.max(), 1e-300)) & (np.diag(rest) > 1e-6 * information)
+    columns, cross, size = columns[new], cross[:, new], np.sqrt(information[new])
     b = (data[columns] - cross.T @ (base.T @ data)) / size
     eigenvalues, vectors = np.linalg.eigh(rest[np.ix_(new, new)] / np.outer(size, size))
     eigenvalues, b = np.maximum(eigenvalues, 0.0), vectors.T @ b

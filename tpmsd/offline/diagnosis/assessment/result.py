@@ -113,7 +113,7 @@ class Finding:
     indistinguishable_from: tuple[str, ...]
     advice: str = ""
     """Recommended manoeuvre that would distinguish the rivals."""
-    told_by: str = ""
+    identified_by: str = ""
     """Evidence that distinguishes it from its like, where that is not in the gains."""
     shape: tuple[tuple[float, float, float], ...] = ()
     """Curve of an `unknown`: (covariate, value, std) at the knots."""

@@ -176,7 +176,7 @@ def whole_model(study: Study, selection: Selection) -> list[Chosen]:
     for difference, one in zip(selection.chosen, compared(study, selection), strict=True):
         if difference.term.calibrates:
             continue
-        same = one.twin is not None and _alike(one.twin.term, one.recorded.term)
+        same = one.twin is not None and _similar(one.twin.term, one.recorded.term)
         if not same and one.twin is not None:
             out.append(difference)
         elif one.by != SIMULATION:
@@ -201,7 +201,7 @@ def simulated_effects(study: Study, selection: Selection) -> tuple[str, ...]:
     return tuple(dict.fromkeys(one.term.effect for one in seen))
 
 
-def _alike(one: Term, other: Term) -> bool:
+def _similar(one: Term, other: Term) -> bool:
     return all(
         getattr(one, name) == getattr(other, name)
         for name in ("parameters", "span_s", "at", "second", "course")
@@ -260,7 +260,10 @@ def _take(
             joint,
             [[evidence.unit(next(places)) for _ in ("tied", "alone")] for _ in exact[term]],
         )
-        if design is None or _told(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent:
+        if (
+            design is None
+            or _information(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent
+        ):
             silent.add(key_of(term))
             continue
         common[:] = [one for one in common if one.key != key_of(term)]
@@ -297,11 +300,11 @@ def _refined(term: Term) -> tuple[Refined, ...]:
     return () if term.at is None else refined(term, term.at, term.second or 0.0)
 
 
-def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
+def _information(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
     """Return what the simulation tells about a design's values, over what the recording tells: the least of
     them.
     """
-    told = []
+    informations = []
     for part in evidence.parts:
         gram = part.small(np.concatenate([nuisance, design], axis=1)).sum(axis=0)[1:, 1:]
         used = np.flatnonzero(np.diag(gram)[: nuisance.shape[1]] > 0.0)
@@ -309,8 +312,8 @@ def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float
         scale = 1.0 / np.sqrt(np.diag(gram)[used])
         base = gram[np.ix_(used, used)] * np.outer(scale, scale) + 1e-9 * np.eye(len(used))
         cross = gram[np.ix_(used, new)] * scale[:, None]
-        told.append(np.diag(gram)[new] - (cross * np.linalg.solve(base, cross)).sum(axis=0))
-    recorded, simulated = told
+        informations.append(np.diag(gram)[new] - (cross * np.linalg.solve(base, cross)).sum(axis=0))
+    recorded, simulated = informations
     return float(np.min(simulated / np.maximum(recorded, 1e-300)))
 
 

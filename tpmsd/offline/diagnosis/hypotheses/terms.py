@@ -285,8 +285,8 @@ def spline_term(place: str, covariate: str, design: FloatArray, knots: tuple[flo
 
 def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
     """Return where a smooth term may act: its name, and the places with their signs."""
-    alike = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
-    return [*alike, *ANTISYMMETRIC.items()]
+    similar = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
+    return [*similar, *ANTISYMMETRIC.items()]
 
 
 def wheels_acted_on(place: str) -> tuple[str, ...]:

@@ -85,9 +85,9 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
     paths = [one.windows.measured[:, [EAST, NORTH]] for one in (recorded, simulated)]
     path, other = (one[np.isfinite(one).all(axis=1)] for one in paths)
     if min(len(path), len(other)) < SETTINGS.preparation.least_driving_s:
-        way, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
-        far = abs(way - driven) > 0.3 * max(way, driven)
-        return f"{driven / 1e3:.1f} km long, the recording {way / 1e3:.1f} km" if far else ""
+        distance, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
+        far = abs(distance - driven) > 0.3 * max(distance, driven)
+        return f"{driven / 1e3:.1f} km long, the recording {distance / 1e3:.1f} km" if far else ""
     from scipy.spatial import cKDTree  # of two drives only
 
     off, _ = cKDTree(other).query(path)

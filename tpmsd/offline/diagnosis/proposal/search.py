@@ -98,9 +98,9 @@ def _places(unnamed: list[Term], study: Study) -> list[str]:
         return sorted(set(readings))
     read = [set(drive.reader.recording.wheels) for drive in study.drives]
     here = {WHEELS[wheel] for wheel in set.intersection(*read)}
-    alike = [name for name, places in PATTERNS.items() if set(places) <= here]
+    similar = [name for name, places in PATTERNS.items() if set(places) <= here]
     apart = [name for name, places in ANTISYMMETRIC.items() if {wheel for wheel, _ in places} <= here]
-    return [*sorted(set(readings)), *alike, *apart]
+    return [*sorted(set(readings)), *similar, *apart]
 
 
 def _sums(drive: DriveStudy, design: FloatArray, place: str, forms: list[Expression], acts: bool) -> Sums:

@@ -83,9 +83,9 @@ def smallest_sizes(
     kind = terms[0].kind_of
     share = min(size / usual_size(kind, name) for name, size in sizes.items())
     units = {p.name: p.unit for p in kind.parameters}
-    told: Mapping[str, float] = {name: size for name, size in sizes.items() if name}
+    reported: Mapping[str, float] = {name: size for name, size in sizes.items() if name}
     return {
-        name: (size if math.isfinite(size) else None, units.get(name, "")) for name, size in told.items()
+        name: (size if math.isfinite(size) else None, units.get(name, "")) for name, size in reported.items()
     }, share
 
 

@@ -297,7 +297,7 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
 def _drift(study: Study) -> RadiusDrift | None:
     """Radius drift beyond what tyres and roads make: something acts that no term holds."""
     drive = max(study.drives, key=lambda one: one.noise.wander)
-    if drive.noise.wander < SETTINGS.report.drift_told_from:
+    if drive.noise.wander < SETTINGS.report.drift_reported_from:
         return None
     recording = drive.reader.recording
     wheels = tuple(WHEELS[k] for k in recording.wheels)

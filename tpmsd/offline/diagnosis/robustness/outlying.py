@@ -90,9 +90,9 @@ def jump_evidence(drive: DriveStudy, one: Chosen) -> float:
     own = drive.own(one.term.design) @ one.values
     used = np.flatnonzero(own)
     event = (drive.columns.take(used)[:, wheels] @ own[used]).mean(axis=1)
-    way = drive.reader.windows.measured[:, wheels].mean(axis=1)
+    distance = drive.reader.windows.measured[:, wheels].mean(axis=1)
     together = (np.diff(index)[1:] == 1) & (np.diff(index)[:-1] == 1)
-    plain, less = (np.diff(course, 2)[together] for course in (way, way - event))
+    plain, less = (np.diff(course, 2)[together] for course in (distance, distance - event))
     scale = SETTINGS.robustness.normal_median * float(np.median(np.abs(plain)))
     return float(np.sum(_student(less, scale) - _student(plain, scale)))
 

@@ -270,16 +270,16 @@ class Selector(Candidates):
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
         out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
-        alike = set(terms[which].kind_of.rivals.beside) - {term.effect for term in terms}
-        return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
+        similar = set(terms[which].kind_of.rivals.beside) - {term.effect for term in terms}
+        return out + [term for term in self.hypotheses.catalogue if term.effect in similar]
 
     def _replaced(self, term: Term, shape: Term) -> float:
         """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
         both = (id(term.design), shape.place, shape.covariate)
         if both not in self._shares:
             gram, _ = self.evidence.projected(self.hypotheses.nuisance)
-            alike = [other for other in self.hypotheses.shapes_over(shape) if other.place == shape.place]
-            part = np.concatenate([other.design[1:] for other in alike], axis=1)
+            similar = [other for other in self.hypotheses.shapes_over(shape) if other.place == shape.place]
+            part = np.concatenate([other.design[1:] for other in similar], axis=1)
             own = float(np.einsum("ik,ij,jk->", term.design[1:], gram, term.design[1:]))
             taken = sum(2.0 * group_gain(part, gram, gram @ column)[0] for column in term.design[1:].T)
             self._shares[both] = float(np.clip(taken / max(own, 1e-300), 0.0, 1.0))
@@ -460,10 +460,10 @@ class Selector(Candidates):
         """Return the rivals of a term that gains so much beside the rest, with its first value and its
         variance ratio, the best first.
         """
-        alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
+        similar = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         # Both of two values are needed: where one does alone, no rival takes the other one's place.
         alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
-        divided = len(alone) == 2 and float(alone.max()) <= gain - alike
+        divided = len(alone) == 2 and float(alone.max()) <= gain - similar
         doubt = ratio + SETTINGS.selection.confounded_share * gain
         own = self.net(term, gain, first)
         out = []
@@ -472,7 +472,7 @@ class Selector(Candidates):
             weight = math.exp(min(better / doubt, 0.0))
             if same_statement(other, term, first) or not self._in_place_of(rest, other, term, gain, raw):
                 continue
-            if weight > SETTINGS.selection.rival_weight or raw > gain - alike:
+            if weight > SETTINGS.selection.rival_weight or raw > gain - similar:
                 if not self._within_limits([*rest, other], other):
                     continue
                 more = self._beyond_of(rest, other, term)
@@ -480,9 +480,9 @@ class Selector(Candidates):
                 weight = math.exp(min(better / doubt, 0.0))
             one = Rival(f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight)
             if not (other.free or other.effect == term.effect or other.calibrates):
-                if divided and raw < gain - alike:
+                if divided and raw < gain - similar:
                     one = self._of_part(rest, other, term, gain, alone, better - raw, doubt, one)
-                elif raw > gain - alike:
+                elif raw > gain - similar:
                     one = replace(one, replaces_by=raw)
             out.append(one)
         return out
@@ -517,10 +517,10 @@ class Selector(Candidates):
         """Return the rival of one of a term's two values: the other one may stay beside it, and the name hold
         for that alone. `penalties` (nats) are the difference of both penalties and handicaps.
         """
-        alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
+        similar = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         parts = self.gains_of_parts([*rest, rival], term)
         both = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)
-        if both <= gain - alike:
+        if both <= gain - similar:
             return one
         rests = resting(gain, float(alone[np.argmax(parts)]))
         better = penalties + both - term.penalty / term.design.shape[1]
@@ -528,5 +528,5 @@ class Selector(Candidates):
         return replace(
             one,
             part_weight=rests * math.exp(min(better / doubt, 0.0)),
-            replaces_by=whole if whole > gain - alike else None,
+            replaces_by=whole if whole > gain - similar else None,
         )

@@ -48,10 +48,10 @@ def sensor_errors(reader: Reader) -> list[SensorError]:
     X = np.concatenate([columns[name] / scale[name] for name in rows])
     blocks = _blocks(list(rows.values()))
     size = np.sqrt((X**2).sum(axis=0))
-    told = _told(X, size)
-    if not told or blocks.max() + 1 < SETTINGS.sensors.fewest_blocks:
+    estimated = _estimable(X, size)
+    if not estimated or blocks.max() + 1 < SETTINGS.sensors.fewest_blocks:
         return []
-    X, size = X[:, told] / size[told], size[told]
+    X, size = X[:, estimated] / size[estimated], size[estimated]
     inverse = np.linalg.inv(X.T @ X)
     values = inverse @ (X.T @ y)
     left = y - X @ values
@@ -59,7 +59,7 @@ def sensor_errors(reader: Reader) -> list[SensorError]:
     stds = np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))
     starts = np.cumsum([0, *(len(part.time_s) for part in rows.values())])
     out = []
-    for k, which in enumerate(told):
+    for k, which in enumerate(estimated):
         share = np.add.reduceat(X[:, k] ** 2, starts[:-1])
         order = [list(rows)[i] for i in np.argsort(-share) if share[i] > SETTINGS.sensors.least_share]
         here = np.abs(X[:, k]) > 0.0
@@ -91,7 +91,7 @@ def _blocks(parts: list[Rows]) -> np.ndarray:
     return np.unique(np.floor(times / SETTINGS.sensors.block_s), return_inverse=True)[1]
 
 
-def _told(X: FloatArray, size: FloatArray) -> list[int]:
+def _estimable(X: FloatArray, size: FloatArray) -> list[int]:
     """Columns that are not what the columns before them can do as well."""
     kept: list[int] = []
     for k in range(X.shape[1]):

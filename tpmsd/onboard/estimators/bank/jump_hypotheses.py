@@ -23,7 +23,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 UNUSED = -1e9
 """Log-weight of a place in the bank that holds no hypothesis yet."""
-ALIKE = 1e-6
+SAME_LOG_WEIGHT_NATS = 1e-6
 """Log-weights closer than this are alike: which hypothesis is dropped must not hang on rounding."""
 
 
@@ -73,7 +73,7 @@ class Bank:
 
     def ascending(self) -> NDArray[np.intp]:
         """(N,) places by their weights, those alike in their order in the bank."""
-        return np.argsort(np.round(self.log_weights / ALIKE), kind="stable")
+        return np.argsort(np.round(self.log_weights / SAME_LOG_WEIGHT_NATS), kind="stable")
 
     def rescale(self) -> None:
         """Let the best log-weight be 0, so that none overflows."""
@@ -125,7 +125,7 @@ class JumpHypotheses:
         if bank.log_weights.size < 4 * len(kinds):
             return
         least = float(np.maximum.reduce(bank.log_weights)) + math.log(self.level_floor)
-        in_play = set(bank.kind[bank.log_weights >= least - ALIKE].tolist())
+        in_play = set(bank.kind[bank.log_weights >= least - SAME_LOG_WEIGHT_NATS].tolist())
         if len(in_play) == len(kinds):
             return
         best = int(bank.ascending()[-1])

@@ -103,7 +103,7 @@ class Judgement:
         return None if self.sight is None else self.sight.losses()
 
     @property
-    def all_alike(self) -> bool:
+    def all_monitored(self) -> bool:
         """True if all wheels have probably lost air, which only the receiver tells from none."""
         return self.posterior is not None and float(self.posterior.subsets[-1]) > JUDGE.undecided
 
@@ -111,7 +111,7 @@ class Judgement:
     def least_hold_s(self) -> float:
         """For how long an alarm has to last: what rests on the receiver's speed alone until that was held
         against its own positions."""
-        return JUDGE.alike_hold_s if self.all_alike else 0.0
+        return JUDGE.all_hold_s if self.all_monitored else 0.0
 
     @property
     def slippery(self) -> float:
@@ -212,9 +212,9 @@ class Judge:
         against = [self._against(ratios, other_tyres, one) for one in before]
         of_drive: ComparisonResult | None = None
         models: dict[str, float] = {}
-        alike: Weighed | None = None
+        similar: Weighed | None = None
         if change_hypotheses is not None:
-            of_drive, models, alike = self._of_drive(change_hypotheses, ratios, other_tyres)
+            of_drive, models, similar = self._of_drive(change_hypotheses, ratios, other_tyres)
         now_m2, mean_m2 = now.covariance_m2 + nuisance_m2, mean.covariance_m2 + averaged_m2
         at_once = self._look("now", now, now_m2, against[0], models)
         lately = self._look("minutes", mean, mean_m2, against[1], models)
@@ -251,7 +251,7 @@ class Judge:
             now=now,
             finding=finding,
             change_index=change_index,
-            sight=self._sight(lately.covariance_m2, mean, mean_m2, alike),
+            sight=self._sight(lately.covariance_m2, mean, mean_m2, similar),
             drive_models=models,
             unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.uneven(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
@@ -356,16 +356,16 @@ class Judge:
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
     def _sight(
-        self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, alike: Weighed | None
+        self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, similar: Weighed | None
     ) -> LossSight:
         """Return what the minimum detectable losses are computed of: one tyre by the mean over minutes under
-        its likeliest sizes and slip (d, d); all alike and axles by the drive as a whole, `alike`, or if there
-        is none all alike by a mean that is long enough.
+        its likeliest sizes and slip (d, d); all alike and axles by the drive as a whole, `similar`, or if
+        there is none all alike by a mean that is long enough.
         """
         lost: tuple[FloatArray, ...] = (self._radius, *self._axles)
-        if alike is None and mean.samples >= JUDGE.full_samples:
-            alike = mean.change_m[None], mean_m2[None], np.zeros(1)
-        return LossSight(likeliest_m2, alike, lost, self._radius, self._tyres, self._threshold, self._asked)
+        if similar is None and mean.samples >= JUDGE.full_samples:
+            similar = mean.change_m[None], mean_m2[None], np.zeros(1)
+        return LossSight(likeliest_m2, similar, lost, self._radius, self._tyres, self._threshold, self._asked)
 
     def _of_drive(
         self, change_hypotheses: ChangeHypotheses, log_ratios: FloatArray | None, other_tyres: bool
@@ -407,9 +407,9 @@ class Judge:
         models = change_hypotheses.model_probabilities(chances)
         # Of each model a change before the drive, with no wheel of another size.
         first = np.unique(change_hypotheses.model, return_index=True)[1]
-        alike = change_hypotheses.change_m[first], covariance_m2[first], log_weight[first]
-        self._cached = (change_hypotheses, other_tyres, finding, models, alike)
-        return finding, models, alike
+        similar = change_hypotheses.change_m[first], covariance_m2[first], log_weight[first]
+        self._cached = (change_hypotheses, other_tyres, finding, models, similar)
+        return finding, models, similar
 
     def pressure_loss(self, wheel: int, change_m: float, std_m: float) -> tuple[float, float]:
         """Share of the pressure that a change of radius stands for, and its standard deviation."""

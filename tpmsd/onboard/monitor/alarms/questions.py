@@ -5,7 +5,7 @@ that nothing is kept silent.
 
 A tyre is in order while its probability of a change is at most `clear_probability`; an alarm is raised from
 `raise_probability` on. What stays between the two for as long as an alarm of all wheels has to
-(`alike_hold_s`) is asked. A question goes once the evidence no longer speaks for a change at all, the
+(`all_hold_s`) is asked. A question goes once the evidence no longer speaks for a change at all, the
 posterior being back at the prior, or once an alarm says it. Sound drives that ask are few, whatever the
 drive: of probabilities that are calibrated, those whose prior is q exceed p at most q / p times (Markov's
 inequality).
@@ -64,7 +64,7 @@ class Questions:
         self._sizes = sizes_of(tuple(wheels))
         prior = sum(JUDGE.prior_by_size[len(one) - 1] for one in self._subsets)
         prior += float(np.exp(self._sizes.log_prior[1:]).sum())
-        clear, hold_s = settings.clear_probability, JUDGE.alike_hold_s
+        clear, hold_s = settings.clear_probability, JUDGE.all_hold_s
         self._of_tyres = Hysteresis(clear, prior, hold_s, settings.clear_hold_s)
         self._of_load = Hysteresis(settings.raise_probability, clear, hold_s, settings.clear_hold_s)
         soft = len(wheels) * (FIRST_START.soft_prior + FIRST_START.larger_prior)

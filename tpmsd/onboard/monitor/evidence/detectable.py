@@ -39,7 +39,7 @@ class DetectableLoss:
 
 
 @dataclass(frozen=True, slots=True)
-class Alike:
+class JointLoss:
     """Moments of a relative loss of several wheels alike, by m drive models."""
 
     information: FloatArray
@@ -50,7 +50,7 @@ class Alike:
     @classmethod
     def of(
         cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray, radius_m: FloatArray
-    ) -> Alike:
+    ) -> JointLoss:
         """Return it from changes (m, d), their covariances (m, d, d) and the log weights (m,) of the models
         if none has changed; radius_m (d,), 0 for the wheels that lose nothing.
         """
@@ -79,39 +79,39 @@ class LossSight:
 
     def losses(self) -> DetectableLoss:
         """Return the minimum detectable losses."""
-        alike = () if self.whole is None else tuple(Alike.of(*self.whole, lost) for lost in self.lost)
+        similar = () if self.whole is None else tuple(JointLoss.of(*self.whole, lost) for lost in self.lost)
         common = self.radius_m, self.tyres, self.threshold, self.probability
-        return detectable(self.one_m2, alike[0] if alike else None, *common, alike[1:])
+        return detectable(self.one_m2, similar[0] if similar else None, *common, similar[1:])
 
 
 def detectable(
     one_m2: FloatArray,
-    alike: Alike | None,
+    similar: JointLoss | None,
     radius_m: FloatArray,
     tyres: list[TyreModel],
     threshold: float,
     probability: float,
-    axles: tuple[Alike, ...] = (),
+    axles: tuple[JointLoss, ...] = (),
 ) -> DetectableLoss:
-    """`one_m2` (d, d): covariance by which one tyre is judged; `alike`: how all alike are, None where they
+    """`one_m2` (d, d): covariance by which one tyre is judged; `similar`: how all alike are, None where they
     are not; radius_m (d,); `threshold` relative; `probability` asked for; `axles`: how both tyres of each are
     judged, none where they are not."""
     priors = JUDGE.prior_by_size
     # The information of a loss of one wheel alone is an element of the diagonal.
     of_each = radius_m**2 * np.linalg.inv(one_m2).diagonal()
-    alone = [Alike(np.array([known]), np.ones(1)) for known in of_each]
+    alone = [JointLoss(np.array([known]), np.ones(1)) for known in of_each]
     smallest = [_smallest(one, threshold, probability, priors[0]) for one in alone]
     each_m = tuple((np.array(smallest) * radius_m).tolist())
     single = _pressure(max(smallest), radius_m, tyres)
-    if alike is None:
+    if similar is None:
         return DetectableLoss(single, 1.0, each_m=each_m)
-    all_alike = _smallest(alike, threshold, probability, priors[radius_m.size - 1])
+    all_monitored = _smallest(similar, threshold, probability, priors[radius_m.size - 1])
     pairs = [_smallest(axle, threshold, probability, priors[1]) for axle in axles]
     worst = _pressure(max(pairs), radius_m, tyres) if pairs else 1.0
-    return DetectableLoss(single, _pressure(all_alike, radius_m, tyres), worst, each_m)
+    return DetectableLoss(single, _pressure(all_monitored, radius_m, tyres), worst, each_m)
 
 
-def _smallest(known: Alike, threshold: float, probability: float, prior: float) -> float:
+def _smallest(known: JointLoss, threshold: float, probability: float, prior: float) -> float:
     """Relative loss that is seen where a relative loss is known like this, 1."""
     std = 1.0 / np.sqrt(known.information)
     nats = math.log(probability / (1.0 - probability)) - math.log(prior / JUDGE.losses[2])

@@ -146,7 +146,7 @@ class SignalWatch:
         self._unsteady = _Malfunction("the wheels' readings jump again and again: they are rejected")
         self._contradicted = _Malfunction("the drive contradicts the configuration")
         self._last_fix_s = -math.inf
-        self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
+        self._received_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
         self._receiver = ReceiverSpeed()
         self.car = CarSpeed()
         self._wheels = {
@@ -199,7 +199,7 @@ class SignalWatch:
         for name, one in self._kept.items():
             one.stand(times.get(name))
 
-    def heard(self, time_s: float) -> list[int]:
+    def received(self, time_s: float) -> list[int]:
         """Wheels of which there was a usable signal within the time that a malfunction takes."""
         limit_s = self._settings.malfunction_s
         return [wheel for wheel, valid_s in self._last_valid_s.items() if not time_s - valid_s > limit_s]
@@ -222,7 +222,7 @@ class SignalWatch:
         valid = [math.isfinite(angle) for angle in turned]
         moving = estimate.speed_mps > SIGNALS.moving_mps
         rear = valid[RL] and valid[RR]
-        self._hear(tick, valid, rear and not moving, rear)
+        self._update_signals(tick, valid, rear and not moving, rear)
         receiver_mps = self._receiver.update(tick)
         car = self.car.update(tick.time_s, estimate.speed_mps if rear else math.nan, receiver_mps)
         # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
@@ -243,7 +243,7 @@ class SignalWatch:
         events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
         return events + self._each_wheel(turned, valid, watching.losing, tick)
 
-    def _hear(self, tick: Tick, valid: list[bool], stands: bool, rear: bool) -> None:
+    def _update_signals(self, tick: Tick, valid: list[bool], stands: bool, rear: bool) -> None:
         """Note which wheels were heard, whether the car stands, and whether the bus is gone."""
         for wheel in self._wheels:
             if valid[wheel]:
@@ -320,13 +320,13 @@ class SignalWatch:
         """Return the malfunctions that the inputs report of themselves."""
         events: list[AlarmEvent] = []
         for fault in tick.faults:
-            if fault.kind in self._heard_s:
-                self._heard_s[fault.kind] = tick.time_s
+            if fault.kind in self._received_s:
+                self._received_s[fault.kind] = tick.time_s
         for kind, malfunction in (("unplugged", self._unplugged), ("spoofed", self._spoofed)):
-            bad = tick.time_s - self._heard_s[kind] <= max(SIGNALS.fault_fresh_s, tick.dt_s)
+            bad = tick.time_s - self._received_s[kind] <= max(SIGNALS.fault_fresh_s, tick.dt_s)
             events += malfunction.update(bad, not bad, self._settings.malfunction_s, tick)
-        broke = self._heard_s["restarted"] == tick.time_s
-        good = tick.time_s - self._heard_s["restarted"] > self._settings.malfunction_s
+        broke = self._received_s["restarted"] == tick.time_s
+        good = tick.time_s - self._received_s["restarted"] > self._settings.malfunction_s
         events += self._restarted.update(broke, good, SIGNALS.at_once_s, tick)
         return events
 

@@ -49,7 +49,7 @@ class CarSpeed:
         """Stated since the last tick."""
         self._taken_s = -math.inf
         self._recent: deque[tuple[float, float, float]] = deque()
-        self.heard = NOTHING
+        self.received = NOTHING
 
     def state(self, kmh: int) -> None:
         """Note that a control unit states a speed, 0 to 255 km/h."""
@@ -61,11 +61,11 @@ class CarSpeed:
         while self._recent[0][0] < time_s - SIGNALS.car_late_s:
             self._recent.popleft()
         if self._stated_kmh is not None:
-            self.heard, self._stated_kmh = self._compared(self._stated_kmh), None
+            self.received, self._stated_kmh = self._compared(self._stated_kmh), None
             self._taken_s = time_s
         elif not 0.0 <= time_s - self._taken_s <= SIGNALS.speed_fresh_s:
-            self.heard = NOTHING
-        return self.heard
+            self.received = NOTHING
+        return self.received
 
     def _compared(self, kmh: int) -> SpeedAgreement:
         low_mps, high_mps = stated_range(kmh)

@@ -207,9 +207,9 @@ class _Banks:
             for model in DRIVE_EVIDENCE.models
         ]
         # Neighbouring samples of what comes and goes are alike: each counts for less.
-        alike = math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s)
+        similar = math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s)
         quick = Nuisance(0.0, 0.0, JUDGE.nuisance.side, JUDGE.nuisance.own)
-        self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + alike) / (1.0 - alike)
+        self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + similar) / (1.0 - similar)
         self._level = LevelNoise(reference)
         self._slopes = 0
         """Slip slopes that were taken."""

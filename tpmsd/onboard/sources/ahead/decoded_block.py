@@ -455,6 +455,6 @@ class _Attempt:
         quantum = tracker.rad_per_bit if isinstance(tracker, WheelCounter) else 0.0
         group = len(self._groups) - 1
         self._wheels.append(Angles(group, readings.angle_rad, tracker.wheel, tracker.segment, quantum))
-        heard_s, last_s = self._decoder.heard_s, float(frames.time_s[-1])
+        received_s, last_s = self._decoder.received_s, float(frames.time_s[-1])
         self._commit.append(readings.commit)
-        self._commit.append(lambda: heard_s.__setitem__(tracker.wheel, last_s))
+        self._commit.append(lambda: received_s.__setitem__(tracker.wheel, last_s))

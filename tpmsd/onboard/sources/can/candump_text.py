@@ -213,10 +213,10 @@ def _read_shape(
             continue
         # Column by column: what is done to one character of all lines then goes over neighbouring bytes.
         text = np.ascontiguousarray(sliding_window_view(buffer, length)[starts[lines]].T)
-        lines = lines[~_read_alike(text, lines, template, rows)]
+        lines = lines[~_read_same_form(text, lines, template, rows)]
 
 
-def _read_alike(
+def _read_same_form(
     text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _LineTable
 ) -> NDArray[np.bool_]:
     """Fill the rows of the lines (n,) that the template fits; return them. `text` (length, n)."""

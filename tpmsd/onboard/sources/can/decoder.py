@@ -125,7 +125,7 @@ class CanDecoder:
         }
         self._groups = [group for _, groups in self.plans.values() for group in groups]
         self._wheels = list(self._trackers.values())
-        self.heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
+        self.received_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
         self._other_travel: dict[int, _OtherTravel] = {}
         self.holds: dict[int, bool] = {}
         """State of each condition when its message last came; none before that."""
@@ -286,7 +286,7 @@ class CanDecoder:
         fast = watch.frame(time_s)
 
         size, faults, period_s = len(data), self._faults, arrival.period_s
-        doubted, heard_s = group.doubted, self.heard_s
+        doubted, received_s = group.doubted, self.received_s
         for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
             if min_bytes > size:
                 self._note_short(time_s, signal, size, out)
@@ -341,7 +341,7 @@ class CanDecoder:
                 del out[begun:]
                 tracker.restart()
                 continue
-            heard_s[tracker.wheel] = time_s
+            received_s[tracker.wheel] = time_s
             if tracker.still_since is not None and not tracker.stuck:
                 self._judge_still(time_s, tracker, out)
 
@@ -378,7 +378,7 @@ class CanDecoder:
             self._other_travel[tracker.wheel] = _OtherTravel(since_s, seen)
             return
         # Only those that were heard of then and still are.
-        fresh = [entry for entry in travel.others if time_s - self.heard_s[entry[0].wheel] <= FRESH_S]
+        fresh = [entry for entry in travel.others if time_s - self.received_s[entry[0].wheel] <= FRESH_S]
         distances_m = [other.travel_m - travel_m for other, travel_m, _ in fresh]
         if isinstance(tracker, WheelCounter):
             stuck = tracker.is_stuck(time_s, distances_m)
@@ -395,5 +395,5 @@ class CanDecoder:
 
     def _others(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:
         for other in self._wheels:
-            if other is not tracker and not other.stuck and time_s - self.heard_s[other.wheel] <= FRESH_S:
+            if other is not tracker and not other.stuck and time_s - self.received_s[other.wheel] <= FRESH_S:
                 yield other

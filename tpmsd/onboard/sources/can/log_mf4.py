@@ -9,8 +9,8 @@ import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tpmsd.foundation.apart import Apart, Send, limit
-from tpmsd.foundation.lean import bring_in_mf4
+from tpmsd.foundation.child_reader import ChildReader, Send, limit
+from tpmsd.foundation.startup import bring_in_mf4
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.packed_bounds import check_mf4
 
@@ -21,7 +21,7 @@ _RECORDS_PER_MESSAGE = 1000
 
 def read_mf4(path: Path) -> Iterator[CanFrame]:
     """Yield all frames; the child ends with the iteration."""
-    with Apart(f"{__name__}:send_frames", path) as child:
+    with ChildReader(f"{__name__}:send_frames", path) as child:
         while (message := child.receive()) is not None:
             at = 0
             while at < len(message):

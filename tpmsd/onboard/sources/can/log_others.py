@@ -15,7 +15,7 @@ from typing import TextIO, cast
 
 import can
 
-from tpmsd.foundation.apart import ApartError, installed
+from tpmsd.foundation.child_reader import ChildReadError, installed
 from tpmsd.foundation.errors import InputError
 from tpmsd.onboard.sources.can.candump_line import EXTENDED_MASK
 from tpmsd.onboard.sources.can.frame import CanFrame
@@ -84,7 +84,7 @@ def _read_mf4(path: Path, note: Note) -> Iterator[CanFrame]:
         raise InputError(path, "MF4 needs the package asammdf: pip install 'tpmsd[mf4]'")
     try:
         yield from read_mf4(path)
-    except ApartError as error:
+    except ChildReadError as error:
         note(0, f"cannot be read on as MF4: {error}")
 
 

@@ -61,11 +61,11 @@ def test_mf4_is_brought_in_after_all(tmp_path: Path) -> None:
     pytest.importorskip("asammdf")
     code = f"""
 from pathlib import Path
-from tpmsd.foundation.lean import leave_out_mf4
+from tpmsd.foundation.startup import leave_out_mf4
 leave_out_mf4()
 import can
 assert can.io.mf4.asammdf is None
-from tpmsd.foundation.lean import bring_in_mf4
+from tpmsd.foundation.startup import bring_in_mf4
 bring_in_mf4()
 path = Path({str(tmp_path / "can.mf4")!r})
 with can.io.mf4.MF4Writer(path) as writer:
@@ -83,7 +83,7 @@ def test_a_diagnosis_runs_no_module_that_it_has_no_use_for() -> None:
     code = """
 import sys
 from types import ModuleType
-from tpmsd.foundation.lean import ON_DEMAND, import_on_demand, leave_out_mf4
+from tpmsd.foundation.startup import ON_DEMAND, import_on_demand, leave_out_mf4
 leave_out_mf4()
 import_on_demand()
 import tpmsd.interfaces.cli.drive_reading, tpmsd.offline.diagnosis.diagnose

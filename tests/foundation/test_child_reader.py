@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.foundation import apart
-from tpmsd.foundation.apart import Apart, ApartError, Send, limit
+from tpmsd.foundation import child_reader
+from tpmsd.foundation.child_reader import ChildReader, ChildReadError, Send, limit
 
 MOST_S = 1
 
@@ -24,7 +24,7 @@ def crash(path: Path, requests: Iterator[str], send: Send) -> None:
 
 
 def hang(path: Path, requests: Iterator[str], send: Send) -> None:
-    apart.CPU_S = MOST_S
+    child_reader.CPU_S = MOST_S
     limit(path)
     while True:
         pass
@@ -32,7 +32,7 @@ def hang(path: Path, requests: Iterator[str], send: Send) -> None:
 
 def eat(path: Path, requests: Iterator[str], send: Send) -> None:
     limit(path)
-    send(bytes(apart.MEMORY_BYTES + (1 << 20)))
+    send(bytes(child_reader.MEMORY_BYTES + (1 << 20)))
 
 
 def fail(path: Path, requests: Iterator[str], send: Send) -> None:
@@ -55,21 +55,21 @@ def echo(path: Path, requests: Iterator[str], send: Send) -> None:
     ],
 )
 def test_what_a_reader_does_to_itself_is_one_line(worker: str, reason: str, tmp_path: Path) -> None:
-    """Signals, limits and errors of a child are an ApartError with the reason."""
+    """Signals, limits and errors of a child are an ChildReadError with the reason."""
     path = tmp_path / "file"
     path.write_bytes(b"x")
-    with Apart(f"{__name__}:{worker}", path) as child:
+    with ChildReader(f"{__name__}:{worker}", path) as child:
         child.ask("go on")
         if worker == "crash":
             assert b"first" == child.receive()
-        with pytest.raises(ApartError, match=reason):
+        with pytest.raises(ChildReadError, match=reason):
             child.receive()
 
 
 def test_requests_are_answered_in_turn(tmp_path: Path) -> None:
     """Each request has its answer, of any length; a child that is left ends."""
     (tmp_path / "file").write_bytes(b"x")
-    with Apart(f"{__name__}:echo", tmp_path / "file") as child:
+    with ChildReader(f"{__name__}:echo", tmp_path / "file") as child:
         for text in ("a", "bc"):
             child.ask(text)
             assert text.encode() * 100_000 == child.receive()
@@ -84,7 +84,7 @@ def test_no_native_reader_of_mf4_runs_in_the_command(tmp_path: Path) -> None:
     code = f"""
 import sys
 from pathlib import Path
-from tpmsd.foundation.lean import leave_out_mf4
+from tpmsd.foundation.startup import leave_out_mf4
 leave_out_mf4()
 from tpmsd.onboard.sources.can.log import read_can_log
 print(len(list(read_can_log(Path({str(tmp_path / "can.mf4")!r})))), "asammdf" in sys.modules)

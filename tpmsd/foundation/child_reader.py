@@ -31,7 +31,7 @@ _HEADER = struct.Struct("<cQ")
 _DATA, _END, _FAILED = b"D", b"E", b"X"
 _START = (
     "import sys, json; sys.path[:] = json.loads(sys.argv[1]); "
-    "from tpmsd.foundation.apart import serve; serve(sys.argv[2], sys.argv[3])"
+    "from tpmsd.foundation.child_reader import serve; serve(sys.argv[2], sys.argv[3])"
 )
 
 Send = Callable[[bytes], None]
@@ -40,11 +40,11 @@ Worker = Callable[[Path, Iterator[str], Send], None]
 imported."""
 
 
-class ApartError(ValueError):
+class ChildReadError(ValueError):
     """Failure of the child to read to the end, in one line."""
 
 
-class Apart:
+class ChildReader:
     """A child that reads one file."""
 
     def __init__(self, worker: str, path: Path) -> None:
@@ -59,7 +59,7 @@ class Apart:
             env={**os.environ, **threads},
         )
 
-    def __enter__(self) -> Apart:
+    def __enter__(self) -> ChildReader:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -72,22 +72,22 @@ class Apart:
             self._child.stdin.write(request.encode() + b"\n")
             self._child.stdin.flush()
         except OSError:
-            raise ApartError(self._ended()) from None
+            raise ChildReadError(self._ended()) from None
 
     def receive(self) -> bytes | None:
-        """Return the next message, None after the last; ApartError where the child failed."""
+        """Return the next message, None after the last; ChildReadError where the child failed."""
         assert self._child.stdout is not None
         header = self._child.stdout.read(_HEADER.size)
         if len(header) < _HEADER.size:
-            raise ApartError(self._ended())
+            raise ChildReadError(self._ended())
         kind, size = _HEADER.unpack(header)
         if size > MOST_MESSAGE_BYTES:
-            raise ApartError(f"a message of {size} bytes of its reader")
+            raise ChildReadError(f"a message of {size} bytes of its reader")
         body = self._child.stdout.read(size)
         if len(body) < size:
-            raise ApartError(self._ended())
+            raise ChildReadError(self._ended())
         if kind == _FAILED:
-            raise ApartError(body.decode("utf-8", "replace"))
+            raise ChildReadError(body.decode("utf-8", "replace"))
         return body if kind == _DATA else None
 
     def close(self) -> None:
