@@ -96,6 +96,27 @@ def test_a_model_is_the_same_whichever_effect_was_found_first(kind: str) -> None
         assert first.rates == second.rates, (one.name, other.name)
 
 
+@pytest.mark.parametrize("kind", list(BASELINES))
+def test_an_evaluation_that_is_carried_on_is_that_of_the_whole_model(kind: str) -> None:
+    """Models that differ in what follows the tyres' forces share what comes before, to the last bit."""
+    model = BASELINES[kind](CAR, kind == "three-dof")
+    x = np.tile(FORCED if model.forces else X, (3, 1))
+    u = make_inputs(np.arange(3) * 0.02, np.full(3, 0.04), np.full(3, 22.0), np.full(3, 0.5))
+    classes = [cls for cls in DYNAMICS_EFFECTS.values() if cls.applies(model.nonlinear, model.forces)]
+    effects = [usual(cls.name) for cls in classes if not cls.states and cls.numbers()]
+    first = next(one for one in effects if one.name == "mass_error")
+    rolled = model.rolled(x, u, (first,))
+    for effect in effects:
+        theta = (first, effect) if effect is not first else (first,)
+        carried, whole = model.frame(x, u, theta, rolled=rolled), model.frame(x, u, theta)
+        assert all(np.array_equal(carried.outputs[k], v) for k, v in whole.outputs.items()), effect.name
+        assert all(np.array_equal(carried.rates[k], v) for k, v in whole.rates.items()), effect.name
+    assert rolled.serves((first, usual("yaw_moment"), usual("yaw_rate_bias")))
+    assert not rolled.serves((first, usual("steering_offset")))
+    assert not rolled.serves(())
+    assert not rolled.serves((usual("mass_error"),))  # another object may have other values
+
+
 @pytest.mark.parametrize("name", sorted(DYNAMICS_EFFECTS))
 def test_every_effect_says_what_it_is(name: str) -> None:
     """Formula, sentence, units, a prior with its source for each fitted number, a drive that tells it."""

@@ -253,6 +253,30 @@ def test_columns_that_act_in_different_blocks_are_shared(tmp_path: Path) -> None
     assert together.information == pytest.approx(single.information, rel=1e-9, abs=1e-9)
 
 
+def test_what_was_looked_at_is_not_looked_at_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While the model stands, one set of columns serves every question, with the answers of each alone."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=30.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
+    assert search.attempt([term_of(make_dynamics_effect("yaw_rate_scale", scale=1.01), baseline)])
+    offered, asked = search.offered(), []
+    alone = search.look(offered[:5])
+    monkeypatch.setattr(
+        "tpmsd.offline.dynamics.search.gram", lambda *args: asked.append(len(args[4])) or gram(*args)
+    )
+
+    search.look(offered)
+    few, again = search.look(offered[:5]), search.look(offered)
+
+    assert len(asked) == 1
+    assert [few.score(k) for k in range(5)] == pytest.approx([alone.score(k) for k in range(5)], rel=1e-6)
+    assert few.evidence(0) == pytest.approx(alone.evidence(0), rel=1e-6)
+    assert [term.key for term in again.offered] == [term.key for term in offered]
+
+    assert search.attempt([*search.terms])
+    search.look(offered)
+    assert len(asked) > 2  # the fit, and the new model
+
+
 def test_the_shares_of_the_real_car(recorded_dynamics: Path) -> None:
     """The Ferrari: softer tyres than configured and a limit; yaw rate and lateral acceleration held out."""
     baseline, drive = loaded(recorded_dynamics / "ferrari-250lm", "single-track")

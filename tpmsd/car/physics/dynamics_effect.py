@@ -24,6 +24,9 @@ PHYSICS, INSTRUMENT, EVENT, FREE = "physics", "instrument", "event", "free"
 NUISANCE = "nuisance"
 """Kind of what every car has and a baseline simplifies: it is fitted beside the findings and is none."""
 
+EARLY_HOOKS = ("shift_series", "adapt_car", "adapt_inputs", "adapt_loads", "adapt_angles", "adapt_tyres")
+"""Hooks that act before the tyres' forces are known."""
+
 
 @dataclass(frozen=True)
 class DynamicsEffect:
@@ -50,6 +53,8 @@ class DynamicsEffect:
     """Outputs by parameter, for parameters that show in one output alone."""
     twins: ClassVar[tuple[str, ...]] = ()
     """Effects that it is often confounded with, for the reference."""
+    acts_early: ClassVar[bool] = False
+    """True if one of its hooks acts before the tyres' forces are known."""
     order: ClassVar[int] = 0
     """Effects that share a hook act in the order of this number, then of their names."""
 
@@ -74,6 +79,7 @@ class DynamicsEffect:
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         fold_flat(cls)
+        cls.acts_early = any(getattr(cls, hook) is not getattr(DynamicsEffect, hook) for hook in EARLY_HOOKS)
 
     @classmethod
     def numbers(cls) -> tuple[Parameter, ...]:
@@ -140,3 +146,8 @@ def in_order(theta: Sequence[DynamicsEffect]) -> list[DynamicsEffect]:
     the difference would hold what the order does, over the size of the probe.
     """
     return sorted(theta, key=lambda effect: (effect.order, effect.name))
+
+
+def before_forces(theta: Sequence[DynamicsEffect]) -> tuple[DynamicsEffect, ...]:
+    """Return the effects that act before the tyres' forces are known, in their order."""
+    return tuple(effect for effect in theta if effect.acts_early)

@@ -36,9 +36,10 @@ class BandedFactor:
         out, _ = lapack.dpbtrs(self._factor, columns, lower=1)
         return np.ascontiguousarray(out).reshape(right.shape)
 
-    def solve_rows(self, right: FloatArray) -> FloatArray:
-        """Return the solutions for right-hand sides (p, n, s), which keep their places in memory."""
-        out, _ = lapack.dpbtrs(self._factor, right.reshape(len(right), -1).T, lower=1)
+    def half_solve_rows(self, right: FloatArray) -> FloatArray:
+        """Return x of L x = right for right-hand sides (p, n, s), with the matrix L L'."""
+        columns = np.ascontiguousarray(right).reshape(len(right), -1).T
+        out, _ = lapack.dtbtrs(self._factor, columns, uplo="L", overwrite_b=1)
         return np.asarray(out.T.reshape(right.shape))
 
     def sample(self, white: FloatArray) -> FloatArray:

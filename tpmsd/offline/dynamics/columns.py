@@ -54,37 +54,25 @@ class BlockGram:
 
 
 def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of rates (p, n, s) and readings (p, n, m) by the probes."""
+    """Return the derivatives of rates (p, s, n) and readings (p, m, n) by the probes."""
     states = setup.states(theta)
-    count = len(states)
-    rates, outputs = setup.evaluate(at.path, setup.inputs(theta), theta)
-    n, m = outputs.shape
-    by_rate, by_output = np.empty((len(probes), n, count)), np.empty((len(probes), n, m))
+    inputs = setup.inputs(theta)
+    rolled = setup.baseline.rolled(at.path[:, : len(states)], inputs, theta, states)
+    rates, outputs = setup.evaluate(at.path, inputs, theta, states, rolled)
+    by_rate = np.empty((len(probes), *rates.shape))
+    by_output = np.empty((len(probes), *outputs.shape))
     last: Theta | None = None
     moved, seen = rates, outputs
     for k, probe in enumerate(probes):
         if probe.theta is not last:
             last = probe.theta
-            moved, seen = setup.evaluate(at.path, setup.inputs(last), last, states)
-            moved, seen = (moved[:, :count] - rates) / probe.size, (seen - outputs) / probe.size
-        if probe.weights is None:
-            by_rate[k], by_output[k] = moved, seen
-        else:
-            np.multiply(moved, probe.weights[:, None], out=by_rate[k])
-            np.multiply(seen, probe.weights[:, None], out=by_output[k])
+            moved, seen = setup.evaluate(at.path, setup.inputs(last), last, states, rolled)
+            moved, seen = (moved - rates) / probe.size, (seen - outputs) / probe.size
+        weights = 1.0 if probe.weights is None else probe.weights
+        np.multiply(moved, weights, out=by_rate[k])
+        np.multiply(seen, weights, out=by_output[k])
+    by_output *= np.isfinite(at.reading_residual).T
     return by_rate, by_output
-
-
-def step_changes(setup: Setup, at: Linear, by_rate: FloatArray) -> FloatArray:
-    """Return the derivatives of the steps, (p, n - 1, s): the trapezium rule over each."""
-    count = by_rate.shape[2]
-    dt = np.where(setup.drive.linked, np.diff(setup.drive.time_s), 0.0)
-    half = 0.5 * dt[:, None]
-    out = by_rate[:, 1:] * half
-    for i in range(count):
-        for j in range(count):
-            out[:, :, i] += (at.by_state[:, i, j] * half[:, 0]) * by_rate[:, :-1, j]
-    return out
 
 
 def gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]) -> BlockGram:
@@ -136,38 +124,71 @@ def _merged(probes: Sequence[Probe], starts: IntArray) -> tuple[list[Probe], Int
 
 
 def _gram(setup: Setup, theta: Theta, at: Linear, noise: PathNoise, probes: Sequence[Probe]) -> BlockGram:
-    """Return the statistics of all blocks, each probe a column of its own; arrays are (n, p, ...)."""
+    """Return the statistics of all blocks, each probe a column of its own.
+
+    With the path's information L L' and what a column asks of the path, c, the information of two columns is
+    their product in whitened residuals less that of L^-1 c. Rows of a block lie side by side.
+    """
     drive = setup.drive
-    by_rate, by_output = (
-        np.ascontiguousarray(np.moveaxis(one, 0, 1)) for one in changes(setup, theta, at, probes)
-    )
-    count = by_rate.shape[2]
-    dt = np.where(drive.linked, np.diff(drive.time_s), 0.0)[:, None, None]
-    own_states = np.swapaxes(at.by_state[:, :count, :count], 1, 2)
-    step = 0.5 * dt * (by_rate[1:] + by_rate[:-1] @ own_states)
-    weighted = Weighted(setup, at, noise)
-    by_output *= np.isfinite(at.reading_residual)[:, None, :]
-    pulled = weighted.step_weight[:, None, :count] * step
-    trusted = weighted.reading_weight[:, None, :] * by_output
-    cross = trusted @ at.outputs_by_state
-    cross[:-1] += pulled @ at.by_state[:, :count, :]
-    cross[1:, :, :count] -= pulled
-    cross = np.ascontiguousarray(np.swapaxes(cross, 0, 1))
-    eliminated = weighted.factor.solve_rows(cross)
-    left = weighted.gradient()
-    residual = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
+    weighted = at.weighted(setup, noise)
+    direct, crossed = _whitened(setup, at, weighted, *changes(setup, theta, at, probes))
+    count, own = len(probes), direct.shape[2]
+    crossed = weighted.factor.half_solve_rows(crossed)
+    left = weighted.factor.half_solve_rows(weighted.gradient()[None]).reshape(-1)
+    total = crossed.shape[2]
+    residual = np.zeros(direct.shape[1:])
+    steps = own - at.reading_residual.shape[1]
+    residual[:-1, :steps] = np.sqrt(weighted.step_weight[:, :steps]) * at.step_residual[:, :steps]
+    reading = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
+    residual[:, steps:] = np.sqrt(weighted.reading_weight) * reading
+    direct, crossed, pull = direct.reshape(count, -1), crossed.reshape(count, -1), residual.reshape(-1)
     information, gradient = [], []
     for first, last in zip(drive.starts, drive.ends, strict=True):
-        rows, steps = slice(first, last), slice(first, max(last - 1, first))
-        pulls, trusts = _by_probe(pulled[steps]), _by_probe(trusted[rows])
-        own = _by_probe(step[steps]) @ pulls.T + _by_probe(by_output[rows]) @ trusts.T
-        gone = eliminated[:, rows].reshape(len(probes), -1)
-        information.append(own - cross[:, rows].reshape(len(probes), -1) @ gone.T)
-        pull = pulls @ at.step_residual[steps, :count].reshape(-1) + trusts @ residual[rows].reshape(-1)
-        gradient.append(pull - gone @ left[rows].reshape(-1))
+        rows, states = slice(first * own, last * own), slice(first * total, last * total)
+        held, gone = direct[:, rows], crossed[:, states]
+        information.append(held @ held.T - gone @ gone.T)
+        gradient.append(held @ pull[rows] - gone @ left[states])
     return BlockGram(np.array(information), np.array(gradient))
 
 
-def _by_probe(values: FloatArray) -> FloatArray:
-    """Return values (n, p, s) as (p, n s)."""
-    return np.swapaxes(values, 0, 1).reshape(values.shape[1], -1)
+def _whitened(
+    setup: Setup, at: Linear, weighted: Weighted, by_rate: FloatArray, by_output: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the columns in standard deviations of steps and readings, (p, n, s + m), and what each asks of
+    the path, (p, n, t)."""
+    probes, count, n = by_rate.shape
+    total = at.path.shape[1]
+    by_state = np.ascontiguousarray(np.moveaxis(at.by_state[:, :count], 0, -1))
+    seen = np.ascontiguousarray(np.moveaxis(at.outputs_by_state, 0, -1))
+    step_scale = np.ascontiguousarray(np.sqrt(weighted.step_weight[:, :count]).T)
+    scale = np.ascontiguousarray(np.sqrt(weighted.reading_weight).T)
+    shown = [(m, j) for m in range(len(scale)) for j in range(total) if np.any(seen[m, j])]
+    half = 0.5 * np.where(setup.drive.linked, np.diff(setup.drive.time_s), 0.0)
+    direct, crossed = np.zeros((probes, n, count + len(scale))), np.empty((probes, n, total))
+    asked = np.empty((total, n))
+    for k in range(probes):
+        step = step_scale * stepped_change(by_state, half, by_rate[k])
+        read = scale * by_output[k]
+        direct[k, :-1, :count], direct[k, :, count:] = step.T, read.T
+        step, read = step * step_scale, read * scale
+        asked[:] = 0.0
+        for m, j in shown:
+            asked[j] += read[m] * seen[m, j]
+        for j in range(total):
+            for i in range(count):
+                asked[j, :-1] += step[i] * by_state[i, j]
+        asked[:count, 1:] -= step
+        crossed[k] = asked.T
+    return direct, crossed
+
+
+def stepped_change(by_state: FloatArray, half: FloatArray, by_rate: FloatArray) -> FloatArray:
+    """Return the derivative of the steps, (s, n - 1), by the trapezium rule over each.
+
+    `by_state` is (s, t, n - 1), `half` half of each step in s, `by_rate` (s, n).
+    """
+    out = by_rate[:, 1:].copy()
+    for i in range(len(out)):
+        for j in range(len(out)):
+            out[i] += by_state[i, j] * by_rate[j, :-1]
+    return np.asarray(out * half)

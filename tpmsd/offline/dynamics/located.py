@@ -52,6 +52,13 @@ def located_terms(search: Search) -> list[LocatedTerm]:
 def slopes(search: Search) -> list[LocatedTerm]:
     """Return slopes across and along the road as splines over time, one of each the model does not have,
     best first."""
+    seen = search.seen
+    if seen.slopes is None:
+        seen.slopes = _slopes(search)
+    return seen.slopes
+
+
+def _slopes(search: Search) -> list[LocatedTerm]:
     time = search.setup.drive.time_s
     knots = spaced(float(time[0]), float(time[-1]), SETTINGS.time_knot_s)
     flat = (0.0,) * len(knots)
@@ -210,6 +217,13 @@ def _best_span(
 
 def nameless(search: Search) -> list[LocatedTerm]:
     """Return terms without a name, each equation and output over each covariate."""
+    seen = search.seen
+    if seen.nameless is None:
+        seen.nameless = _nameless(search)
+    return seen.nameless
+
+
+def _nameless(search: Search) -> list[LocatedTerm]:
     values = search.covariates
     sizes = _sizes(search)
     taken = {(effect.on, effect.over) for effect in search.theta if isinstance(effect, DynamicsUnknown)}

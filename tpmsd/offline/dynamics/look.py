@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import fdtrc
 
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
+from tpmsd.offline.dynamics.columns import BlockGram
 from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import CandidateTerm
@@ -53,6 +55,22 @@ class Look:
     removal: list[tuple[tuple[int, ...], tuple[float, ...]]]
     offered: list[CandidateTerm]
     added: list[PriorColumns]
+
+    def only(self, offered: Sequence[CandidateTerm]) -> Look | None:
+        """Return the look with some of the offered terms; None where one of them was not looked at."""
+        places = {identity(term): k for k, term in enumerate(self.offered)}
+        rows = [places.get(identity(term)) for term in offered]
+        known = [k for k in rows if k is not None]
+        if len(known) < len(rows):
+            return None
+        return replace(self, offered=list(offered), added=[self.added[k] for k in known])
+
+    def on(self, blocks: slice) -> Look:
+        """Return the look at some of the blocks."""
+        gram = self.statistics.blocks
+        return replace(
+            self, statistics=Statistics(BlockGram(gram.information[blocks], gram.gradient[blocks]))
+        )
 
     def addition(self, k: int) -> Addition:
         """Return what an offered term adds."""
@@ -148,6 +166,11 @@ class Look:
             tuple(self.rivals(k)),
             self.heldout(k),
         )
+
+
+def identity(term: CandidateTerm) -> tuple[DynamicsEffect, tuple[str, ...], bool]:
+    """Return what tells the columns of a term from those of others."""
+    return term.effect, term.free, term.jump
 
 
 def p_value_of(size: float, count: int, blocks: int) -> float:

@@ -8,11 +8,11 @@ evaluations are vectorised over time. The estimate is the fixed-interval Kalman 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import Baseline, Theta
+from tpmsd.car.physics.baselines.base import Baseline, Rolled, Theta
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
@@ -78,15 +78,24 @@ class Setup:
         return path[..., :count], Disturbance(**free)
 
     def evaluate(
-        self, path: FloatArray, inputs: Inputs, theta: Theta, states: Sequence[str] | None = None
+        self,
+        path: FloatArray,
+        inputs: Inputs,
+        theta: Theta,
+        states: Sequence[str] | None = None,
+        rolled: Rolled | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return rates (n, s) and predicted readings (n, m) at the rows; `states` are those of the path."""
+        """Return rates (s, n) and predicted readings (m, n) at the rows; `states` are those of the path,
+        `rolled` is an evaluation at them."""
         names = self.states(theta) if states is None else states
         state, free = self.held(path, len(names))
-        frame = self.baseline.frame(state, inputs, (*theta, free), names)
-        rates = [np.broadcast_to(frame.rates[name], state.shape[:-1]) for name in names]
-        outputs = [np.broadcast_to(frame.outputs[name], state.shape[:-1]) for name in self.channels]
-        return np.stack(rates, axis=-1), np.stack(outputs, axis=-1)
+        frame = self.baseline.frame(state, inputs, (*theta, free), names, rolled)
+        rates, outputs = np.empty((len(names), len(path))), np.empty((len(self.channels), len(path)))
+        for k, name in enumerate(names):
+            rates[k] = frame.rates[name]
+        for k, name in enumerate(self.channels):
+            outputs[k] = frame.outputs[name]
+        return rates, outputs
 
     def start(self, theta: Theta) -> FloatArray:
         """Return a path to start from: readings where there are any, else rest."""
@@ -120,28 +129,36 @@ class Linear:
     """(n - 1, t, t) of the step."""
     outputs_by_state: FloatArray
     """(n, m, t)"""
+    _weighted: list[tuple[PathNoise, Weighted]] = field(default_factory=list, compare=False, repr=False)
+
+    def weighted(self, setup: Setup, noise: PathNoise) -> Weighted:
+        """Return the problem with noise; the last one is kept, for it is asked several times."""
+        if not self._weighted or self._weighted[0][0] is not noise:
+            self._weighted[:] = [(noise, Weighted(setup, self, noise))]
+        return self._weighted[0][1]
 
 
-def linear(setup: Setup, theta: Theta, path: FloatArray) -> Linear:
-    """Return residuals and derivatives at a path."""
+def linear(setup: Setup, theta: Theta, path: FloatArray, driven: bool = True) -> Linear:
+    """Return residuals and derivatives at a path; those by the disturbances are left out unless `driven`."""
     drive, names = setup.drive, setup.states(theta)
     inputs = setup.inputs(theta)
     count, total = len(names), path.shape[1]
     dt = np.diff(drive.time_s)
     dt = np.where(drive.linked, dt, 1e-6)
-    rates, predicted = setup.evaluate(path, inputs, theta)
+    rolled = setup.baseline.rolled(path[:, :count], inputs, theta, names)
+    rates, predicted = setup.evaluate(path, inputs, theta, names, rolled)
     jacobian = np.zeros((len(path), total, total))
-    outputs_by = np.empty((len(path), len(setup.channels), total))
-    for k in range(total):
+    outputs_by = np.zeros((len(path), len(setup.channels), total))
+    for k in range(total if driven else count):
         moved = path.copy()
         moved[:, k] += _STEP
-        up, out_up = setup.evaluate(moved, inputs, theta)
-        jacobian[:, :count, k] = (up - rates) / _STEP
-        outputs_by[:, :, k] = (out_up - predicted) / _STEP
+        up, out_up = setup.evaluate(moved, inputs, theta, names, rolled if k >= count else None)
+        jacobian[:, :count, k] = ((up - rates) / _STEP).T
+        outputs_by[:, :, k] = ((out_up - predicted) / _STEP).T
     by_state = transition(setup, theta, inputs, jacobian, dt, count)
-    ahead = stepped(setup, theta, path, inputs, dt)
+    ahead = stepped(setup, theta, path, inputs, dt, rates.T[:-1])
     residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
-    return Linear(path, residual, setup.readings() - predicted, by_state, outputs_by)
+    return Linear(path, residual, setup.readings() - predicted.T, by_state, outputs_by)
 
 
 def transition(
@@ -185,11 +202,13 @@ def _times(left: FloatArray, right: FloatArray) -> FloatArray:
     return out
 
 
-def stepped(setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, dt: FloatArray) -> FloatArray:
-    """Return where each row's step leads, (n - 1, t)."""
+def stepped(
+    setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, dt: FloatArray, rates: FloatArray
+) -> FloatArray:
+    """Return where each row's step leads, (n - 1, t); `rates` are those at its start."""
     state, free = setup.held(path[:-1], len(setup.states(theta)))
     span = Span(inputs.take(slice(0, -1)), inputs.take(slice(1, None)))
-    ahead = setup.baseline.step(state, span, (*theta, free), dt)
+    ahead = setup.baseline.step(state, span, (*theta, free), dt, rates)
     decay = np.exp(-dt / SETTINGS.disturbance_time_s)[:, None]
     return np.concatenate([ahead, path[:-1, state.shape[1] :] * decay], axis=1)
 
@@ -247,7 +266,7 @@ def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: Path
     at = start if isinstance(start, Linear) else linear(setup, theta, start)
     cost = path_cost(setup, at, noise)
     for _ in range(SETTINGS.path_rounds):
-        step = Weighted(setup, at, noise)
+        step = at.weighted(setup, noise)
         gradient = step.gradient()
         move = step.factor.solve(gradient)
         if float(np.vdot(gradient, move)) < SETTINGS.path_tolerance * max(1.0, 1e-4 * cost):
@@ -283,7 +302,7 @@ def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least:
     few, part = subset(setup, at)
     draw = signs(part.path.size).reshape(*part.path.shape, 1)
     for _ in range(rounds):
-        weighted = Weighted(few, part, noise)
+        weighted = part.weighted(few, noise)
         move = weighted.factor.solve(weighted.gradient())
         sample = weighted.factor.sample(draw)[:, :, 0]
         noise = _updated(few, part, noise, move, sample, least)
@@ -346,10 +365,10 @@ def subset(setup: Setup, at: Linear) -> tuple[Setup, Linear]:
     """Return every k-th block, as many as have enough rows."""
     drive = setup.drive
     n = len(drive.time_s)
-    every = max(n // SETTINGS.noise_rows, 1)
-    if every == 1:
+    some = part_of_blocks(setup)
+    if some == slice(None):
         return setup, at
-    blocks = list(zip(drive.starts, drive.ends, strict=True))[every // 2 :: every]
+    blocks = list(zip(drive.starts, drive.ends, strict=True))[some]
     rows = np.concatenate([np.arange(first, last) for first, last in blocks])
     links = rows[:-1]
     outputs = {name: values[rows] for name, values in drive.outputs.items()}
@@ -365,6 +384,12 @@ def subset(setup: Setup, at: Linear) -> tuple[Setup, Linear]:
         at.outputs_by_state[rows],
     )
     return replace(setup, drive=few), part
+
+
+def part_of_blocks(setup: Setup) -> slice:
+    """Return every k-th block, as many as have enough rows; all of a short drive."""
+    every = max(len(setup.drive.time_s) // SETTINGS.noise_rows, 1)
+    return slice(None) if every == 1 else slice(every // 2, None, every)
 
 
 class _Part(DynamicsDrive):

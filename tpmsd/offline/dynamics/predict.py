@@ -38,7 +38,7 @@ def free_run(
     pushed = np.zeros((len(path) - 1, count)) if kicks is None else kicks
     extended = np.concatenate([path[:, :count], free], axis=1)
     for _ in range(ROUNDS):
-        at = linear(setup, theta, extended)
+        at = linear(setup, theta, extended, driven=False)
         move = _forward(setup, at.by_state[:, :count, :count], pushed - at.step_residual[:, :count])
         if not np.all(np.isfinite(move)) or np.abs(move).max() > 1e3:
             return _abreast(setup, theta, path[:, :count])

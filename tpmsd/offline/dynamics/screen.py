@@ -10,8 +10,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.dynamics.columns import Probe, changes, step_changes
-from tpmsd.offline.dynamics.path import Weighted
+from tpmsd.offline.dynamics.columns import Probe, changes, stepped_change
 from tpmsd.offline.dynamics.search import Search
 
 PIECE_S = 2.0
@@ -20,15 +19,18 @@ PIECE_S = 2.0
 
 def row_scores(search: Search, probe: Probe) -> FloatArray:
     """Return the scores of a term at the rows, (n,); the term acts at all of them alike."""
-    at = search.at
-    by_rate, by_output = changes(search.setup, search.theta, at, [probe])
-    step = step_changes(search.setup, at, by_rate)[0]
-    weighted = Weighted(search.setup, at, search.noise)
-    count = step.shape[1]
+    at, setup, noise = search.at, search.setup, search.noise
+    by_rate, by_output = changes(setup, search.theta, at, [probe])
+    count = by_rate.shape[1]
+    dt = np.diff(setup.drive.time_s)
+    by_state = np.ascontiguousarray(np.moveaxis(at.by_state[:, :count], 0, -1))
+    linked = setup.drive.linked
+    step = stepped_change(by_state, np.where(linked, 0.5 * dt, 0.0), by_rate[0])
+    pull = np.where(linked[:, None], at.step_residual / noise.step_variance(dt), 0.0)[:, :count]
     out = np.zeros(len(at.path))
-    out[:-1] += np.sum(weighted.step_weight[:, :count] * step * at.step_residual[:, :count], axis=1)
+    out[:-1] += np.sum(pull * step.T, axis=1)
     residual = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
-    out += np.sum(weighted.reading_weight * by_output[0] * residual, axis=1)
+    out += np.sum(residual / noise.outputs**2 * by_output[0].T, axis=1)
     return out
 
 

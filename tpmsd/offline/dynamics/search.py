@@ -11,19 +11,33 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from operator import is_
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.look import Look, fold_blocks
 from tpmsd.offline.dynamics.noise import PathNoise, first_guess, least
-from tpmsd.offline.dynamics.path import Linear, Setup, covariates_of, fitted_noise, smoothed, subset
+from tpmsd.offline.dynamics.path import (
+    Linear,
+    Setup,
+    covariates_of,
+    fitted_noise,
+    part_of_blocks,
+    smoothed,
+    subset,
+)
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import CandidateTerm, candidates
+
+if TYPE_CHECKING:
+    from tpmsd.offline.dynamics.located import LocatedTerm
 
 Say = Callable[[float], None]
 
@@ -49,6 +63,24 @@ class RivalSelection:
 
 
 @dataclass
+class Looked:
+    """What was looked at while path, noise and terms were these."""
+
+    at: Linear
+    noise: PathNoise
+    terms: tuple[CandidateTerm, ...]
+    whole: Look | None = None
+    """Statistics with every effect of the catalogue offered."""
+    slopes: list[LocatedTerm] | None = None
+    nameless: list[LocatedTerm] | None = None
+
+    def is_of(self, search: Search) -> bool:
+        """Return True if the model is that one."""
+        same = self.at is search.at and self.noise is search.noise and len(self.terms) == len(search.terms)
+        return same and all(map(is_, self.terms, search.terms))
+
+
+@dataclass
 class Search:
     """The state of the selection."""
 
@@ -69,6 +101,8 @@ class Search:
     """Key of a term that is the hypothesis of this selection: no step takes it out."""
     rival: RivalSelection | None = None
     """The selection that begins with a term without a name, or the one that does not."""
+    looked: Looked | None = None
+    """What was looked at as the model stands."""
     rejected: dict[str, float] = field(default_factory=dict)
     """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
 
@@ -195,8 +229,26 @@ class Search:
 
     # -- steps -----------------------------------------------------------------------------------------------
 
+    @property
+    def seen(self) -> Looked:
+        """Return what was looked at as the model stands."""
+        if self.looked is None or not self.looked.is_of(self):
+            self.looked = Looked(self.at, self.noise, tuple(self.terms))
+        return self.looked
+
     def look(self, offered: Sequence[CandidateTerm]) -> Look:
-        """Return the statistics of the model's terms, of their removal and of the terms offered."""
+        """Return the statistics of the model's terms, of their removal and of the terms offered.
+
+        All effects of the catalogue are looked at together as soon as most of them are offered.
+        """
+        seen = self.seen
+        if seen.whole is None and len(offered) > len(DYNAMICS_EFFECTS) // 2:
+            seen.whole = self._looked_at(self._candidates())
+        if seen.whole is not None and (look := seen.whole.only(offered)) is not None:
+            return look
+        return self._looked_at(offered)
+
+    def _looked_at(self, offered: Sequence[CandidateTerm]) -> Look:
         columns, probes = self.own(0)
         removal: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
         for k, term in enumerate(self.terms):
@@ -215,7 +267,7 @@ class Search:
             probes += own
         return Look(
             Statistics(gram(self.setup, self.theta, self.at, self.noise, probes)),
-            self.terms,
+            list(self.terms),
             columns,
             removal,
             list(offered),
@@ -237,6 +289,8 @@ class Search:
         offered = self.offered()
         coarse = self.part()
         if coarse.setup is not self.setup:
+            if self.seen.whole is not None:
+                coarse.seen.whole = self.seen.whole.on(part_of_blocks(self.setup))
             ranked = coarse.ranked(offered, SETTINGS.plain * threshold)
             if ranked and self._first_of(ranked):
                 return True

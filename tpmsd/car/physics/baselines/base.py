@@ -10,7 +10,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
+from operator import is_
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +21,7 @@ from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame, Real, frame_of
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
-from tpmsd.car.physics.dynamics_effect import DynamicsEffect, in_order
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect, before_forces, in_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
@@ -47,6 +49,29 @@ MOST_STIFF = 0.8
 
 
 @dataclass(frozen=True, slots=True)
+class Rolled:
+    """An evaluation up to the tyres' forces."""
+
+    frame: Frame
+    effects: tuple[DynamicsEffect, ...]
+    """Those that act before the tyres' forces are known."""
+
+    def serves(self, theta: Theta) -> bool:
+        """Return True if the effects act before the tyres' forces as its own do."""
+        others = before_forces(theta)
+        return len(others) == len(self.effects) and all(map(is_, others, self.effects))
+
+    def copied(self) -> Frame:
+        """Return a frame that effects may change."""
+        frame = copy(self.frame)
+        frame.force_x, frame.force_y, frame.moment = (
+            np.array(one) for one in (frame.force_x, frame.force_y, frame.moment)
+        )
+        frame.rates, frame.outputs, frame.delays = dict(frame.rates), dict(frame.outputs), dict(frame.delays)
+        return frame
+
+
+@dataclass(frozen=True, slots=True)
 class Baseline(ABC):
     """A baseline of one car; `forces` says that drive and brake forces are inputs and speed a state."""
 
@@ -66,16 +91,24 @@ class Baseline(ABC):
         roll = ("roll",) if "roll" in self.states(theta) else ()
         return ("yaw_rate", "accel_lat", "velocity_lat", "side_slip", *speed, *roll)
 
-    def step(self, x: FloatArray, u: Inputs | Span, theta: Theta, dt: float | FloatArray) -> FloatArray:
+    def step(
+        self,
+        x: FloatArray,
+        u: Inputs | Span,
+        theta: Theta,
+        dt: float | FloatArray,
+        start_rates: FloatArray | None = None,
+    ) -> FloatArray:
         """Return the states after `dt` seconds, (..., n); `u` is held, or a `Span` that changes linearly.
 
-        Runge-Kutta of fourth order, in as many steps as the fastest rate needs.
+        Runge-Kutta of fourth order, in as many steps as the fastest rate needs. `start_rates` are those of
+        the first stage where they are known.
         """
         count = self.substeps(u.at(0.0), float(np.max(dt)), theta)
         h = np.asarray(dt)[..., None] / count
         for k in range(count):
             first, middle, last = (u.at((k + part) / count) for part in (0.0, 0.5, 1.0))
-            a = self.rates(x, first, theta)
+            a = self.rates(x, first, theta) if k or start_rates is None else start_rates
             b = self.rates(x + 0.5 * h * a, middle, theta)
             c = self.rates(x + 0.5 * h * b, middle, theta)
             d = self.rates(x + h * c, last, theta)
@@ -106,23 +139,46 @@ class Baseline(ABC):
         """Return what instruments read, by the output's name."""
         return self.frame(x, u, theta).outputs
 
-    def frame(self, x: FloatArray, u: Inputs, theta: Theta, states: Sequence[str] | None = None) -> Frame:
+    def frame(
+        self,
+        x: FloatArray,
+        u: Inputs,
+        theta: Theta,
+        states: Sequence[str] | None = None,
+        rolled: Rolled | None = None,
+    ) -> Frame:
         """Return everything of one evaluation, readings included.
 
         `states` names those of x where they are not all that the effects have: an effect without its states
-        acts to first order.
+        acts to first order. `rolled` is an evaluation of the same states and inputs; it is used where the
+        tyres cannot tell the effects from its own.
         """
         names = self.states(theta) if states is None else states
         state = {name: x[..., k] for k, name in enumerate(names)}
         theta = in_order(theta)
-        frame = self._moved(state, u, theta)
+        if rolled is not None and rolled.serves(theta):
+            frame = self._pushed(rolled.copied(), theta)
+        else:
+            frame = self._moved(state, u, theta)
         self._instruments(frame, theta)
         if frame.delays:
             self._delayed(frame, state, u, theta)
         return frame
 
+    def rolled(self, x: FloatArray, u: Inputs, theta: Theta, states: Sequence[str] | None = None) -> Rolled:
+        """Return an evaluation up to the tyres' forces, for models that differ in what follows them."""
+        names = self.states(theta) if states is None else states
+        theta = in_order(theta)
+        return Rolled(
+            self._on_tyres({name: x[..., k] for k, name in enumerate(names)}, u, theta), before_forces(theta)
+        )
+
     def _moved(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
         """Return a frame with forces and rates."""
+        return self._pushed(self._on_tyres(state, u, theta), theta)
+
+    def _on_tyres(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
+        """Return a frame with the tyres' forces."""
         frame = frame_of(self.car, state, u, self.nonlinear, LEAST_MPS)
         for effect in theta:
             effect.adapt_car(frame)
@@ -140,6 +196,10 @@ class Baseline(ABC):
         for effect in theta:
             effect.adapt_tyres(frame)
         self._tyres(frame)
+        return frame
+
+    def _pushed(self, frame: Frame, theta: Theta) -> Frame:
+        """Return a frame with the tyres' forces, all other forces and rates added."""
         for effect in theta:
             effect.add_forces(frame)
         _air_and_rolling(frame)
