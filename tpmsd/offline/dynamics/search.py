@@ -64,7 +64,7 @@ class RivalSelection:
 
 @dataclass
 class Looked:
-    """What was looked at while path, noise and terms were these."""
+    """Answers about a model: they hold while path, noise and terms are these."""
 
     at: Linear
     noise: PathNoise
@@ -102,7 +102,7 @@ class Search:
     rival: RivalSelection | None = None
     """The selection that begins with a term without a name, or the one that does not."""
     looked: Looked | None = None
-    """What was looked at as the model stands."""
+    """Answers about the model as it stands."""
     rejected: dict[str, float] = field(default_factory=dict)
     """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
 
