@@ -58,8 +58,8 @@ class Look:
 
     def only(self, offered: Sequence[CandidateTerm]) -> Look | None:
         """Return the look with some of the offered terms; None where one of them was not looked at."""
-        places = {identity(term): k for k, term in enumerate(self.offered)}
-        rows = [places.get(identity(term)) for term in offered]
+        indices = {identity(term): k for k, term in enumerate(self.offered)}
+        rows = [indices.get(identity(term)) for term in offered]
         known = [k for k in rows if k is not None]
         if len(known) < len(rows):
             return None
