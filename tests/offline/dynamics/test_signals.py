@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gzip
+import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -67,12 +69,76 @@ def test_a_parquet_file_that_is_none_is_one_line(tmp_path: Path, content: bytes 
     assert "pyarrow" not in Path(read.__file__).read_text("utf-8")
 
 
+def test_blocks_of_a_file_are_one_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever a block of the text ends: with numbers alone, with empty cells and lines, and an error's
+    line."""
+    lines = [f"{k},{0.1 * k:.1f}" if k % 7 else f"\n{k}," for k in range(60)]
+    (tmp_path / "signals.csv").write_text("time_s,yaw_rate_radps\n" + "\n".join(lines))
+    whole = read_signals(tmp_path).columns
+    (tmp_path / "bad").mkdir()
+    (tmp_path / "bad" / "signals.csv").write_text("time_s,yaw_rate_radps\n" + "\n".join([*lines, "60,1e13"]))
+    for size in (0, 1, 5, 17, 100):
+        monkeypatch.setattr(read, "_BLOCK_CHARS", size)
+        for name, values in read_signals(tmp_path).columns.items():
+            assert np.array_equal(values, whole[name], equal_nan=True)
+        with pytest.raises(InputError, match="is beyond") as caught:
+            read_signals(tmp_path / "bad")
+        assert caught.value.line == 71
+    assert np.array_equal(np.flatnonzero(np.isnan(whole["yaw_rate_radps"])), np.arange(0, 60, 7))
+    monkeypatch.setattr(read, "MOST_VALUES", 100)
+    with pytest.raises(InputError, match="more than 100 values"):
+        read_signals(tmp_path)
+
+
+def test_columns_that_are_not_known_take_no_memory(tmp_path: Path) -> None:
+    """A Parquet file states rows of 0 and columns without a value in next to no bytes."""
+    pq = pytest.importorskip("pyarrow.parquet")
+    import pyarrow as pa
+
+    rows = 100_000
+    empty = dict.fromkeys((f"c{k}" for k in range(100)), pa.nulls(rows, pa.float64()))
+    pq.write_table(pa.table({"time_s": np.arange(rows) * 0.01, **empty}), tmp_path / "signals.parquet")
+    tracemalloc.start()
+    try:
+        assert read_signals(tmp_path).columns.keys() == {"time_s"}
+        assert tracemalloc.get_traced_memory()[1] < 30e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_rows_within_a_moment_are_no_drive(tmp_path: Path) -> None:
+    """Steps of 10 ns are thinned out without a search, and the span is named."""
+    where = folder(tmp_path / "d", duration_s=10.0)
+    table = read_signals(where)
+    table.columns["time_s"][:] = 1e-8 * np.arange(len(table.time_s))
+    table.columns["time_s"][-1] = 0.05
+
+    with pytest.raises(InputError, match=r"span 0.05 s: 0.095 s are needed"):
+        make_drive(table, load_car(where), "single-track", "moment")
+
+
+def test_a_car_that_cannot_be_driven_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], recwarn: pytest.WarningsRecorder
+) -> None:
+    """50 kg with all its weight at the rear axle: what overflows is refused, without numpy's warnings."""
+    where = folder(tmp_path / "d", duration_s=12.0)
+    text = (where / "vehicle.toml").read_text()
+    hostile = {"mass_kg": 50.0, "yaw_inertia_kgm2": 5.0, "cg_to_rear_m": 0.1, "friction": 0.05}
+    for key, value in {**hostile, "cornering_stiffness_front_n_per_rad": 2e6}.items():
+        text = re.sub(rf"(?m)^{key} = .*$", f"{key} = {value}", text)
+    (where / "vehicle.toml").write_text(text)
+
+    assert main(["diagnose", str(where), "--baseline", "single-track"]) == 3
+    assert capsys.readouterr().err.count("\n") == 1
+    assert not recwarn.list
+
+
 def test_a_packed_table_is_bounded_as_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No more is unpacked than a table may have; damage within is one line, too."""
     monkeypatch.setattr(read, "LARGEST_BYTES", 1000)
     packed = gzip.compress(HEAD.encode() + b"0,0,0,0\n" * 1000)
     (tmp_path / "signals.csv.gz").write_bytes(packed)
-    with pytest.raises(InputError, match="unpacks to more than 1000 bytes"):
+    with pytest.raises(InputError, match="more than 1000 characters, unpacked"):
         read_signals(tmp_path)
     (tmp_path / "signals.csv.gz").write_bytes(packed[:20] + b"\xff" * 20)
     with pytest.raises(InputError, match="cannot be read"):
@@ -81,10 +147,11 @@ def test_a_packed_table_is_bounded_as_it_is_unpacked(tmp_path: Path, monkeypatch
 
 def test_unknown_columns_are_named_and_left_out(tmp_path: Path) -> None:
     """A column of no known name is no column of the table."""
-    (tmp_path / "signals.csv").write_text("time_s,yaw_rate_radps,oil_temp\n0,0.1,90\n0.1,0.2,91\n")
+    header = "time_s,yaw_rate_radps,oil_temp,gnss_\x1b[31m\n"
+    (tmp_path / "signals.csv").write_text(header + "0,0.1,cold,0\n0.1,0.2,91,1\n")
     table = read_signals(tmp_path)
 
-    assert table.unknown == ("oil_temp",)
+    assert table.unknown == ("oil_temp", "gnss_\\x1b[31m")
     assert set(table.columns) == {"time_s", "yaw_rate_radps"}
 
 
@@ -96,6 +163,11 @@ def test_unknown_columns_are_named_and_left_out(tmp_path: Path) -> None:
         ("time_s,speed_mps\n0,1\n0.1\n", 3, "1 cells"),
         ("time_s,speed_mps,speed_mps\n0,1,1\n", 1, "stands twice"),
         ("time_s,speed_mps\n", None, "no rows"),
+        ("time_s,speed_mps\n0,1\n0.1\r,2\n", 3, "1 cells"),
+        ("time_s,speed_mps\n0,1\n\n0.1," + 200_000 * "x", 4, "field larger than field limit"),
+        ("time_s,speed_mps\n0,1\n0.1," + (6 << 20) * "0", 3, "a line of more than"),
+        ("time_s" + 10_000 * ",a" + "\n", 1, "10001 columns; at most 10000"),
+        ("time_s\n0\n  \n\n1e13\n", 5, "time_s is beyond 1e"),
     ],
 )
 def test_what_is_no_table_is_one_line(tmp_path: Path, text: str, line: int | None, reason: str) -> None:
@@ -174,6 +246,8 @@ def test_outputs_may_have_rates_of_their_own(tmp_path: Path) -> None:
         ("mass_kg = 1480.0", 'mass_kg = "heavy"', "not a number"),
         ("friction = 1.0", "frction = 1.0", "friction"),
         ("cg_height_m = 0.54", "cg_height_m = 540", "0.05 to 3"),
+        ("wheel_radius_m = 0.316", "wheel_radius_m = " + 400 * "9", "wheel_radius_m"),
+        ("wheel_radius_m = 0.316", "wheel_radius_m = { fl = 0.3, rl = inf }", "wheel_radius_m"),
     ],
 )
 def test_mistakes_of_the_car_s_table_name_the_key(tmp_path: Path, old: str, new: str, what: str) -> None:

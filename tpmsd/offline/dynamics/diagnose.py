@@ -41,6 +41,7 @@ def _silent(share: float) -> None:
     """Take no notice of the progress."""
 
 
+@np.errstate(over="ignore", invalid="ignore")  # BandedFactor refuses what overflows
 def diagnose_dynamics(
     baseline: Baseline,
     drive: DynamicsDrive,

@@ -30,5 +30,5 @@ def is_known(name: str) -> bool:
         or name in INPUTS
         or name in OUTPUTS.values()
         or name in WHEELS
-        or name.startswith("gnss_")
+        or (name.startswith("gnss_") and name.isascii() and name.isidentifier())
     )

@@ -96,7 +96,13 @@ def make_drive(
     """Return the baseline of this car, and the drive with the outputs that were recorded."""
     if len(table.time_s) < LEAST_VALUES:
         raise InputError(table.file, f"{len(table.time_s)} rows: {LEAST_VALUES} are needed at least")
-    columns, notes = _informative(_thinned(table))
+    thinned = _thinned(table)
+    if len(thinned["time_s"]) < LEAST_VALUES:
+        span_s = table.time_s[-1] - table.time_s[0]
+        raise InputError(
+            table.file, f"its rows span {span_s:.2g} s: {LEAST_VALUES / MOST_HZ:.2g} s are needed at least"
+        )
+    columns, notes = _informative(thinned)
     time = columns["time_s"] - columns["time_s"][0]
     steer, ratio = _steering(table, columns, tables, time)
     given = _forces_given(columns)
@@ -160,7 +166,7 @@ def _thinned(table: SignalTable) -> dict[str, FloatArray]:
     """Return the columns at no more than `MOST_HZ`, a missing value taken from the rows between."""
     time = table.time_s
     step = float(np.median(np.diff(time)))
-    every = int(np.floor(1.0 / (step * MOST_HZ))) if step * MOST_HZ < 1.0 else 1
+    every = min(int(np.floor(1.0 / (step * MOST_HZ))), len(time)) if step * MOST_HZ < 1.0 else 1
     if every <= 1:
         return dict(table.columns)
     rows = np.arange(0, len(time) - every + 1, every)

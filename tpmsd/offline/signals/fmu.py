@@ -11,11 +11,14 @@ its own; that keeps a broken one from doing harm, not a malicious one.
 from __future__ import annotations
 
 import json
+import lzma
 import resource
 import stat
+import struct
 import tempfile
 import threading
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -43,6 +46,11 @@ COMMUNICATION_S = 0.005
 """An FMU holds its inputs over a communication step, so that its outputs are late by up to one: 5 ms are
 little against the delays of sensors (20 to 100 ms)."""
 DESCRIPTION = "modelDescription.xml"
+_DAMAGED = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error),
+    *(EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError, OverflowError),
+)
+"""Exceptions of zipfile and its unpackers on a damaged, encrypted or unusual archive."""
 
 
 def fmu_table(file: Path, recording: Path, drive: DynamicsDrive, wall_s: float = WALL_S) -> SignalTable:
@@ -83,13 +91,15 @@ def _inputs(recording: Path, drive: DynamicsDrive) -> dict[str, FloatArray]:
 
 def unpack(file: Path, folder: Path) -> None:
     """Unpack an FMU into a folder; InputError for what is no FMU, leads out of the folder or is too large."""
+    if not file.is_file():
+        raise InputError(file, "not a file" if file.exists() else "no such file")
     try:
         with zipfile.ZipFile(file) as archive:
             members = archive.infolist()
             _check_members(file, members)
             for member in members:
                 archive.extract(member, folder)
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+    except _DAMAGED as error:
         raise InputError(file, f"no FMU: {' '.join(str(error).split())[:120]}") from None
     except OSError as error:
         raise InputError(file, f"cannot be read: {error.strerror or error}") from None

@@ -8,10 +8,13 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import math
 import zlib
-from collections.abc import Mapping
+from array import array
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +23,16 @@ from tpmsd.car.config.problems import escaped_lines
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.signals.columns import TIME, is_known
-from tpmsd.offline.tables.native import NativeTable
+from tpmsd.offline.tables.native import MAX_COLUMNS, NativeTable
 
 FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
 """Names in a drive folder, in the order in which they are looked for."""
-LARGEST_BYTES = 2_000_000_000
+LARGEST_BYTES = 500_000_000
+"""Text that is read of a file at most, unpacked."""
+MOST_VALUES = 64_000_000
+"""Numbers kept of a file in CSV: 512 MB, two hours of eight columns at 1 kHz."""
+LONGEST_LINE = 1 << 20
+_BLOCK_CHARS = 1 << 22
 LARGEST_VALUE = 1e12
 """Times since any epoch and Pascals lie below; squares of readings stay finite."""
 _EMPTY = {"", "nan", "NaN", "NA", "null"}
@@ -57,15 +65,20 @@ def read_signals(path: Path) -> SignalTable:
         raise InputError(path, f"no table of signals ({' '.join(FILES)})")
     if not file.is_file():
         raise InputError(file, "no such file")
-    names, values = _parquet(file) if file.suffix == ".parquet" else _text(file)
+    names, table = _parquet(file) if file.suffix == ".parquet" else _text(file)
+    _check_rises(file, table)
+    return _ordered(file, table, tuple(escaped_lines(name) for name in names if not is_known(name)))
+
+
+def _check_names(file: Path, names: list[str]) -> None:
+    """InputError unless the columns have a name each, and one of them is the time."""
+    if len(names) > MAX_COLUMNS:
+        raise InputError(file, f"{len(names)} columns; at most {MAX_COLUMNS} are read", 1)
     if TIME not in names:
         raise InputError(file, f"no column {TIME}", 1)
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InputError(file, escaped_lines(f"column {twice} stands twice"), 1)
-    table = dict(zip(names, values.T, strict=True))
-    _check_rises(file, table)
-    return _ordered(file, table)
 
 
 def _check_rises(file: Path, table: dict[str, FloatArray]) -> None:
@@ -76,31 +89,34 @@ def _check_rises(file: Path, table: dict[str, FloatArray]) -> None:
     for name, values in table.items():
         there = np.flatnonzero(np.isfinite(values) & np.isfinite(time))
         falls = np.flatnonzero(np.diff(time[there]) < 0.0)
-        if is_known(name) and name != TIME and len(falls):
+        if name != TIME and len(falls):
             rows.append((int(there[falls[0] + 1]), float(time[there[falls[0]]]), name))
     if rows:
         row, before_s, name = min(rows)
         reason = f"{TIME} of {name} descends from {before_s:g} to {time[row]:g}"
         if file.suffix == ".parquet":
             raise InputError(file, f"row {row + 1}: {reason}")
-        raise InputError(file, reason, _line_of(_content(file), row))
+        raise InputError(file, reason, _line_of(file, row))
 
 
-def _line_of(text: str, row: int) -> int:
+def _line_of(file: Path, row: int) -> int:
     """Return the line of a row of values."""
-    lines = (number for number, line in enumerate(text.split("\n"), 1) if number > 1 and line.strip())
-    return next(number for k, number in enumerate(lines) if k == row)
+    for first, block in islice(_blocks(file), 1, None):
+        lines = [first + k for k, line in enumerate(block.split("\n")) if line.strip()]
+        if row < len(lines):
+            return lines[row]
+        row -= len(lines)
+    raise InputError(file, "changed while it was read")
 
 
-def _ordered(file: Path, table: dict[str, FloatArray]) -> SignalTable:
-    """Return the known columns with rows in the order of time; rows of one time become one."""
+def _ordered(file: Path, table: dict[str, FloatArray], unknown: tuple[str, ...]) -> SignalTable:
+    """Return the table with rows in the order of time; rows of one time become one."""
     time = table[TIME]
     good = np.isfinite(time)
     if good.sum() < 2:
         raise InputError(file, "fewer than two rows with a time")
     order = np.flatnonzero(good)[np.argsort(time[good], kind="stable")]
-    unknown = tuple(escaped_lines(name) for name in table if not is_known(name))
-    kept = {name: values[order] for name, values in table.items() if is_known(name)}
+    kept = {name: values[order] for name, values in table.items()}
     first = np.concatenate([[True], np.diff(kept[TIME]) > 1e-9])
     if not first.all():
         group = np.cumsum(first) - 1
@@ -114,64 +130,92 @@ def _ordered(file: Path, table: dict[str, FloatArray]) -> SignalTable:
     return SignalTable(file, kept, unknown)
 
 
-def _content(file: Path) -> str:
-    """Return the text of a CSV file, gzipped or not."""
+def _blocks(file: Path) -> Generator[tuple[int, str]]:
+    """Number of the first line and text of the header, then of blocks of whole lines; line ends are alike.
+
+    InputError for what cannot be read, is no text, or is too large unpacked.
+    """
+    number, total, most = 1, 0, 0
     try:
-        if file.stat().st_size > LARGEST_BYTES:
-            raise InputError(file, "larger than 2 GB")
-        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as content:
-            data = content.read(LARGEST_BYTES + 1)
-        if len(data) > LARGEST_BYTES:
-            raise InputError(file, f"unpacks to more than {LARGEST_BYTES} bytes")
-        return data.decode("utf-8-sig")
+        with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as packed:
+            lines = io.TextIOWrapper(packed, encoding="utf-8-sig")
+            while block := lines.read(most) + lines.readline(LONGEST_LINE):
+                total += len(block)
+                if total > LARGEST_BYTES:
+                    raise InputError(file, f"more than {LARGEST_BYTES} characters, unpacked")
+                if len(block) >= most + LONGEST_LINE:
+                    line = number + block.count("\n")
+                    raise InputError(file, f"a line of more than {LONGEST_LINE} characters", line)
+                yield number, block
+                number, most = number + block.count("\n"), _BLOCK_CHARS
     except (OSError, EOFError, zlib.error, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or str(error) or "cannot be read"
         raise InputError(file, f"cannot be read: {reason}") from None
 
 
-def _text(file: Path) -> tuple[list[str], FloatArray]:
-    """Return header and values of a CSV file."""
-    text = _content(file)
-    head, _, body = text.partition("\n")
-    names = [name.strip().strip('"') for name in head.rstrip("\r").split(",")]
-    quick = _quick(body, len(names))
-    values = quick if quick is not None else _careful(file, text, len(names))
+def _text(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
+    """Return the names of all columns of a CSV file, and the values of those that are known."""
+    with closing(_blocks(file)) as blocks:
+        _, head = next(blocks, (1, ""))
+        names = [name.strip().strip('"') for name in head.split(",")]
+        _check_names(file, names)
+        known = [k for k, name in enumerate(names) if is_known(name)]
+        parts: list[FloatArray] = []
+        left = MOST_VALUES
+        for first, block in blocks:
+            if not block.strip():
+                continue
+            quick = _quick(block, len(names))
+            values = _careful(file, first, block, names, known) if quick is None else quick[:, known]
+            _check_size(file, values, parts, [names[k] for k in known])
+            parts.append(values)
+            left -= values.size
+            if left < 0:
+                raise InputError(file, f"more than {MOST_VALUES} values", first)
+    if not parts:
+        raise InputError(file, "no rows")
+    table = np.concatenate(parts)
+    return names, {names[k]: table[:, column] for column, k in enumerate(known)}
+
+
+def _check_size(file: Path, values: FloatArray, before: Sequence[FloatArray], names: Sequence[str]) -> None:
+    """InputError with the line of a value that is infinite or larger than a reading can be."""
     rows, columns = np.nonzero(np.abs(values) > LARGEST_VALUE)
     if len(rows):
-        name, value = names[columns[0]], values[rows[0], columns[0]]
-        reason = f"is beyond {LARGEST_VALUE:g}" if np.isfinite(value) else "is infinite"
-        raise InputError(file, escaped_lines(f"{name} {reason}"), _line_of(text, int(rows[0])))
-    return names, values
+        finite = np.isfinite(values[rows[0], columns[0]])
+        reason = f"is beyond {LARGEST_VALUE:g}" if finite else "is infinite"
+        line = _line_of(file, sum(map(len, before)) + int(rows[0]))
+        raise InputError(file, f"{names[columns[0]]} {reason}", line)
 
 
-def _quick(body: str, width: int) -> FloatArray | None:
+def _quick(block: str, width: int) -> FloatArray | None:
     """Return the values of plain numbers without an empty cell; None where there is anything else."""
-    if not body.strip():
-        return None
     try:
-        values = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2)
+        values = np.loadtxt(io.StringIO(block), delimiter=",", ndmin=2, comments=None)
     except ValueError:
         return None
-    return values if values.ndim == 2 and values.shape[1] == width and len(values) else None
+    return values if values.shape[1] == width else None
 
 
-def _careful(file: Path, text: str, width: int) -> FloatArray:
-    """Return the values cell by cell, empty ones NaN; InputError with the line of a cell that is no
+def _careful(file: Path, first: int, block: str, names: Sequence[str], known: Sequence[int]) -> FloatArray:
+    """Return the known columns cell by cell, empty ones NaN; InputError with the line of a cell that is no
     number."""
-    rows: list[list[float]] = []
-    for line, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
-        if line == 1 or not cells:
+    values = array("d")
+    for line, text in enumerate(block.split("\n"), first):
+        if not text.strip():
             continue
-        if len(cells) != width:
-            raise InputError(file, f"{len(cells)} cells, the header has {width}", line)
         try:
-            rows.append([float("nan") if cell.strip() in _EMPTY else float(cell) for cell in cells])
+            cells = next(csv.reader([text]))
+        except csv.Error as error:
+            raise InputError(file, f"not CSV: {error}", line) from None
+        if len(cells) != len(names):
+            raise InputError(file, f"{len(cells)} cells, the header has {len(names)}", line)
+        try:
+            values.extend([math.nan if cells[k].strip() in _EMPTY else float(cells[k]) for k in known])
         except ValueError:
-            bad = next(cell for cell in cells if not _is_number(cell))
+            bad = next(cells[k] for k in known if not _is_number(cells[k]))
             raise InputError(file, f"{bad[:40]!r} is not a number", line) from None
-    if not rows:
-        raise InputError(file, "no rows")
-    return np.array(rows)
+    return np.array(values, dtype=np.float64).reshape(-1, len(known))
 
 
 def _is_number(cell: str) -> bool:
@@ -182,17 +226,16 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _parquet(file: Path) -> tuple[list[str], FloatArray]:
-    """Return names and values of a Parquet file's columns, read in a process of its own; those of columns
-    that are not known are NaN."""
+def _parquet(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
+    """Return the names of all columns of a Parquet file, and the values of those that are known, read in a
+    process of its own."""
     with closing(NativeTable(file)) as table:
         names = list(table.names)
-        known = {name: table.column(name) for name in names if name == TIME or is_known(name)}
-    rows = max((len(values) for values in known.values()), default=0)
-    if not rows:
-        raise InputError(file, f"no rows, or no column {TIME}")
-    nothing = np.full(rows, np.nan)
+        _check_names(file, names)
+        known = {name: table.column(name) for name in names if is_known(name)}
     for name, values in known.items():
+        if not len(values):
+            raise InputError(file, "no rows")
         if len(beyond := np.flatnonzero(np.abs(values) > LARGEST_VALUE)):
             raise InputError(file, escaped_lines(f"row {beyond[0] + 1}: {name} is beyond {LARGEST_VALUE:g}"))
-    return names, np.stack([known.get(name, nothing) for name in names], axis=1)
+    return names, known
