@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import stat
 import subprocess
 import sys
@@ -168,6 +169,7 @@ def zipped(file: Path, *members: tuple[str, bytes], link: bool = False) -> Path:
 
 
 GOOD = ("modelDescription.xml", b"<fmiModelDescription fmiVersion='2.0'/>")
+STEERING = ("modelDescription.xml", "<fmiModelDescription fmiVersion='\u009b31m'/>".encode())
 
 
 @pytest.mark.parametrize("name", ["../evil.txt", "/etc/evil", "a/../../evil", "a\\..\\evil", "C:evil"])
@@ -200,6 +202,24 @@ def test_an_archive_that_is_no_fmu_is_refused(
         unpack(zipped(tmp_path / "a.fmu", *members), tmp_path / "fmu")
 
 
+@pytest.mark.parametrize("method", [zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_a_damaged_member_is_one_line(tmp_path: Path, method: int) -> None:
+    """Whatever it was packed with, and a pipe is no archive that is waited for."""
+    file = tmp_path / "a.fmu"
+    with zipfile.ZipFile(file, "w", method) as archive:
+        archive.writestr("modelDescription.xml", GOOD[1] * 20)
+        packed = archive.getinfo("modelDescription.xml").compress_size
+    content = bytearray(file.read_bytes())
+    begin = 30 + len("modelDescription.xml")
+    content[begin + 9 : begin + packed] = b"\xff" * (packed - 9)
+    file.write_bytes(content)
+    with pytest.raises(InputError, match=r"no FMU|cannot be read"):
+        unpack(file, tmp_path / "fmu")
+    os.mkfifo(tmp_path / "b.fmu")
+    with pytest.raises(InputError, match="not a file"):
+        unpack(tmp_path / "b.fmu", tmp_path / "fmu")
+
+
 def test_one_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the stated sizes, before a byte is unpacked."""
     monkeypatch.setattr(fmu, "MOST_BYTES", 1000)
@@ -211,7 +231,7 @@ def test_one_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: py
 def test_a_file_that_is_no_archive_ends_the_command(
     drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 3 and one line."""
+    """Exit code 3 and one line, in which what the file states steers no terminal."""
     need_fmpy()
     file = tmp_path / "a.fmu"
     file.write_bytes(b"PK\x03\x04" + bytes(100))
@@ -219,7 +239,12 @@ def test_a_file_that_is_no_archive_ends_the_command(
     assert 3 == main(line)
     file.unlink()
     assert 3 == main(line)
-    assert 2 == len(capsys.readouterr().err.strip().splitlines())
+    zipped(file, STEERING)
+    assert 3 == main(line)
+    said = capsys.readouterr().err.strip()
+    assert 3 == len(said.splitlines())
+    assert "\\x9b31m" in said
+    assert "\x9b" not in said
 
 
 def test_a_description_alone_fails_in_the_child(drive: Path, tmp_path: Path) -> None:

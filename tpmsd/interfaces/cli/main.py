@@ -208,6 +208,8 @@ def full_parser(commands: Commands = COMMANDS) -> Parser:
 
 
 def _say(line: str) -> None:
+    from tpmsd.car.config.problems import escaped_lines  # of no use where all goes well
+
     # Where nobody listens on standard error, the exit code still tells.
     with contextlib.suppress(OSError):
-        print(f"tpmsd: {line}", file=sys.stderr)
+        print(f"tpmsd: {escaped_lines(line)}", file=sys.stderr)
