@@ -9,6 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
+from tpmsd.car.config.dynamics import RADIUS
 from tpmsd.car.config.model import (
     AlarmsConfig,
     GnssConfig,
@@ -19,7 +20,6 @@ from tpmsd.car.config.model import (
     VehicleStateConfig,
 )
 from tpmsd.car.config.problems import BadValueError, show
-from tpmsd.car.config.schema import RADIUS
 from tpmsd.car.config.suggest import nearest
 from tpmsd.car.config.vehicle_state import lacking
 from tpmsd.foundation.wheels import WHEELS

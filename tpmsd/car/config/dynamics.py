@@ -18,6 +18,8 @@ from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem
 from tpmsd.car.config.rules import Choice, Number, Rule
 from tpmsd.car.config.suggest import nearest
 
+RADIUS = Number(0.15, 0.7, "m")
+"""Nominal radius of a wheel: go-kart to lorry."""
 _STIFFNESS = Number(1e3, 2e6, "N/rad")
 
 RULES: dict[str, Rule] = {
@@ -76,6 +78,7 @@ def load_car(path: Path) -> CarTables:
     given = document.data.get("vehicle")
     known = {key: given[key] for key in _VEHICLE if key in given} if isinstance(given, dict) else {}
     vehicle = _values(document, "vehicle", known, _VEHICLE, problems)
+    radius_m = _radius(document, given, problems)
     for key in NEEDED:
         if key not in dynamics:
             found = document.data.get("dynamics")
@@ -92,19 +95,17 @@ def load_car(path: Path) -> CarTables:
         vehicle.get("track_rear_m", 0.57 * base),
         vehicle.get("driven_axle", "front"),
         vehicle.get("steering_ratio"),
-        _radius(given),
+        radius_m,
     )
 
 
-def _radius(vehicle: object) -> float:
+def _radius(document: Document, vehicle: object, problems: list[Problem]) -> float:
     """Return the nominal radius, the mean where wheels differ; 0.3 m where none is stated."""
     value = vehicle.get("wheel_radius_m") if isinstance(vehicle, dict) else None
-    if isinstance(value, dict):
-        numbers = [float(v) for v in value.values() if isinstance(v, int | float)]
-        return sum(numbers) / len(numbers) if numbers else 0.3
-    return (
-        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else 0.3
-    )
+    wheels = value if isinstance(value, dict) else {} if value is None else {"all": value}
+    rules: dict[str, Rule] = dict.fromkeys(wheels, RADIUS)
+    read = _values(document, "vehicle", wheels, rules, problems, "wheel_radius_m")
+    return sum(read.values()) / len(read) if read else 0.3
 
 
 def _read(
@@ -129,11 +130,14 @@ def _values(
     given: Mapping[str, Any],
     rules: Mapping[str, Rule],
     problems: list[Problem],
+    within: str | None = None,
 ) -> dict[str, Any]:
+    """Return the good values by key; what is wrong is a problem at its key, or at the key `within`."""
     good: dict[str, Any] = {}
     for key, value in given.items():
         try:
             good[key] = rules[key].read(value)
         except BadValueError as bad:
-            problems.append(bad.at(document.file, document.line(table, key), f"[{table}] {key}"))
+            at = within or key
+            problems.append(bad.at(document.file, document.line(table, at), f"[{table}] {at}"))
     return good

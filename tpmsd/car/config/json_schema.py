@@ -20,6 +20,7 @@ from tpmsd.car.config.can_output import (
     WHEN,
     Identifiers,
 )
+from tpmsd.car.config.dynamics import RADIUS
 from tpmsd.car.config.gnss_source import ALLOWED, DeviceRule, SourceRule
 from tpmsd.car.config.rules import (
     TYRE_SIZE,
@@ -34,7 +35,7 @@ from tpmsd.car.config.rules import (
     Whole,
     Words,
 )
-from tpmsd.car.config.schema import RADIUS, tables
+from tpmsd.car.config.schema import tables
 from tpmsd.car.config.signal_table import SignalEntry, TeethTable
 from tpmsd.foundation.wheels import WHEELS
 

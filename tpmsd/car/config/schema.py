@@ -37,7 +37,6 @@ from tpmsd.car.config.signal_table import SignalEntry, TeethTable
 from tpmsd.foundation.wheels import WHEELS
 
 DRIVEN_AXLES = ("front", "rear", "all")
-RADIUS = Number(0.15, 0.7, "m")  # go-kart to lorry
 _TRACK = Number(0.8, 3.0, "m")
 _PROBABILITY = Number(0.0, 1.0, "share", open=True)
 _PERCENT = Number(0.01, 20.0, "%")
@@ -51,7 +50,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
     return {
         "vehicle": {
             "name": Text(),
-            "wheel_radius_m": RADIUS,
+            "wheel_radius_m": dynamics.RADIUS,
             "track_front_m": _TRACK,
             "track_rear_m": _TRACK,
             "wheelbase_m": Number(1.0, 8.0, "m"),
