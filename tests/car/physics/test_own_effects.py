@@ -170,6 +170,9 @@ BROKEN = {
     "line 1: ": "def (:",
     "RuntimeError: no": "raise RuntimeError('no')",
     "SystemExit: 3": "raise SystemExit(3)",
+    "GeneratorExit": "raise GeneratorExit",
+    ": Mute": "class Mute(Exception):\n def __str__(self): raise ValueError\nraise Mute",
+    "parameters are no tuple": GOOD.replace("parameters = (", "parameters = 1\n    former = ("),
     "ModuleNotFoundError": "import a_module_that_is_not_there",
     "defines no effect": "x = 1",
     "has no name": GOOD.replace('"bend_sinking"', '"Bend sinking"'),
@@ -212,6 +215,9 @@ def test_a_broken_file_ends_a_command_with_its_line(tmp_path: Path) -> None:
     said = tpmsd("effects", "--effects-path", tmp_path, code=2)
 
     assert [f"tpmsd: {path}: line 1: invalid syntax"] == said.splitlines()
+    path.unlink()
+    os.mkfifo(path, 0o600)
+    assert "not a file" in tpmsd("effects", "--effects-path", tmp_path, code=2)
     assert "no folder of effects" in tpmsd("effects", "--effects-path", tmp_path / "none", code=2)
 
 

@@ -13,6 +13,7 @@ import pytest
 from tests.offline.dynamics.drives import folder, hidden
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.car.physics.dynamics_model import DynamicsModel, format_dynamics_model, parse_dynamics_model
+from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.signals.read import read_signals
@@ -131,6 +132,8 @@ def test_a_model_file_is_read_back_exactly() -> None:
     model = DynamicsModel(effects, ({"relative": 0.01}, {}, {}), ("", "abc", ""))
 
     assert parse_dynamics_model(format_dynamics_model(model, "found\non a drive")) == model
+    with pytest.raises(ConfigError, match=r"length_m = 1e-300 is outside 0\.05 to 5 m"):
+        parse_dynamics_model('[[effect]]\nname = "tyre_relaxation"\nlength_m = 1e-300\n')
 
 
 def test_a_term_over_time_stays_out_of_another_drive(

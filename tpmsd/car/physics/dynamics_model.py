@@ -61,10 +61,20 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[DynamicsEffect, dict
     if not isinstance(drive, str):
         raise ConfigError(f"effect {name[:60]}: drive = {drive!r} is no text")
     effect = make_dynamics_effect(name[:60], **table)
+    _check_limits(effect)
     for key in std:
         if key not in effect.values():
             raise ConfigError(f"effect {name}: std of {key[:60]!r}, which it does not have")
     return effect, {key: float(value) for key, value in std.items()}, drive
+
+
+def _check_limits(effect: DynamicsEffect) -> None:
+    """ConfigError for a value below the least: effects take such a one as a probe, a file has none."""
+    try:
+        for parameter in effect.parameters:
+            parameter.check(getattr(effect, parameter.name))
+    except ValueError as error:
+        raise ConfigError(f"effect {effect.name}: {error}") from None
 
 
 def _is_number(value: object) -> bool:

@@ -22,6 +22,7 @@ from tpmsd.car.physics.dynamics_effect import FREE, DynamicsEffect
 from tpmsd.car.physics.own_effects import (
     GROUP,
     NAME,
+    check_parameters,
     dynamics_classes_of,
     files_of,
     folders,
@@ -79,9 +80,7 @@ def checked(effect: type[DynamicsEffect], where: str) -> type[DynamicsEffect]:
     made = vars(effect).get("__dataclass_params__")  # an inherited one is not this class's
     if made is None or not made.frozen:
         raise ConfigError(f"{where}: not a frozen dataclass")
-    unmatched = {one.name for one in effect.parameters} ^ {one.name for one in dataclasses.fields(effect)}
-    if unmatched:
-        raise ConfigError(f"{where}: parameters and fields differ: {' '.join(sorted(unmatched))}")
+    check_parameters(effect.parameters, {one.name for one in dataclasses.fields(effect)}, where)
     if effect.kind == FREE:
         raise ConfigError(f"{where}: an effect of one's own cannot be {FREE}")
     if any(one.prior is None or one.prior.std <= 0.0 for one in effect.numbers()):

@@ -45,6 +45,7 @@ RESERVED = (
     *("shortens", "in_calibration", "alike_on_every_drive"),
 )
 """Marks by which the program knows effects of its own that it looks for apart: others cannot have them."""
+PARAMETERS = (Parameter, WheelParameter, TextParameter, VectorParameter)
 WRITABLE_BY_ALL = stat.S_IWOTH
 SAMPLES = 12
 PARTS: dict[str, tuple[int, ...]] = {
@@ -105,6 +106,8 @@ def files_of(folder: Path) -> list[Path]:
         for path in found:
             if path.stat().st_mode & WRITABLE_BY_ALL:
                 raise ConfigError(f"{path}: anybody may write to it: chmod o-w")
+            if not path.is_file():
+                raise ConfigError(f"{path}: not a file")
     except OSError as error:
         raise ConfigError(f"{error.filename or folder}: {error.strerror}") from None
     return found
@@ -151,7 +154,7 @@ def module_of_file(path: Path) -> ModuleType:
             spec.loader.exec_module(module)
         except BaseException as error:
             del sys.modules[name]
-            if not isinstance(error, Exception | SystemExit):
+            if isinstance(error, KeyboardInterrupt):
                 raise
             raise ConfigError(f"{path}: {reason_of(error)}") from None
     return module
@@ -189,11 +192,7 @@ def checked(effect: type[Effect], where: str) -> type[Effect]:
     made = vars(effect).get("__dataclass_params__")  # an inherited one is not this class's
     if made is None or not made.frozen:
         raise ConfigError(f"{where}: not a frozen dataclass")
-    parameters = {one.name for one in effect.parameters}
-    fields = {one.name for one in dataclasses.fields(effect)}
-    if parameters != fields:
-        unmatched = " ".join(sorted(parameters ^ fields))
-        raise ConfigError(f"{where}: parameters and fields differ: {unmatched}")
+    check_parameters(effect.parameters, {one.name for one in dataclasses.fields(effect)}, where)
     if effect.kind in (Kind.FREE, Kind.NUISANCE):
         raise ConfigError(f"{where}: an effect of one's own cannot be {effect.kind.value}")
     for mark in RESERVED:
@@ -201,6 +200,14 @@ def checked(effect: type[Effect], where: str) -> type[Effect]:
             raise ConfigError(f"{where}: {mark.rpartition('.')[2]} is for effects of the program alone")
     _try_out(effect, where)
     return effect
+
+
+def check_parameters(given: object, fields: set[str], where: str) -> None:
+    """ConfigError unless what a class gives as its parameters are some, with the names of its fields."""
+    if not isinstance(given, tuple | list) or not all(isinstance(one, PARAMETERS) for one in given):
+        raise ConfigError(f"{where}: parameters are no tuple of Parameter")
+    if unmatched := {one.name for one in given} ^ fields:
+        raise ConfigError(f"{where}: parameters and fields differ: {' '.join(sorted(unmatched))}")
 
 
 def _try_out(effect: type[Effect], where: str) -> None:
@@ -264,4 +271,7 @@ def reason_of(error: BaseException) -> str:
     """Return an error in one line, with its line in the file where Python knows it."""
     if isinstance(error, SyntaxError):
         return f"line {error.lineno}: {error.msg}"
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    try:
+        return " ".join(f"{type(error).__name__}: {error}".split())
+    except Exception:  # an error of its own whose text cannot be made
+        return type(error).__name__
