@@ -52,7 +52,8 @@ ROOMS = {
     "monitor": Room(
         _modules("tpmsd/onboard/monitor", "settings", "drive_settings", "encoder_settings"),
         ("tests/onboard/monitor",),
-        "TestLife or slow_leak or no_history_of_radii_flaps or reset_away_minute",
+        "TestLife or a_leak_is_noticed_over_restarts or what_a_drive_taught_counts or a_leak_of_half_an_hour"
+        " or no_history_of_radii_flaps or reset_away_minute",
     ),
     "timeline": Room(
         _modules("tpmsd/onboard/timeline"),
