@@ -21,9 +21,9 @@ def test_what_is_not_there_or_not_for_this_machine_is_not_loadable(tmp_path: Pat
 @pytest.mark.parametrize(
     ("there", "word"),
     [
-        ((True, True, True), "compiled"),
-        ((False, False, False), "numpy"),
-        ((True, False, True), "compiled: bank, candump"),
+        ((True, True, True, True), "compiled"),
+        ((False, False, False, False), "numpy"),
+        ((True, False, True, False), "compiled: bank, candump"),
     ],
 )
 def test_one_word_for_all_kernels(

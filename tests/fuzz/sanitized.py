@@ -1,4 +1,4 @@
-"""Runs the tests of the three compiled parts under AddressSanitizer and UndefinedBehaviorSanitizer.
+"""Runs the tests of the compiled parts under AddressSanitizer and UndefinedBehaviorSanitizer.
 
 In: the C files of `setup.py`, gcc. Out: what pytest says; exit code 1 where a test or a sanitizer failed, 0
 with a line where gcc or its sanitizers are not installed. The parts are built into a copy,
@@ -22,11 +22,13 @@ PARTS = (
     "tpmsd/onboard/estimators/bank/_bank",
     "tpmsd/offline/inference/_gains",
     "tpmsd/onboard/sources/can/_candump",
+    "tpmsd/onboard/monitor/evidence/_evidence",
 )
 TESTS = (
     "tests/onboard/estimators/test_bank_kernel.py",
     "tests/offline/inference/test_gains.py",
     "tests/onboard/sources_can/test_candump_text.py",
+    "tests/onboard/monitor/test_evidence_kernel.py",
 )
 FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-fno-omit-frame-pointer")
 

@@ -1,5 +1,5 @@
-/* Arguments of the compiled parts: arrays of doubles, C-contiguous. Included by `onboard/estimators/bank/_bank.c` and
- * `offline/inference/_gains.c`, after their `Py_LIMITED_API`.
+/* Arguments of the compiled parts: arrays of doubles, C-contiguous. Included by `onboard/estimators/bank/_bank.c`,
+ * `onboard/monitor/evidence/_evidence.c` and `offline/inference/_gains.c`, after their `Py_LIMITED_API`.
  */
 #ifndef TPMSD_ARRAYS_H
 #define TPMSD_ARRAYS_H

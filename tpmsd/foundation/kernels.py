@@ -1,4 +1,5 @@
-"""Report which compiled kernels this installation can load: hypothesis bank, whitening gains, candump lines.
+"""Report which compiled kernels this installation can load: hypothesis bank, whitening gains, candump lines,
+comparison of hypotheses.
 
 In: the installed files. Out: one word per kernel and for all of them. Each kernel has a twin in NumPy that
 gives the same results within rounding and runs where the compiled one is absent.
@@ -15,6 +16,7 @@ FILES = {
     "bank": "onboard/estimators/bank/_bank",
     "gains": "offline/inference/_gains",
     "candump": "onboard/sources/can/_candump",
+    "evidence": "onboard/monitor/evidence/_evidence",
 }
 """Kernel -> its file below the package's folder, without the suffix."""
 COMPILED, NUMPY = "compiled", "numpy"

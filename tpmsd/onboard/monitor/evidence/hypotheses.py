@@ -19,6 +19,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,11 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.probability import normal_cdf
 from tpmsd.onboard.monitor.evidence.sizes import Sized, Sizes, no_sizes, subsets
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+
+try:
+    from tpmsd.onboard.monitor.evidence import _evidence as compiled
+except ImportError:  # not built: there was no compiler, or it was left out
+    compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
 NEGLIGIBLE = math.exp(-DRIVE_EVIDENCE.negligible_nats)
@@ -143,7 +149,13 @@ class Comparison:
         return self.of_accounts(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
 
     def of_accounts(self, change_hypotheses: Sized) -> Verdict:
-        """Posterior over n change hypotheses of one change as well, covariances including nuisance."""
+        """Posterior over n change hypotheses of one change as well, covariances including nuisance: by
+        compiled code where it was built."""
+        found = None if compiled is None else self.by_compiled(change_hypotheses)
+        return self.by_arrays(change_hypotheses) if found is None else found
+
+    def by_arrays(self, change_hypotheses: Sized) -> Verdict:
+        """Return `of_accounts` computed by NumPy, the reference."""
         d = self.radius_m.size
         _, weights, log_shares = _hypotheses(d)
         parabola = self._parabola(change_hypotheses.change_m, change_hypotheses.covariance_m2)
@@ -161,6 +173,32 @@ class Comparison:
         total = np.add.reduce(none) + np.add.reduce(posterior, axis=None)
         table = Table.of(change_hypotheses.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
         return self._verdict(change_hypotheses, fit, parabola, posterior / total, none / total, table)
+
+    def by_compiled(self, change_hypotheses: Sized) -> Verdict | None:
+        """Return `of_accounts` computed by `_evidence.c`; None where a covariance has no factor."""
+        n, d = change_hypotheses.change_m.shape
+        members, weights, log_shares = _hypotheses(d)
+        lost, sizes = 2**d - 1, self.sizes or no_sizes(d)
+        rows, of_each = len(sizes.mean), change_hypotheses.row.astype(np.float64)
+        table = Table(
+            np.empty(rows), np.empty(len(members) - lost), np.empty((rows, lost)), np.empty((rows, lost))
+        )
+        deflated, loss_m, best_loss_m, off = np.empty(d), np.empty(d), np.empty(d), np.empty(lost)
+        gains, chances, intact = np.empty(len(members)), np.empty(n), np.empty(n)
+        found = compiled.compare(
+            *(table.none, table.larger, table.lost, table.large, deflated, loss_m, off, gains, best_loss_m),
+            *(chances, intact, np.empty((n, 4 * len(members)))),
+            *(np.ascontiguousarray(change_hypotheses.change_m), change_hypotheses.covariance_m2),
+            *(change_hypotheses.log_weight, of_each, change_hypotheses.size, change_hypotheses.size_std),
+            *(np.array(sizes.subset, dtype=np.float64), members, log_shares),
+            np.zeros(lost) if self.log_ratios is None else self.log_ratios,
+            *(self.radius_m, LOSS_GRID, severity(self.threshold)),
+            *(math.log1p(-float(weights.sum())), self.limit, float(self.one_alone)),
+            *(float(LOSS_GRID.searchsorted(self.threshold)), NEGLIGIBLE),
+        )
+        if found is None:
+            return None
+        return Verdict(deflated, found[0], loss_m, off, found[1], gains, best_loss_m, chances, intact, table)
 
     @property
     def _rows(self) -> int:

@@ -14,12 +14,18 @@ from __future__ import annotations
 import functools
 import itertools
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+
+try:
+    from tpmsd.onboard.monitor.evidence import _evidence as compiled
+except ImportError:  # not built: there was no compiler, or it was left out
+    compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +171,45 @@ def with_sizes(
     """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under each row that counts and the first;
     under `every` one, row by row.
 
-    radius_m: (d,)"""
+    radius_m: (d,); by compiled code where it was built."""
+    given = change_m, covariance_m2, log_weight, radius_m, sizes
+    found = None if compiled is None else compiled_sizes(*given, every=every)
+    return array_sizes(*given, every=every) if found is None else found
+
+
+def compiled_sizes(
+    change_m: FloatArray,
+    covariance_m2: FloatArray,
+    log_weight: FloatArray,
+    radius_m: FloatArray,
+    sizes: Sizes,
+    *,
+    every: bool = False,
+) -> Sized | None:
+    """Return `with_sizes` computed by `_evidence.c`; None where a covariance is not positive definite."""
+    (m, d), rows = covariance_m2.shape[:2], len(sizes.mean)
+    out = np.empty((rows * m, d)), np.empty((rows * m, d, d)), *np.empty((4, rows * m))
+    count = compiled.with_sizes(
+        *(*out, np.empty((rows, m)), np.ascontiguousarray(change_m), covariance_m2, log_weight, radius_m),
+        *(sizes.pattern, sizes.mean, sizes.variance, sizes.log_prior),
+        *(float(every), DRIVE_EVIDENCE.negligible_nats),
+    )
+    if count < 0:
+        return None
+    change, covariance, log, row, size, std = (one[:count] for one in out)
+    return Sized(change, covariance, log, row.astype(np.intp), size, std)
+
+
+def array_sizes(
+    change_m: FloatArray,
+    covariance_m2: FloatArray,
+    log_weight: FloatArray,
+    radius_m: FloatArray,
+    sizes: Sizes,
+    *,
+    every: bool = False,
+) -> Sized:
+    """Return `with_sizes` computed by NumPy, the reference."""
     pattern = sizes.pattern * radius_m
     rest = change_m - (sizes.mean[:, None] * pattern)[:, None]  # (r, m, d)
     spread = sizes.variance[:, None, None] * pattern[:, :, None] * pattern[:, None, :]

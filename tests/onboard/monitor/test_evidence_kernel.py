@@ -1,0 +1,113 @@
+"""The comparison of hypotheses: compiled code and NumPy arrays give the same."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from tpmsd.foundation.kernels import kernels
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Table, Verdict
+from tpmsd.onboard.monitor.evidence.sizes import (
+    Sized,
+    Sizes,
+    array_sizes,
+    compiled_sizes,
+    no_sizes,
+    sizes_of,
+    with_sizes,
+)
+
+SAME = 1e-9
+"""Relative: both round alike but for the order of sums and the way in which a matrix is solved."""
+WHEELS = ((2, 3), (0, 1, 2), (0, 1, 2, 3))
+
+
+@pytest.fixture(autouse=True)
+def built() -> None:
+    """Nothing can be compared where nothing was compiled."""
+    if not kernels()["evidence"]:
+        pytest.skip("the compiled kernel is not built here (no compiler, or no headers of Python)")
+
+
+def some_changes(
+    wheels: tuple[int, ...], count: int, seed: int
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Changes of some tenths of a millimetre, known to a tenth or two; their weights; radii."""
+    rng = np.random.default_rng(seed)
+    d = len(wheels)
+    root = rng.standard_normal((count, d, d)) * 1e-4
+    covariance = root @ root.transpose(0, 2, 1) + 1e-8 * np.eye(d)
+    change = rng.standard_normal((count, d)) * rng.choice([2e-4, 3e-3])
+    return change, covariance, rng.uniform(-20.0, 0.0, count), rng.uniform(0.3, 0.33, d)
+
+
+def assert_sized_alike(one: Sized, other: Sized) -> None:
+    """Equal but for rounding."""
+    for part in fields(Sized):
+        np.testing.assert_allclose(getattr(other, part.name), getattr(one, part.name), rtol=SAME, atol=1e-12)
+
+
+def assert_alike(one: Verdict, other: Verdict) -> None:
+    """Equal but for rounding, tables of logarithms included."""
+    for part in fields(Verdict):
+        ours, theirs = getattr(one, part.name), getattr(other, part.name)
+        if isinstance(ours, Table):
+            for column in fields(Table):
+                pair = getattr(ours, column.name), getattr(theirs, column.name)
+                np.testing.assert_allclose(pair[1], pair[0], rtol=SAME, atol=SAME, err_msg=column.name)
+        else:
+            np.testing.assert_allclose(theirs, ours, rtol=SAME, atol=1e-13, err_msg=part.name)
+
+
+@pytest.mark.parametrize("wheels", WHEELS)
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("every", [False, True])
+def test_changes_under_sizes_are_alike(wheels: tuple[int, ...], seed: int, every: bool) -> None:
+    """Rows that count are the same ones, in the same order."""
+    given = some_changes(wheels, 1 + seed, seed)
+    for sizes in (sizes_of(wheels), no_sizes(len(wheels))):
+        found = compiled_sizes(*given, sizes, every=every)
+        assert found is not None
+        assert_sized_alike(array_sizes(*given, sizes, every=every), found)
+
+
+@pytest.mark.parametrize("wheels", WHEELS)
+@pytest.mark.parametrize("seed", range(6))
+def test_verdicts_are_alike(wheels: tuple[int, ...], seed: int) -> None:
+    """One change and many, with resonances and without, of other tyres, with a limit of deviation; changes of
+    which one is impossible."""
+    change, covariance, weight, radius = some_changes(wheels, 1 + 2 * seed, seed)
+    sizes: Sizes | None = sizes_of(wheels)
+    given = with_sizes(change, covariance, weight, radius, sizes_of(wheels))
+    ratios = np.random.default_rng(seed).standard_normal(2 ** len(wheels) - 1)
+    options = (None, ratios)[seed % 2], seed == 3
+    if seed == 5:
+        sizes, given = None, Sized.plain(change, covariance, weight)
+        given = replace(given, log_weight=np.where(np.arange(weight.size) == 2, -np.inf, weight))
+    for limit in (math.inf, 0.02):
+        against = Comparison(radius, 0.006, *options, sizes, limit)
+        found = against.by_compiled(given)
+        assert found is not None
+        assert_alike(against.by_arrays(given), found)
+
+
+def test_a_covariance_that_is_none_is_left_to_arrays() -> None:
+    """Compiled code factorises; it declines a matrix that has no factor."""
+    change, covariance, weight, radius = some_changes((0, 1, 2, 3), 2, 1)
+    covariance[1, 2, 2] = -1.0
+    assert compiled_sizes(change, covariance, weight, radius, no_sizes(4)) is None
+    assert Comparison(radius, 0.006).by_compiled(Sized.plain(change, covariance, weight)) is None
+
+
+def test_arrays_that_do_not_belong_together_are_declined() -> None:
+    """A row that is not among the sizes would be read from beyond the table."""
+    change, covariance, weight, radius = some_changes((0, 1, 2, 3), 2, 1)
+    given = replace(Sized.plain(change, covariance, weight), row=np.array([0, 9]))
+    with pytest.raises(ValueError, match="belong together"):
+        Comparison(radius, 0.006).by_compiled(given)
+    with pytest.raises(ValueError, match="belong together"):
+        compiled_sizes(change, covariance, weight[:1], radius, no_sizes(4))
