@@ -30,6 +30,7 @@ from tpmsd.offline.signals.columns import (
     STEERING_WHEEL,
     WHEELS,
 )
+from tpmsd.offline.signals.denoise import denoised
 from tpmsd.offline.signals.read import SignalTable
 
 MOST_HZ = 105.0
@@ -50,6 +51,9 @@ NEAR_FACTOR = 0.25
 """Relative distance from one of these factors: side slip and scales of instruments change it by less."""
 PARALLEL = 0.8
 """Correlation of lateral acceleration with speed times yaw rate from which their ratio says anything."""
+ACCEL_WALK = 5.0
+"""Random walk of a car's longitudinal acceleration, m/s2 per square root of a second: brakes and throttle
+change it by 2 to 3 m/s2 in a third of a second."""
 LEAST_VALUES = 10
 """Values below which nothing is read from a column."""
 MOST_STRAIGHT_RAD = 0.5
@@ -270,14 +274,19 @@ def _check_units(table: SignalTable, turning: FloatArray, accel_lat: FloatArray)
 def _speed(
     table: SignalTable, columns: dict[str, FloatArray], tables: CarTables, time: FloatArray
 ) -> FloatArray:
-    """Return the speed: recorded, else by the wheels, else by the receiver."""
+    """Return the speed without its noise: recorded, else by the wheels, else by the receiver.
+
+    It is an input: a model cannot tell its noise from motion, and what averages rows, such as a delay by half
+    a row, would explain readings better.
+    """
     if _has(columns, OUTPUTS["speed"]):
-        return filled(time, columns[OUTPUTS["speed"]])
+        return denoised(time, columns[OUTPUTS["speed"]], ACCEL_WALK)
     wheels = [columns[name] for name in _usable(columns, WHEELS)]
     if wheels:
-        return np.asarray(np.mean([filled(time, one) for one in wheels], axis=0) * tables.wheel_radius_m)
+        mean = np.mean([filled(time, one) for one in wheels], axis=0) * tables.wheel_radius_m
+        return denoised(time, np.asarray(mean), ACCEL_WALK)
     if _has(columns, "gnss_speed_mps"):
-        return filled(time, columns["gnss_speed_mps"])
+        return denoised(time, columns["gnss_speed_mps"], ACCEL_WALK)
     raise InputError(table.file, "no speed: speed_mps, wheel_speed_*_radps or gnss_speed_mps is needed", 1)
 
 
