@@ -49,6 +49,10 @@ class DynamicsEffect:
     """True if the effect shows only where speed is an output."""
     positive: ClassVar[bool] = False
     """True if only one sign of the first parameter is physically possible."""
+    relative_std: ClassVar[float] = 0.0
+    """Standard deviation of its first value, over the value, by constants of the car that nobody states."""
+    separable: ClassVar[bool] = False
+    """True if each of its parameters may have a value while the others do nothing."""
     shows_in: ClassVar[Mapping[str, str]] = {}
     """Outputs by parameter, for parameters that show in one output alone."""
     twins: ClassVar[tuple[str, ...]] = ()

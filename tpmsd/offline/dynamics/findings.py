@@ -57,7 +57,37 @@ def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
         without = _without(few, k)
         one = _finding(search, few, slot, with_all, without, alternatives)
         found.append(replace(one, term=k))
-    return tuple(sorted(found, key=lambda one: -one.loglik_gain))
+    return with_a_cause(sorted(found, key=lambda one: -one.loglik_gain))
+
+
+def with_a_cause(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
+    """Return the findings; where something acts and no name is likelier than not, it is `unknown`.
+
+    The strongest of the suspicions that makes the prediction better says where it shows; its name and twins
+    are listed as what it may be.
+    """
+    if any(one.status == FINDING for one in found):
+        return tuple(found)
+    for k, one in enumerate(found):
+        better = one.loglik_gain > 0.0 and one.rms_after < SETTINGS.least_fall * one.rms_before
+        if one.p_value <= MAX_P_VALUE and better:
+            cause = one if one.effect == "unknown" else _without_its_name(one)
+            return (*found[:k], replace(cause, status=FINDING), *found[k + 1 :])
+    return tuple(found)
+
+
+def _without_its_name(one: DynamicsFinding) -> DynamicsFinding:
+    """Return a finding as one of a cause without a name, at the same place."""
+    return replace(
+        one,
+        effect="unknown",
+        confidence=1.0 - one.confidence,
+        parameters={},
+        indistinguishable_from=tuple(dict.fromkeys((one.effect, *one.indistinguishable_from))),
+        acts_on=one.where.channel,
+        stand_in=False,
+        unusual=False,
+    )
 
 
 def nuisances_of(search: Search, look: Look) -> tuple[FittedNuisance, ...]:
@@ -107,9 +137,10 @@ def _finding(
     if term.name != "unknown":
         against += left_over(readings, without, with_all, search.noise.outputs)
     confidence = 1.0 / (1.0 + against)
+    doubtful = likelier_not(against, [value - slot.evidence for _, value in rivals])
     return DynamicsFinding(
         effect=term.name,
-        status=FINDING if p_value <= MAX_P_VALUE else SUSPICION,
+        status=SUSPICION if p_value > MAX_P_VALUE or doubtful else FINDING,
         confidence=0.5 * confidence if with_nameless_term else confidence,
         p_value=p_value,
         parameters=_quantities(slot),
@@ -127,6 +158,15 @@ def _finding(
         unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, output], without[:, output], with_all[:, output]),
     )
+
+
+def likelier_not(against: float, rivals: Sequence[float]) -> bool:
+    """Return True if neither a name nor a rival of about its evidence is likelier than all the rest.
+
+    `against` are the odds against the name; `rivals` the log odds of rivals, nats, which those hold.
+    """
+    alike = sum(math.exp(nats) for nats in rivals if abs(nats) <= SETTINGS.twin_nats)
+    return against - alike > 1.0 + alike
 
 
 def odds_of_nothing(evidence: float, distance: float) -> float:

@@ -108,7 +108,7 @@ def _winds(search: Search) -> list[LocatedTerm]:
     edges = np.array(spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s))
     out = []
     for kind in (SideWind, *((DynamicsHeadWind,) if search.setup.baseline.forces else ())):
-        if sum(effect.name == kind.name for effect in search.theta) >= 2:
+        if sum(effect.name == kind.name for effect in search.theta) >= SETTINGS.most_spans:
             continue
         moved = (*search.theta, kind(speed_mps=1.0))
         scores = row_scores(search, Probe(moved, 1.0))

@@ -78,10 +78,27 @@ class Look:
 
     def score(self, k: int) -> float:
         """Return the log evidence of an offered term, less the choice among its alternatives."""
-        term, addition = self.offered[k], self.addition(k)
-        if not addition.visible or not possible(term, addition.estimate):
+        addition = self.addition(k)
+        if not addition.visible or not possible(self.offered[k], addition.estimate):
             return -math.inf
-        return addition.log_evidence() - math.log(term.alternatives)
+        return self._offered_evidence(k, addition, joined(self.columns))
+
+    def _offered_evidence(
+        self,
+        k: int,
+        addition: Addition,
+        given: PriorColumns,
+        removal: tuple[tuple[int, ...], tuple[float, ...]] = ((), ()),
+        ratio: float | None = None,
+    ) -> float:
+        """Return the log evidence of an offered term beside others, that of its likeliest part if it has
+        any, less the choice among its alternatives and parts."""
+        term, columns = self.offered[k], self.added[k]
+        values = [addition.log_evidence(ratio)]
+        for j in range(len(columns.index) if term.separable else 0):
+            one = PriorColumns((columns.index[j],), columns.offset[[j]], columns.precision[[j]])
+            values.append(self.statistics.addition(given, one, *removal).log_evidence(ratio))
+        return max(values) - math.log(term.alternatives * len(values))
 
     def loss(self, k: int) -> tuple[float, Addition]:
         """Return the nats that are lost without a term, its noise as large as the blocks say, and what it
@@ -93,13 +110,30 @@ class Look:
         return (full - less) / own.overdispersion, own
 
     def evidence(self, k: int) -> float:
-        """Return the log Bayes factor of a term of the model against its absence."""
+        """Return the log Bayes factor of a term of the model, or of its likeliest part, against its
+        absence."""
         loss, own = self.loss(k)
         ratio = own.overdispersion
         prior = self.columns[k].precision
         matrix = own.information / ratio + np.diag(prior)
         occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
-        return float(loss - occam - math.log(self.terms[k].alternatives))
+        values = [loss - occam]
+        if self.terms[k].separable:
+            less = loss - self._penalised(joined(self.columns), (), ()) / ratio
+            for j in range(len(prior)):
+                occam = 0.5 * math.log(1.0 + own.information[j, j] / ratio / prior[j])
+                values.append(less + self._with_part(k, j) / ratio - occam)
+        return float(max(values) - math.log(self.terms[k].alternatives * len(values)))
+
+    def _with_part(self, k: int, j: int) -> float:
+        """Return the log-likelihood with priors where of a term of the model only one value is free, the
+        others those that do nothing."""
+        term, own = self.terms[k], self.columns[k]
+        one = PriorColumns((own.index[j],), own.offset[[j]], own.precision[[j]])
+        others = [i for i in range(len(own.index)) if i != j]
+        held = [term.neutral.get(term.free[i], 0.0) - term.value(term.free[i]) for i in others]
+        rest = [columns for i, columns in enumerate(self.columns) if i != k]
+        return self._penalised(joined([*rest, one]), [own.index[i] for i in others], held)
 
     def _penalised(self, free: PriorColumns, held: Sequence[int], values: Sequence[float]) -> float:
         """Return the log-likelihood with priors at the best values of the free columns."""
@@ -115,13 +149,13 @@ class Look:
         rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
         ratio = self.statistics.addition(rest, self.columns[k]).overdispersion
         best: dict[str, tuple[CandidateTerm, float]] = {}
-        for term, columns in zip(self.offered, self.added, strict=True):
+        for i, (term, columns) in enumerate(zip(self.offered, self.added, strict=True)):
             if set(columns.index) & set(self.removal[k][0]):
                 continue
             addition = self.statistics.addition(rest, columns, *self.removal[k])
             if not addition.visible or not possible(term, addition.estimate):
                 continue
-            value = addition.log_evidence(max(ratio, 1.0)) - math.log(term.alternatives)
+            value = self._offered_evidence(i, addition, rest, self.removal[k], max(ratio, 1.0))
             if term.key not in best or value > best[term.key][1]:
                 best[term.key] = (term, value)
         return sorted(best.values(), key=lambda pair: -pair[1])
@@ -152,6 +186,7 @@ class Look:
         term = self.terms[k]
         away = np.array([term.value(name) - term.neutral.get(name, 0.0) for name in term.free])
         spread = np.array([term.spread.get(name, 0.0) for name in term.free])
+        spread[0] = math.hypot(spread[0], term.effect.relative_std * away[0])
         covariance = covariance + np.diag((SETTINGS.relative_std * away) ** 2)
         size = 2.0 * max(loss, 0.0)
         if term.has_neutral:

@@ -72,6 +72,8 @@ class DynamicsSettings:
     cost: what explains how readings follow each other but predicts them worse is a property of the noise."""
     plain: float = 4.0
     """Log evidence on a part of the blocks, in thresholds, beyond which the whole drive need not be asked."""
+    least_fall: float = 0.995
+    """Prediction error after over before, below which it is said to fall: three digits are printed."""
     tried: int = 4
     """Terms that a forward step tries, best evidence first, until one predicts no worse."""
     stand_in_share: float = 0.7
@@ -96,6 +98,8 @@ class DynamicsSettings:
     """Slopes along the road: 3 to 7 % on rural roads (AASHTO 2018, ch. 3)."""
     wind_box_s: float = 5.0
     """Resolution of the spans in which wind is looked for."""
+    most_spans: int = 4
+    """Spans of wind, at most: gusts between woods and bridges of one drive."""
     wind_edge_s: float = 0.5
     """Resolution of begin and end of the likeliest span: a gust builds up in about a second."""
     slow_share: float = 1.6

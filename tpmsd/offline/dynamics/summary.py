@@ -16,7 +16,9 @@ from tpmsd.offline.dynamics.result import (
     DynamicsDiagnosis,
     DynamicsFinding,
     FittedNumber,
+    OutputFit,
 )
+from tpmsd.offline.dynamics.settings import SETTINGS
 
 OUTPUT_NAMES = {
     "yaw_rate": "yaw rate",
@@ -136,12 +138,27 @@ def certificate_sentence(diagnosis: DynamicsDiagnosis) -> str:
 
 
 def _fit(diagnosis: DynamicsDiagnosis) -> str:
-    parts = [
-        f"of {OUTPUT_NAMES[name]} from {fit.rms_before:.3g} to {fit.rms_after:.3g} {fit.unit}"
+    """Return which outputs are predicted better with the findings, and which are not."""
+
+    def errors(outputs: Mapping[str, OutputFit]) -> str:
+        return listed(
+            [
+                f"of {OUTPUT_NAMES[name]} from {fit.rms_before:.3g} to {fit.rms_after:.3g} {fit.unit}"
+                for name, fit in outputs.items()
+            ]
+        )
+
+    better = {
+        name: fit
         for name, fit in diagnosis.outputs.items()
-    ]
+        if fit.rms_after < SETTINGS.least_fall * fit.rms_before
+    }
+    other = {name: fit for name, fit in diagnosis.outputs.items() if name not in better}
     with_what = "it" if len(diagnosis.findings) == 1 else "them"
-    return f"With {with_what} the held-out prediction error falls {listed(parts)}."
+    if not better:
+        return f"With {with_what} the held-out prediction error does not fall: it goes {errors(other)}."
+    text = f"With {with_what} the held-out prediction error falls {errors(better)}"
+    return f"{text}; it does not fall, {errors(other)}." if other else f"{text}."
 
 
 def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> str:

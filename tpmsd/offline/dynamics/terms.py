@@ -58,6 +58,11 @@ class CandidateTerm:
         on = getattr(self.effect, "on", "")
         return f"{self.name}:{on}:{getattr(self.effect, 'over', '')}" if on else self.name
 
+    @property
+    def separable(self) -> bool:
+        """Return True if each of several free parameters may have a value alone."""
+        return self.effect.separable and not self.jump and len(self.free) > 1
+
     def value(self, name: str) -> float:
         """Return the value of a free parameter."""
         if name.startswith("heights["):

@@ -185,7 +185,7 @@ class Baseline(ABC):
         for effect in theta:
             effect.adapt_inputs(frame)
         if not self.forces:
-            force = frame.mass * frame.accel_long
+            force = frame.mass * frame.accel_long + resistance(frame)
             frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
         self._loads(frame)
         for effect in theta:
@@ -289,10 +289,14 @@ class Baseline(ABC):
 
 def _air_and_rolling(frame: Frame) -> None:
     """Add drag and rolling resistance, where the car has them and speed is an output."""
-    if not frame.speed_is_state:
-        return
+    if frame.speed_is_state:
+        frame.force_x = frame.force_x - resistance(frame)
+
+
+def resistance(frame: Frame) -> FloatArray:
+    """Return drag and rolling resistance of the configured car and of the effects, N."""
     drag = 0.5 * AIR_KGPM3 * frame.drag_area * frame.u * np.abs(frame.u)
-    frame.force_x = frame.force_x - drag - frame.rolling_resistance * frame.mass * GRAVITY_MPS2
+    return np.asarray(drag + frame.rolling_resistance * frame.mass * GRAVITY_MPS2)
 
 
 def axle_forces(frame: Frame) -> tuple[Real, Real]:

@@ -28,8 +28,14 @@ class AccelerometerDelay(DynamicsEffect):
     channel = "accel_lat"
     covariate = "steering_rate"
     twins = ("accelerometer_position", "roll_dynamics")
+    grid = ({"delay_s": 0.05},)
     parameters = (READING_DELAY,)
     delay_s: float = 0.0
+
+    @classmethod
+    def near_neutral(cls, nonlinear: bool) -> bool:
+        """Return True: the first order holds up to a tenth of a period of the steering, the grid beyond."""
+        return True
 
     def read(self, frame: Frame) -> None:
         """Set the reading's age."""

@@ -28,6 +28,7 @@ class CorneringStiffnessError(DynamicsEffect):
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cg_position_error", "mass_error", "compliance_steer")
+    separable = True
     parameters = (
         Parameter(
             "front",

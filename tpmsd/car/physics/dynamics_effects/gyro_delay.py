@@ -27,8 +27,14 @@ class DynamicsGyroDelay(DynamicsEffect):
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("steering_delay", "yaw_inertia_error")
+    grid = ({"delay_s": 0.05},)
     parameters = (READING_DELAY,)
     delay_s: float = 0.0
+
+    @classmethod
+    def near_neutral(cls, nonlinear: bool) -> bool:
+        """Return True: the first order holds up to a tenth of a period of the steering, the grid beyond."""
+        return True
 
     def read(self, frame: Frame) -> None:
         """Set the reading's age."""

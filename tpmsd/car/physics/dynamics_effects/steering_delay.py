@@ -27,6 +27,7 @@ class SteeringDelay(DynamicsEffect):
     channel = "yaw_rate"
     covariate = "steering_rate"
     twins = ("gyro_delay", "tyre_relaxation", "yaw_inertia_error")
+    grid = ({"delay_s": 0.05}, {"delay_s": -0.05})
     parameters = (
         Parameter(
             "delay_s",
@@ -40,6 +41,11 @@ class SteeringDelay(DynamicsEffect):
         ),
     )
     delay_s: float = 0.0
+
+    @classmethod
+    def near_neutral(cls, nonlinear: bool) -> bool:
+        """Return True: the first order holds up to a tenth of a period of the steering, the grid beyond."""
+        return True
 
     def shift_series(self, inputs: Inputs) -> Inputs:
         """Interpolate angle and rate at the earlier time."""

@@ -18,6 +18,8 @@ from tpmsd.foundation.wheels import FloatArray
 
 SIDE_AREA_M2 = 4.5
 """Side force area dC_y/dbeta * A of a passenger car: 2 to 2.5 per rad of 2 m2 ([Gillespie 1992], ch. 4)."""
+SIDE_AREA_STD = 0.2
+"""Relative standard deviation of the side force area over bodies: 3 m2 of a low car to 7 m2 of a van."""
 LEVER_M = 0.25
 """Its centre of pressure ahead of the centre of gravity ([Gillespie 1992], ch. 4: a tenth of the
 wheelbase)."""
@@ -45,7 +47,8 @@ _SPEED = Parameter(
 class SideWind(DynamicsEffect):
     """F_y = rho / 2 * A * u * speed, M_z = 0.25 m * F_y, A = 4.5 m2, from onset_s for duration_s.
 
-    A wind to the left, at a small angle to the path. Source: [Gillespie 1992], ch. 4.
+    A wind to the left, at a small angle to the path. The speed is known as well as the area: to 20 %. Source:
+    [Gillespie 1992], ch. 4.
     """
 
     name = "side_wind"
@@ -57,6 +60,7 @@ class SideWind(DynamicsEffect):
     )
     channel = "accel_lat"
     twins = ("road_bank", "steering_offset")
+    relative_std = SIDE_AREA_STD
     parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
     speed_mps: float = 0.0
     onset_s: float = 0.0
