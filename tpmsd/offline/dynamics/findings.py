@@ -165,8 +165,8 @@ def likelier_not(against: float, rivals: Sequence[float]) -> bool:
 
     `against` are the odds against the name; `rivals` the log odds of rivals, nats, which those hold.
     """
-    alike = sum(math.exp(nats) for nats in rivals if abs(nats) <= SETTINGS.twin_nats)
-    return against - alike > 1.0 + alike
+    similar = sum(math.exp(nats) for nats in rivals if abs(nats) <= SETTINGS.twin_nats)
+    return against - similar > 1.0 + similar
 
 
 def odds_of_nothing(evidence: float, distance: float) -> float:
