@@ -64,7 +64,7 @@ def without_common_age(recording: Recording) -> Recording:
     age = common_age(recording)
     if age is None:
         return recording
-    rate = np.stack([_smooth(turn) for turn in recording.rotation_rad.T], axis=1) / recording.dt_s
+    rate = np.stack([smooth(turn) for turn in recording.rotation_rad.T], axis=1) / recording.dt_s
     at_edges = np.concatenate([rate[:1], 0.5 * (rate[1:] + rate[:-1]), rate[-1:]])
     late = np.nan_to_num(at_edges) * age.age_s[:, None]
     return replace(recording, rotation_rad=recording.rotation_rad + np.diff(late, axis=0))
@@ -77,7 +77,7 @@ def common_age(recording: Recording) -> CommonAge | None:
         return None
     radius_m = recording.car.radius_m[wheels]
     distance_m = (recording.rotation_rad[:, wheels] * radius_m).mean(axis=1)
-    speed = _smooth(distance_m) / recording.dt_s
+    speed = smooth(distance_m) / recording.dt_s
     read_m = float(np.sqrt(np.mean((recording.quantum_rad[wheels] * radius_m) ** 2) / (2 * len(wheels))))
     std_s = _std_s(distance_m, speed, read_m)
     if not LEAST_STD_S < std_s < LONGEST_S:
@@ -133,7 +133,7 @@ def _rolled(shown: FloatArray, std: FloatArray, third_m: float) -> FloatArray:
     return np.asarray(solveh_banded(stiff, weight * shown))
 
 
-def _smooth(values: FloatArray) -> FloatArray:
+def smooth(values: FloatArray) -> FloatArray:
     """(n,) running mean over `SPEED_TICKS`, of what is known."""
     known = np.isfinite(values)
     box = np.ones(SPEED_TICKS)

@@ -15,6 +15,7 @@ from tpmsd.foundation.wheels import RL, RR
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.drive_checks.same_car import differing, same_car
 from tpmsd.offline.inference.count_age import without_common_age
+from tpmsd.offline.inference.count_rhythm import without_rhythms
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
@@ -71,7 +72,7 @@ def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
     """Return its reader, once rings with plainly another number of teeth than configured are counted right,
     and less an age that all counts share.
     """
-    counted = without_common_age(one_recounted(recording))
+    counted = without_common_age(without_rhythms(one_recounted(recording)))
     first = reference(counted)
     right = all_recounted(counted, first.car.radius_m)
     return Reader(right, first if right is counted else reference(right), limit)
