@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bench.worlds import awkward, kinematic, mems_gyro, receiver_residuals, traffic
+from bench.worlds import awkward, kinematic, mems_gyro, polled, receiver_residuals, traffic
 from bench.worlds.course import Course
 from bench.worlds.instruments import Drive, Errors, observe
 from bench.worlds.latch import draw_beat, draw_latch
@@ -111,6 +111,11 @@ def _latched_spec(rng: np.random.Generator, **fixed: Any) -> Spec:
     return draw_spec(rng, **{**changed, **fixed})
 
 
+def _polled(spec: Spec, rng: np.random.Generator, seed: int, places: Places) -> tuple[Course, Drive]:
+    course = kinematic.course(spec, rng)
+    return course, polled.sampled(observe(course, spec, rng, seed), seed)
+
+
 def _awkward(spec: Spec, rng: np.random.Generator, seed: int, places: Places) -> tuple[Course, Drive]:
     course = awkward.course(spec, rng)
     errors = Errors()
@@ -132,6 +137,7 @@ ORIGINS = {
         Origin("mems", "a rigid car, gyro by its Allan variance", _mems_spec, _mems),
         Origin("wheels", "a rigid car, averaged speeds or 20 to 60 teeth", awkward.draw_wheels, _kinematic),
         Origin("latched", "a rigid car, counts latched in a rhythm of their own", _latched_spec, _kinematic),
+        Origin("polled", "averaged speeds, uneven rings, a polled receiver", polled.draw, _polled),
         Origin("awkward", "tight bends, poor receivers and gyros, averaged speeds", awkward.draw, _awkward),
     )
 }

@@ -13,7 +13,7 @@ from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.campaigns.offline.diagnosis.make import make as made_of
 from bench.campaigns.offline.diagnosis.truth import truth_of
 from bench.campaigns.offline.origins import Job, make, plan
-from bench.worlds import awkward, real_drives, receiver_residuals, traffic
+from bench.worlds import awkward, polled, real_drives, receiver_residuals, traffic
 from bench.worlds.course import Array, Course, wheel_rates
 from bench.worlds.folder import Message, wheel_messages
 from bench.worlds.instruments import Drive, Errors, observe
@@ -298,7 +298,30 @@ def test_a_piece_of_a_recording_is_cut_equally_from_both_logs(tmp_path: Path) ->
     assert "bus.dbc" == (tmp_path / "piece" / "bus.dbc").read_text()
 
 
-@pytest.mark.parametrize("name", ["kinematic", "mems", "wheels", "awkward"])
+def test_a_polled_sentence_gets_the_stamp_of_the_next_poll() -> None:
+    """Arrivals lie on one grid of 0.1 s less some 1e-5, none before the sentence and none a period later."""
+    arrival_s = np.arange(0.5, 600.0, 0.2)
+    late = polled.polled_late(arrival_s, np.random.default_rng(2))
+    stamps = arrival_s + late
+    turns = np.round((stamps - stamps[0]) / polled.POLL_S)
+    every = np.polyfit(turns, stamps, 1)[0]
+
+    assert late.min() >= 0.0
+    assert late.max() < polled.POLL_S * 1.001
+    assert every == pytest.approx(polled.POLL_S, rel=5e-5)
+    assert np.abs(stamps - stamps[0] - every * turns).max() < 1e-9
+
+
+def test_an_uneven_ring_shows_two_harmonics_of_its_turn() -> None:
+    """Of the lines of a turn the first two hold all: sizes from 0.1 to 0.5 mrad."""
+    turn = np.arange(256) * 2.0 * math.pi / 256.0
+    lines = 2.0 * np.abs(np.fft.rfft(polled.uneven(turn, np.random.default_rng(4)))) / 256.0
+
+    assert np.all((lines[1:3] > polled.LEAST_RAD) & (lines[1:3] < polled.MOST_RAD))
+    assert np.abs(np.delete(lines, [1, 2])).max() < 1e-12
+
+
+@pytest.mark.parametrize("name", ["kinematic", "mems", "wheels", "awkward", "polled"])
 def test_an_origin_gives_the_same_drive_for_the_same_seed(name: str) -> None:
     """Bit for bit; another seed gives another."""
 
