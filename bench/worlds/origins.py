@@ -137,7 +137,7 @@ ORIGINS = {
         Origin("mems", "a rigid car, gyro by its Allan variance", _mems_spec, _mems),
         Origin("wheels", "a rigid car, averaged speeds or 20 to 60 teeth", awkward.draw_wheels, _kinematic),
         Origin("latched", "a rigid car, counts latched in a rhythm of their own", _latched_spec, _kinematic),
-        Origin("polled", "averaged speeds, uneven rings, a polled receiver", polled.draw, _polled),
+        Origin("polled", "averaged speeds, uneven rings, stamps of a coarse loop", polled.draw, _polled),
         Origin("awkward", "tight bends, poor receivers and gyros, averaged speeds", awkward.draw, _awkward),
     )
 }

@@ -1,14 +1,15 @@
-"""A bus of averaged speeds beside a receiver that the host polls: sampled twice, by nobody's common clock.
+"""A bus of averaged speeds beside a receiver whose sentences get coarse stamps of the host.
 
-In: a generator, a `Spec`. Out: `Spec`, then a `Drive` whose rings are uneven and whose sentences are late.
+In: a generator, a `Spec`. Out: `Spec`, then a `Drive` whose rings are uneven and whose stamps are rounded.
 
     speeds      means of 4 samples 10 ms apart, of which one is sent at each period of the bus, in steps of
                 0.01 km/h
-    sentences   of 5 fixes a second, taken from the serial port every 100 ms of a clock that is off by some
-                1e-5: what arrived meanwhile gets the stamp of the next poll, up to 100 ms late
+    stamps      of 5 fixes a second, of a loop that comes round every 100 ms and some time on top: the nearest
+                of its instants, up to 50 ms before or after the arrival; the error sweeps within minutes
     rings       off their centre and oval: two harmonics of 0.1 to 0.5 mrad on each wheel, of any phase
 
-The rings are too even for a finding, and a sentence states its own time: nothing here has a name.
+The rings are too even for a finding, stamps are right on the average, and a sentence states its own time:
+nothing here has a name.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from bench.worlds.instruments import Array, Drive
 from bench.worlds.spec import Spec, draw_spec
 
 SAMPLES, SAMPLE_S = 4, 0.01
-POLL_S = 0.1
-POLL_CLOCK = 1e-5
-"""Relative standard deviation of the host's timer."""
+LOOP_S = 0.1
+LEAST_MORE, MOST_MORE = 1e-4, 3e-3
+"""By which share a loop takes longer than it waits: what it does, and its timer."""
 LEAST_RAD, MOST_RAD = 1e-4, 5e-4
 
 
@@ -43,10 +44,10 @@ def draw(rng: np.random.Generator, **fixed: Any) -> Spec:
 
 
 def sampled(drive: Drive, seed: int) -> Drive:
-    """The drive with uneven rings and polled sentences."""
+    """The drive with uneven rings and rounded stamps."""
     rng = np.random.default_rng([seed, 7])
     shown = drive.shown_rad + np.stack([uneven(angle, rng) for angle in drive.shown_rad.T], axis=1)
-    late = polled_late(drive.fix_true_s + drive.fix_age_s, rng)
+    late = rounded_late(drive.fix_true_s + drive.fix_age_s, rng)
     return replace(drive, shown_rad=shown, fix_lag_s=drive.fix_lag_s + late)
 
 
@@ -56,7 +57,7 @@ def uneven(angle_rad: Array, rng: np.random.Generator) -> Array:
     return np.asarray(sum(sizes[k] * np.sin((k + 1) * angle_rad + phases[k]) for k in range(2)))
 
 
-def polled_late(arrival_s: Array, rng: np.random.Generator) -> Array:
-    """(m,) time from each arrival to the next poll."""
-    every = POLL_S * (1.0 + POLL_CLOCK * float(rng.standard_normal()))
-    return np.asarray(np.mod(float(rng.random()) * every - arrival_s, every))
+def rounded_late(arrival_s: Array, rng: np.random.Generator) -> Array:
+    """(m,) time from each arrival to the nearest instant of the loop, of either sign."""
+    every = LOOP_S * (1.0 + math.exp(float(rng.uniform(math.log(LEAST_MORE), math.log(MOST_MORE)))))
+    return np.asarray(np.mod(float(rng.random()) * every - arrival_s, every) - 0.5 * every)
