@@ -1,4 +1,4 @@
-"""Ages of counts in a rhythm of each wheel's own are told by their lines and taken out."""
+"""Ages of counts in a rhythm of each wheel's own are found by their lines and taken out."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tests.offline.inference.test_count_age import DT_S, RADIUS_M, TIME_S, recording, way
+from tests.offline.inference.test_count_age import DT_S, RADIUS_M, TIME_S, distance_at, recording
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.prepared.admission import read
 from tpmsd.offline.inference.count_rhythm import rhythm_of, without_rhythms
@@ -36,21 +36,23 @@ def latched_apart(amplitude_s: float = 0.0199) -> Recording:
 def ages_s(one: Recording) -> FloatArray:
     """(n + 1, 4) age by which the wheels' ways lag, its slow part taken out."""
     rolled = np.concatenate([np.zeros((1, 4)), np.cumsum(one.rotation_rad * RADIUS_M, axis=0)])
-    late = ((way(TIME_S) - way(TIME_S[:1]))[:, None] - rolled) / np.append(SPEED, SPEED[-1:])[:, None]
+    late = ((distance_at(TIME_S) - distance_at(TIME_S[:1]))[:, None] - rolled) / np.append(SPEED, SPEED[-1:])[
+        :, None
+    ]
     slow = np.stack([np.convolve(age, np.ones(97) / 97.0, mode="same") for age in late.T], axis=1)
     return np.asarray(late - slow)
 
 
 @pytest.mark.parametrize("hz", [0.31, 1.7, 8.4])
-def test_a_sawtooth_is_told_with_its_frequency_and_its_height(hz: float) -> None:
+def test_a_sawtooth_is_found_with_its_frequency_and_its_height(hz: float) -> None:
     """Frequency to a hundredth of a cycle over the drive; of frequencies beyond 5 Hz the age falls slowly."""
     one = recording(sawtooth(0.012, hz))
 
-    told = rhythm_of(one.rotation_rad[:, 2] * RADIUS_M[2], SPEED, DT_S)
+    found = rhythm_of(one.rotation_rad[:, 2] * RADIUS_M[2], SPEED, DT_S)
 
-    assert told is not None
-    assert told.hz == pytest.approx(hz, abs=2e-5)
-    assert told.amplitude_s == pytest.approx(0.012, rel=0.05)
+    assert found is not None
+    assert found.hz == pytest.approx(hz, abs=2e-5)
+    assert found.amplitude_s == pytest.approx(0.012, rel=0.05)
 
 
 def test_each_wheels_own_age_is_taken_out() -> None:

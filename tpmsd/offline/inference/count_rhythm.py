@@ -7,19 +7,19 @@ ticks' edges t, dt apart, the age is a sawtooth of one frequency f, the beat of 
 
     a(t) = A (frac(f t + p) - 1/2) = A sum_k i / (2 pi k) exp(2 pi i k (f t + p)) + its conjugate,
 
-and the way that the wheel shows is v a(t) too short. Where the beat takes seconds, each wheel turns slower by
-A f while its age grows, and jumps ahead by v A when it falls back: at 20 m/s and a beat of 3 s that is a
-speed of 0.1 m/s, and between two wheels with rhythms of their own a yaw rate of 0.1 rad/s. Nothing that is
-white holds it, and a smoother holds only the jumps.
+and the distance that the wheel shows is v a(t) too short. Where the beat takes seconds, each wheel turns
+slower by A f while its age grows, and jumps ahead by v A when it falls back: at 20 m/s, of 20 ms and a beat
+of 3.2 s, that is a speed of 0.12 m/s, and between two wheels with rhythms of their own a yaw rate of up to
+0.08 rad/s. Nothing that is white holds it, and a smoother holds only the jumps.
 
-The third differences z of the way hold little of the car's motion. Their products with the speed, Fourier
-transformed, are lines at the multiples of f (folded at 1 / dt) on a background of level S, so that by
+The third differences z of the distance hold little of the car's motion. Their products with the speed,
+Fourier transformed, are lines at the multiples of f (folded at 1 / dt) on a background of level S, so that by
 Whittle's likelihood (Journal of the Royal Statistical Society B 15, 1953) a sawtooth of amplitude A and
 phase p gains, with B_k what one of amplitude 1 makes of line k,
 
     (sum_k Re(conj(B_k) exp(-2 pi i k p) Z_k) / S_k)^2 / sum_k |B_k|^2 / S_k    nats
 
-at its best A. It is one that the drive tells where this exceeds its penalty (amplitude, phase, frequency by
+at its best A. It is found where this exceeds its penalty (amplitude, phase, frequency by
 BIC, and the number of frequencies), and where that still holds without its strongest line: a line alone is
 an uneven ring at constant speed.
 """
@@ -77,13 +77,13 @@ class Rhythm:
     gain_nats: float
 
     def swept(self, edges_s: FloatArray, dt_s: float) -> FloatArray:
-        """(n,) cycles of the sawtooth at these times, the slower one of the two that the ticks tell alike."""
+        """(n,) cycles of the sawtooth at these times, the slower one of the two that the ticks show alike."""
         hz = self.hz - 1.0 / dt_s if self.hz > 0.5 / dt_s else self.hz
         return hz * edges_s + self.phase
 
 
 def without_rhythms(recording: Recording) -> Recording:
-    """Return the recording less each wheel's own sawtooth of the age; itself where none is told."""
+    """Return the recording less each wheel's own sawtooth of the age; itself where none is found."""
     counted = [wheel for wheel in recording.wheels if recording.quantum_rad[wheel] > 0.0]
     if not counted:
         return recording
@@ -105,7 +105,7 @@ def without_rhythms(recording: Recording) -> Recording:
 
 
 def rhythm_of(distance_m: FloatArray, speed: FloatArray, dt_s: float) -> Rhythm | None:
-    """Return the sawtooth in a wheel's way per tick (n,) at a speed (n,); None where none is told."""
+    """Return the sawtooth in a wheel's distance per tick (n,) at a speed (n,); None where none is found."""
     lines = _Lines.of(distance_m, speed, dt_s)
     return None if lines is None else lines.best()
 
@@ -132,7 +132,7 @@ class _Fitted:
 
 @dataclass(frozen=True)
 class _Lines:
-    """Third differences of a wheel's way times its speed, and their spectrum; n instants, m frequencies."""
+    """Third differences of a wheel's distance times its speed (n instants), and their spectrum (m)."""
 
     weighted: FloatArray
     """(n,)"""
@@ -146,7 +146,7 @@ class _Lines:
 
     @classmethod
     def of(cls, distance_m: FloatArray, speed: FloatArray, dt_s: float) -> _Lines | None:
-        """Return those of a way per tick (n + 2,) and a speed; None where too little is driven."""
+        """Return those of a distance per tick (n + 2,) and a speed; None where too little is driven."""
         third, v = np.convolve(distance_m, [1.0, -2.0, 1.0], mode="valid"), speed[1:-1]
         fast = np.isfinite(third) & (v > FAST_MPS)
         if fast.sum() < FEWEST:
@@ -181,13 +181,13 @@ class _Lines:
         signed = best.cycles - 1.0 if best.cycles > 0.5 else best.cycles
         # Of the lines of a slow sweep every second or third alone may be the clearest.
         found = max((self._zoomed(signed / part) for part in (1, 2, 3)), key=lambda one: one.gain_nats)
-        told = min(found.gain_nats, found.rest_nats) > penalty
-        if not told or not 0.0 < found.amplitude_s < LONGEST_S * (1.0 + AMPLITUDE_ERROR):
+        clear = min(found.gain_nats, found.rest_nats) > penalty
+        if not clear or not 0.0 < found.amplitude_s < LONGEST_S * (1.0 + AMPLITUDE_ERROR):
             return None
         return Rhythm(found.cycles % 1.0 / self.dt_s, found.phase, found.amplitude_s, found.gain_nats)
 
     def _made(self, cycles: FloatArray, lines: NDArray[np.int64]) -> Complex:
-        """What a sawtooth of amplitude 1 and phase 0 makes of its lines, these cycles per tick (..., k)."""
+        """Lines (..., k) of a sawtooth of amplitude 1 and phase 0 at these cycles per tick (..., k)."""
         third = (np.exp(2j * np.pi * cycles) - 1.0) ** 3
         return np.asarray(-self.power * third * 1j / (2.0 * np.pi * lines))
 
