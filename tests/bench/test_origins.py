@@ -313,7 +313,7 @@ def test_a_sentence_gets_the_stamp_of_the_nearest_instant_of_a_loop() -> None:
 
 def test_an_uneven_ring_shows_two_harmonics_of_its_turn() -> None:
     """Of the lines of a turn the first two hold all: sizes from 0.1 to 0.5 mrad."""
-    turn = np.arange(256) * 2.0 * math.pi / 256.0
+    turn = np.arange(256, dtype=np.float64) * 2.0 * math.pi / 256.0
     lines = 2.0 * np.abs(np.fft.rfft(polled.uneven(turn, np.random.default_rng(4)))) / 256.0
 
     assert np.all((lines[1:3] > polled.LEAST_RAD) & (lines[1:3] < polled.MOST_RAD))

@@ -10,13 +10,14 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
-from tests.offline.inference.test_count_age import DT_S, RADIUS_M, TIME_S, distance_at, recording
+from tests.offline.inference.test_count_age import DT_S, RADIUS_M, distance_at, recording
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.prepared.admission import read
 from tpmsd.offline.inference.count_rhythm import rhythm_of, without_rhythms
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
 
+TIME_S: FloatArray = np.arange(4001, dtype=np.float64) * DT_S
 SPEED = 20.0 + 8.0 * np.sin((TIME_S[1:] - 0.5 * DT_S) / 25.0)
 HZ, PHASES = np.array([0.310, 0.3125, 0.3104, 0.3090]), np.array([0.1, 0.45, 0.3, 0.8])
 
