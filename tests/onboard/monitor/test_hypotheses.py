@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.evidence.sizes import subsets
 from tpmsd.onboard.monitor.settings import JUDGE
 
 RADIUS_M = 0.316
@@ -53,6 +54,37 @@ def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> 
             above = (density * np.minimum(losses / threshold, 1.0)).mean()
             lost[list(subset)] += above
     return lost / total
+
+
+@pytest.mark.parametrize("times", [0.5, 1.0, 1.5])
+def test_the_share_beyond_the_limit_is_that_of_each_subset(times: float) -> None:
+    """A change known to one part in twenty of the limit: of the wheels that lost alike it lies beyond the
+    limit by the normal law, of any other wheels it does not."""
+    limit, radius, quiet = 0.02, np.full(4, RADIUS_M), Nuisance(1e-4, 1e-4, 1e-4, 1e-4)
+    covariance = quiet.covariance([0, 1, 2, 3], radius) + np.eye(4) * (1e-3 * RADIUS_M) ** 2
+    for index, members in enumerate(subsets(4)):
+        pattern = np.isin(np.arange(4), members) * RADIUS_M
+        off = Comparison(radius, THRESHOLD, limit=limit).of(-times * limit * pattern, covariance).off
+        std = 1.0 / math.sqrt(pattern @ np.linalg.inv(covariance) @ pattern)
+        beyond = 0.5 * math.erfc(-(times - 1.0) * limit / std / math.sqrt(2.0))
+        assert off.shape == (15,)
+        assert off[index] == pytest.approx(beyond, abs=0.01)
+        assert np.delete(off, index).sum() < 0.01
+
+
+@pytest.mark.parametrize("count", [2, 4])
+def test_other_evidence_shifts_the_odds_of_every_loss_alike(count: int) -> None:
+    """Odds of any loss, also that of all wheels, against none are those without it times its ratio; what is
+    larger is not shifted."""
+    radius, ratio = np.full(count, RADIUS_M), 0.7
+    losses = 2**count - 1
+    change, covariance = np.full(count, -0.004 * RADIUS_M), np.eye(count) * (1e-3 * RADIUS_M) ** 2
+    before = Comparison(radius, THRESHOLD).of(change, covariance)
+    after = Comparison(radius, THRESHOLD, np.full(losses, ratio)).of(change, covariance)
+    intact, kept = float(before.intact.sum()), before.none
+    total = kept + (1.0 - kept) * math.exp(ratio)
+    assert float(after.intact.sum()) == pytest.approx(intact / total, rel=1e-9)
+    assert after.none == pytest.approx(kept / total, rel=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, o
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.monitor.records import AlarmKind, WheelState
+from tpmsd.onboard.monitor.sampling.conditions import ConditionTracker
 from tpmsd.onboard.sources.events import SourceFault
 
 DOWN = SourceFault(0.0, "can", "down", "can0: network is down")
@@ -534,3 +535,10 @@ def test_an_alarm_of_all_wheels_says_that_it_rests_on_the_receiver() -> None:
         raised.sort(key=lambda e: WHEELS.index(e.wheel or ""))
         reasons[tuple(e.wheel for e in raised)] = ["the receiver's speed alone" in e.reason for e in raised]
     assert {WHEELS: [True] * 4, ("fl",): [False]} == reasons
+
+
+@pytest.mark.parametrize("saved", [{}, {"cold": None}, {"cold": 3.0}])
+def test_saved_conditions_of_another_kind_are_a_value_error(saved: dict[str, Any]) -> None:
+    """What is missing and what is no list are refused by the conditions themselves."""
+    with pytest.raises(ValueError, match="the saved conditions are none"):
+        ConditionTracker().restore(saved)

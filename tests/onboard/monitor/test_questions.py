@@ -14,7 +14,7 @@ from tpmsd.onboard.monitor.alarms.judge import Judgement
 from tpmsd.onboard.monitor.alarms.questions import Questions
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
 from tpmsd.onboard.monitor.records import AlarmKind
-from tpmsd.onboard.monitor.settings import JUDGE
+from tpmsd.onboard.monitor.settings import FIRST_START, JUDGE
 
 SETTINGS = MonitorConfig()
 FRONT = 4
@@ -48,6 +48,24 @@ def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
     assert ("fl", "fr") == asked(questions, 0.1, 100)
     assert () == asked(questions, 0.001, 70)
     assert () == asked(questions, SETTINGS.clear_probability - 0.01, 2 * hold_s)
+
+
+def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
+    """Asked from the clearing threshold on; it stands above the prior that any tyre was soft or larger
+    before, and goes at it."""
+    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), JUDGE.all_hold_s
+    prior = 4 * (FIRST_START.soft_prior + FIRST_START.larger_prior)
+
+    def stands(probability: float, seconds: float) -> bool:
+        for _ in range(round(seconds)):
+            questions.at_first((2, probability, "soft"), 1.0)
+            questions.update(None, 1.0, 0.0, said=False)
+        return bool(questions.standing)
+
+    assert not stands(SETTINGS.clear_probability - 0.01, 2.0 * hold_s)
+    assert stands(SETTINGS.clear_probability + 0.01, hold_s + 5.0)
+    assert stands(1.02 * prior, 2.0 * SETTINGS.clear_hold_s)
+    assert not stands(0.98 * prior, SETTINGS.clear_hold_s + 5.0)
 
 
 def test_what_an_alarm_says_is_not_asked() -> None:

@@ -26,6 +26,7 @@ from tpmsd.onboard.monitor.slow_leaks.history import LeakHistory
 from tpmsd.onboard.monitor.slow_leaks.settings import TrendSettings
 from tpmsd.onboard.monitor.slow_leaks.state import WHEEL_SETS
 from tpmsd.onboard.monitor.slow_leaks.trend import Trend, has_ended, trend_of
+from tpmsd.onboard.monitor.slow_leaks.watch import DriveReading
 
 DAY_S = 86400.0
 
@@ -47,6 +48,35 @@ def played(
     for one in zip(day, value, variance, known, strict=True):
         out.add(float(one[0]), one[1], np.full(3, one[2]), bool(one[3]))
     return out
+
+
+def test_a_reading_is_the_mean_of_samples_taken_at_their_interval() -> None:
+    """Samples are due from a warm tyre on, once in `sample_s` of informative driving; a drive has one
+    reading, at the latest when it is over, as precise as one sample."""
+    reading, due = DriveReading(), []
+    for second in range(round(READINGS.warm_s + READINGS.least_s) + 2):
+        if reading.due(1.0):
+            due.append(float(second))
+            reading.add(np.full(3, float(len(due))), np.full(3, 4.0))
+    assert due[0] == math.ceil(READINGS.warm_s) - 1
+    assert set(np.diff(due)) == {math.ceil(READINGS.sample_s)}
+    assert reading.result(over=False) is None
+    result = reading.result(over=True)
+    assert result is not None
+    assert result[0].tolist() == [(len(due) + 1) / 2.0] * 3
+    assert result[1].tolist() == [4.0] * 3
+    assert reading.result(over=True) is None
+    assert not reading.due(READINGS.sample_s)
+
+
+def test_the_watch_takes_samples_when_they_are_due() -> None:
+    """Of informative driving every sample, and none between them."""
+    player = Player(monitor())
+    player.play(READINGS.warm_s - 5.0)
+    watch = player.monitor._leaks
+    assert watch._reading._samples == 0
+    player.play(5.0 + 4.0 * READINGS.sample_s)
+    assert watch._reading._samples in (4, 5)
 
 
 def test_without_steps_leaks_and_outliers_it_is_the_gaussian_posterior() -> None:
