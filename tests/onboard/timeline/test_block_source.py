@@ -7,8 +7,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,7 +25,7 @@ from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.sources.ahead.decoded_block import Reason
 from tpmsd.onboard.sources.can.frame import CanFrame
-from tpmsd.onboard.timeline.block_source import BlockSource
+from tpmsd.onboard.timeline.block_source import BlockSource, _Playback
 from tpmsd.onboard.timeline.tick_source import TickSource
 
 REAL = sorted(path.parent.name for path in RECORDINGS.glob("*/vehicle.toml")) if RECORDINGS.is_dir() else []
@@ -235,3 +237,32 @@ def test_what_ends_a_range_is_counted(tmp_path: Path) -> None:
     )
     assert 1 == (silent - sound)[Reason.SILENCE]
     assert Counter({Reason.READING: 1, Reason.UNUSABLE: 1}) == ended("jump", damage(32, "FFFF")) - sound
+
+
+@pytest.mark.parametrize("planned", [True, False])
+@pytest.mark.parametrize("needs", [True, False])
+def test_samples_are_handed_on_where_a_tick_is_not_planned_or_an_observer_needs_them(
+    planned: bool, needs: bool
+) -> None:
+    """Samples before a tick go to the timeline unless it was planned and nobody observes; none goes twice,
+    and what was not handed on goes with the next."""
+    taken: list[list[float]] = []
+    tick = object()
+    timeline = SimpleNamespace(
+        shift_s=0.0,
+        plan=lambda decoded: SimpleNamespace(tick=lambda *_: tick) if planned else None,
+        observer_needs=lambda end_s, shown_s: needs,
+        take=lambda runs, readings, shift_s: taken.append(
+            [one for _, _, values in readings for one in values]
+        ),
+    )
+    times_s = np.array([0.0, 0.01, 0.02, 0.03])
+    group = SimpleNamespace(indices=np.array([0, 1, 3]), time_s=times_s[[0, 1, 3]])
+    yaw = SimpleNamespace(group=0, role="yaw_rate", value=np.array([1.0, 2.0, 3.0]))
+    decoded = SimpleNamespace(start=0, stop=4, groups=[group], wheels=[], readings=[yaw])
+    playback = _Playback(SimpleNamespace(time_s=times_s), decoded, timeline)  # type: ignore[arg-type]
+
+    assert (playback.planned_tick(0, 0.015, 2) is tick) == planned
+    assert taken == ([] if planned and not needs else [[1.0, 2.0]])
+    playback.hand_on(4)
+    assert [one for part in taken for one in part] == [1.0, 2.0, 3.0]
