@@ -27,7 +27,9 @@ VALUES: tuple[Any, ...] = (
     *([], {}, [[]], {"a": None}, [0.0] * 5000),
 )
 _TOKEN = re.compile(rb"[A-Za-z_]+|[-+]?[0-9][-+0-9.eE]*|\s+|.", re.DOTALL)
-_BLOCKS = re.compile(rb"##[A-Z]{2}|LOBJ|LOGG|OHDR|TREE|HEAP|SNOD|GCOL|FRHP|BTHD|PAR1")
+_BLOCKS = re.compile(
+    rb"##[A-Z]{2}|LOBJ|LOGG|OHDR|TREE|HEAP|SNOD|GCOL|FRHP|BTHD|PAR1|PK\x01\x02|PK\x03\x04|PK\x05\x06"
+)
 
 
 def _number(rng: random.Random, size: int) -> bytes:
@@ -210,7 +212,8 @@ KINDS: dict[str, Change] = {
     **dict.fromkeys(("nmea", "receiver", "nmea_log"), sentences),
     **dict.fromkeys(("can", "ticks"), frames),
     **dict.fromkeys(("candump", "asc", "trc", "dbc", "vbo", "toml", "model", "csv", "map"), text),
-    **dict.fromkeys(("blf", "mf4", "hdf5"), blocks),
+    **dict.fromkeys(("signals", "dynamics", "dynamics_model"), text),
+    **dict.fromkeys(("blf", "mf4", "hdf5", "fmu"), blocks),
     **dict.fromkeys(("state", "status", "store", "retained"), document),
     "parquet": footer,
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 import atexit
 import dataclasses
 import functools
+import io
 import itertools
 import json
 import logging
@@ -16,6 +17,7 @@ import math
 import shutil
 import socket
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -33,8 +35,10 @@ from tests.onboard.gnss import sentences
 from tests.onboard.gnss.test_gpsd_json import GST, SKY, TPV
 from tests.onboard.gnss.test_ubx import frame
 from tpmsd.car.config.check import check
+from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
+from tpmsd.car.physics.dynamics_model import format_dynamics_model, parse_dynamics_model
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import InputError, TpmsdError
 from tpmsd.interfaces.api.import_table import load_table
@@ -42,6 +46,9 @@ from tpmsd.interfaces.bridges.mqtt_messages import recalled
 from tpmsd.offline.drives.reading import ignore_note
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import parquet_of, rows_of
+from tpmsd.offline.signals.drive import make_drive
+from tpmsd.offline.signals.fmu import unpack
+from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.vbo import read_vbo
 from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
 from tpmsd.onboard.pipeline import Pipeline
@@ -368,6 +375,24 @@ TRC = (
     b";$FILEVERSION=1.1\n;$STARTTIME=43008.920986006946\n"
     b"     1)       10.5  Rx         00B0  8  11 22 33 44 55 66 77 88\n"
 )
+SIGNAL_ROWS = (
+    b"time_s,steering_wheel_angle_rad,yaw_rate_radps,accel_lat_mps2,speed_mps,drive_force_n,brake_force_n,oil\n"
+) + b"".join(b"%.2f,%.2f,%.3f,,%d,100,0,a\n" % (0.1 * k, 0.01 * k, 0.02 * k, 20 + k) for k in range(15))
+DYNAMICS = b"""[vehicle]
+wheel_radius_m = { fl = 0.31, fr = 0.31, rl = 0.32, rr = 0.32 }
+steering_ratio = 15.5
+[dynamics]
+mass_kg = 1480.0
+yaw_inertia_kgm2 = 2350.0
+cg_to_front_m = 1.18
+cg_to_rear_m = 1.46
+cornering_stiffness_front_n_per_rad = 105000.0
+cornering_stiffness_rear_n_per_rad = 128000.0
+"""
+MODEL = (
+    b'[[effect]]\nname = "tyre_relaxation"\nlength_m = 0.5\n[effect.std]\nlength_m = 0.1\n'
+    b'[[effect]]\nname = "road_grade"\n'
+)
 MEMORY = {
     "estimator": {"order": [2, 3, 0, 1], "nominal_m": [0.3] * 4, "mean_m": [0.0] * 4},
     "monitor": {"sets": {"baseline": None, "others": {}}, "wheels": ["fl", "fr", "rl", "rr"], "alarms": []},
@@ -396,6 +421,50 @@ def receiver(data: bytes) -> None:
         assert isinstance(stream.hint, str)
 
 
+def signals(data: bytes) -> None:
+    """A table of signals of a drive of vehicle dynamics, or one line."""
+    file("signals.csv", data)
+    try:
+        found = read_signals(folder() / "signals.csv")
+        assert all(np.isfinite(found.time_s)) and np.all(np.diff(found.time_s) > 0.0)
+        assert 1 == len({len(values) for values in found.columns.values()})
+        make_drive(found, load_car(file("dynamics.toml", DYNAMICS)), "three-dof", "fuzz")
+    except TpmsdError as error:
+        assert 3 == error.exit_code
+        assert "\n" not in str(error)
+
+
+def dynamics(data: bytes) -> None:
+    """The tables `[vehicle]` and `[dynamics]`: a car, or lines that say why not."""
+    try:
+        found = load_car(file("any-dynamics.toml", data))
+        assert 0.1 < found.wheel_radius_m < 1.0
+    except TpmsdError as error:
+        assert 2 == error.exit_code
+        assert str(error)
+
+
+def dynamics_model(data: bytes) -> None:
+    """A model of vehicle dynamics: read and written again, or one line."""
+    try:
+        model = parse_dynamics_model(data.decode("latin-1"))
+        assert parse_dynamics_model(format_dynamics_model(model)) == model
+    except TpmsdError as error:
+        assert 2 == error.exit_code
+        assert "\n" not in str(error)
+
+
+def fmu(data: bytes) -> None:
+    """An archive of an FMU: unpacked into its folder, or one line."""
+    where = folder() / "fmu"
+    try:
+        unpack(file("any.fmu", data), where / "in")
+    except InputError as error:
+        assert "\n" not in str(error)
+    assert {path.name for path in where.glob("*")} <= {"in"}
+    shutil.rmtree(where, ignore_errors=True)
+
+
 def table(name: str, data: bytes, map_text: bytes = MAP.encode()) -> None:
     """A table of a user's logger: a drive, or one line."""
     try:
@@ -422,6 +491,15 @@ def hdf5(data: bytes) -> None:
 def table_map(data: bytes) -> None:
     """A map of a sound table."""
     table("sound.csv", _table_seed("csv"), data)
+
+
+def _archive_seed(method: int) -> bytes:
+    """An archive with a description and a folder."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", method) as archive:
+        archive.writestr("modelDescription.xml", b"<fmiModelDescription fmiVersion='2.0'/>")
+        archive.writestr("binaries/linux64/model.so", bytes(200))
+    return packed.getvalue()
 
 
 @functools.cache
@@ -482,6 +560,10 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "map": table_map,
     "store": store,
     "retained": retained,
+    "signals": signals,
+    "dynamics": dynamics,
+    "dynamics_model": dynamics_model,
+    "fmu": fmu,
 }
 IN_A_CHILD = ("parquet", "hdf5")
 """Targets whose reader is a process of its own, which takes a second each."""
@@ -514,4 +596,8 @@ SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "map": lambda: [MAP.encode()],
     "store": lambda: [json.dumps(RESULT).encode()],
     "retained": lambda: [json.dumps([alarm()]).encode(), b"[]"],
+    "signals": lambda: [SIGNAL_ROWS],
+    "dynamics": lambda: [DYNAMICS],
+    "dynamics_model": lambda: [MODEL],
+    "fmu": lambda: [_archive_seed(method) for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)],
 }

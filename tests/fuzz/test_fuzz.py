@@ -13,7 +13,7 @@ from tests.fuzz.targets import IN_A_CHILD, SEEDS, TARGETS
 
 FOUND = Path(__file__).parent / "found"
 PATIENCE_S = 5.0
-EXAMPLES = {"mf4": 8, "csv": 20, "map": 20, "store": 20}
+EXAMPLES = {"mf4": 8, "csv": 20, "map": 20, "store": 20, "dynamics": 30, "fmu": 30, "signals": 40}
 """Of slow readers fewer; `make fuzz` has the time."""
 HERE = sorted({*TARGETS} - {*IN_A_CHILD})
 
