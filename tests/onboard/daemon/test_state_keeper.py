@@ -69,12 +69,21 @@ def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, caplog: pytest.LogCap
     assert 2 == len(begun)
 
 
-def test_a_write_that_hangs_is_not_over(tmp_path: Path) -> None:
-    """A writer is busy, and its write not over, until the disk has answered; then it is over once."""
+def test_a_write_that_hangs_is_not_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A writer is busy, and its write not over, until the disk has answered; then it is over once. Who does
+    not say how long is not kept waiting."""
     go_on = threading.Event()
     writer = StateWriter(lambda file, content: (go_on.wait(60.0), None)[1])
     writer.begin(tmp_path / "state.json", b"")
+    waited, wait = list[float](), writer._done.wait
+
+    def patient(seconds: float) -> bool:
+        waited.append(seconds)
+        return wait(seconds)
+
+    monkeypatch.setattr(writer._done, "wait", patient)
     assert (False, False, True) == (writer.over(), writer.over(0.01), writer.busy)
+    assert waited == [0.0, 0.01]
     go_on.set()
     assert (True, False) == (writer.over(60.0), writer.busy)
 

@@ -8,7 +8,7 @@ import pytest
 from tpmsd.car.config.model import TyreConfig
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.evidence.detectable import JointLoss, detectable
+from tpmsd.onboard.monitor.evidence.detectable import JointLoss, LossSight, detectable
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.evidence.sizes import Sized
@@ -98,3 +98,8 @@ def test_a_load_hides_both_tyres_of_the_axle_that_bears_it() -> None:
     ]
     assert least[1] > 2.0 * least[0]
     assert least[1] == least[2]
+    lost = tuple(RADIUS * np.array(mask) for mask in ([1.0] * 4, [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
+    changes = np.zeros((2, 4)), both, weights
+    for wheels, of_axle in ((lost, least[2]), (lost[:2], least[0])):
+        sight = LossSight(learned, changes, wheels, RADIUS, TYRES, THRESHOLD, ASKED)
+        assert sight.losses().one_axle == of_axle

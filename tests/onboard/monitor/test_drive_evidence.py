@@ -99,6 +99,29 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
         assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
 
 
+def test_what_all_but_the_last_samples_say_is_what_was_said_before_them() -> None:
+    """The beginning of a drive before its last n samples is the last one of a drive that ended there."""
+
+    def taken(samples: int) -> DriveEvidence:
+        rng = np.random.default_rng(7)
+        reference = learned_car()
+        evidence = DriveEvidence(reference, WHEELS, RADIUS)
+        for speed in SPEEDS[:samples]:
+            features = reference.features(at(float(speed)))
+            seen = features @ reference.mean + rng.normal(0.0, NOISE_M, 4)
+            evidence.take(seen, np.eye(4) * NOISE_M**2, np.zeros((4, 4)), features, 20.0)
+        return evidence
+
+    whole = taken(5)
+    for last in range(3):
+        before, ended = whole.before(last), taken(5 - last).before(0)
+        assert before is not None
+        assert ended is not None
+        assert np.array_equal(before.change_m, ended.change_m)
+        assert np.array_equal(before.log_weight, ended.log_weight)
+    assert whole.before(5) is None
+
+
 @pytest.mark.parametrize("driven", ["front", "rear"])
 def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(driven: str) -> None:
     """The same on a hilly road, with a slip slope after each sample: the slopes are rows more of that
