@@ -172,7 +172,9 @@ GOOD = ("modelDescription.xml", b"<fmiModelDescription fmiVersion='2.0'/>")
 STEERING = ("modelDescription.xml", "<fmiModelDescription fmiVersion='\u009b31m'/>".encode())
 
 
-@pytest.mark.parametrize("name", ["../evil.txt", "/etc/evil", "a/../../evil", "a\\..\\evil", "C:evil"])
+@pytest.mark.parametrize(
+    "name", ["../evil.txt", "/etc/evil", "a/../../evil", "a\\..\\evil", "C:evil", "", "."]
+)
 def test_a_member_that_leads_out_is_refused(tmp_path: Path, name: str) -> None:
     """Nothing is unpacked, the line names the member."""
     file = zipped(tmp_path / "a.fmu", GOOD, (name, b"x"))

@@ -113,7 +113,13 @@ def _check_members(file: Path, members: list[zipfile.ZipInfo]) -> None:
     for member in members:
         path = PurePosixPath(member.filename)
         link = stat.S_ISLNK(member.external_attr >> 16)
-        if link or path.is_absolute() or ".." in path.parts or any(c in member.filename for c in "\\:\0"):
+        if (
+            not path.name
+            or link
+            or path.is_absolute()
+            or ".." in path.parts
+            or any(c in member.filename for c in "\\:\0")
+        ):
             raise InputError(file, f"a member leads out of the archive: {member.filename[:80]!r}")
     if len(members) > MOST_MEMBERS or sum(member.file_size for member in members) > MOST_BYTES:
         raise InputError(file, f"larger than {MOST_BYTES >> 30} GB or {MOST_MEMBERS} members")
