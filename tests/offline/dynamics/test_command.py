@@ -134,6 +134,8 @@ def test_a_model_file_is_read_back_exactly() -> None:
     assert parse_dynamics_model(format_dynamics_model(model, "found\non a drive")) == model
     with pytest.raises(ConfigError, match=r"length_m = 1e-300 is outside 0\.05 to 5 m"):
         parse_dynamics_model('[[effect]]\nname = "tyre_relaxation"\nlength_m = 1e-300\n')
+    with pytest.raises(ConfigError, match=r"^effect 'a.nb': std must be a table of numbers"):
+        parse_dynamics_model('[[effect]]\nname = "a\\nb"\nstd = 1\n')
 
 
 def test_a_term_over_time_stays_out_of_another_drive(

@@ -57,9 +57,9 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[DynamicsEffect, dict
         raise ConfigError(f"effect {number} has no name")
     std, drive = table.pop("std", {}), table.pop("drive", "")
     if not isinstance(std, dict) or not all(_is_number(value) for value in std.values()):
-        raise ConfigError(f"effect {name[:60]}: std must be a table of numbers of at least 0")
+        raise ConfigError(f"effect {name[:60]!r}: std must be a table of numbers of at least 0")
     if not isinstance(drive, str):
-        raise ConfigError(f"effect {name[:60]}: drive = {drive!r} is no text")
+        raise ConfigError(f"effect {name[:60]!r}: drive = {str(drive)[:60]!r} is no text")
     effect = make_dynamics_effect(name[:60], **table)
     _check_limits(effect)
     for key in std:
