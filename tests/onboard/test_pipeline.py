@@ -176,6 +176,17 @@ def test_a_restart_goes_on_where_it_was(tmp_path: Path, method: str) -> None:
     assert {"rr"} == {event.wheel for event in events}
 
 
+@pytest.fixture(scope="module")
+def learned(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """The folder of a drive without a fault, and the snapshot after it, as JSON."""
+    folder, learn = tmp_path_factory.mktemp("learned"), drive("counts16", None, duration_s=90.0)
+    write_drive(folder, learn)
+    first = pipeline(folder)
+    for item in inputs(learn):
+        feed(first, item)
+    return folder, json.dumps(first.snapshot())
+
+
 @pytest.mark.parametrize(
     "damage",
     [
@@ -187,16 +198,11 @@ def test_a_restart_goes_on_where_it_was(tmp_path: Path, method: str) -> None:
     ],
     ids=str,
 )
-def test_half_a_snapshot_is_refused_whole(tmp_path: Path, damage: dict[str, object]) -> None:
-    """If one part does not fit, a ValueError, and neither part is taken up."""
-    learn = drive("counts16", None, duration_s=90.0)
-    write_drive(tmp_path, learn)
-    first = pipeline(tmp_path)
-    for item in inputs(learn):
-        feed(first, item)
-    saved = json.loads(json.dumps(first.snapshot()))
+def test_half_a_snapshot_is_refused_whole(learned: tuple[Path, str], damage: dict[str, object]) -> None:
+    """If one part does not fit, a ValueError, and neither part is restored."""
+    folder, saved = learned[0], json.loads(learned[1])
     assert saved["monitor"]["sets"]["baseline"]["ready"] is True
-    second = pipeline(tmp_path)
+    second = pipeline(folder)
     before = repr(second.snapshot())
     for broken in ({**saved, **damage}, {k: v for k, v in saved.items() if k not in damage}):
         with pytest.raises(ValueError):

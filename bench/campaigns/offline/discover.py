@@ -97,30 +97,39 @@ def _reliability(claims: Claims) -> None:
 
 
 def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found: BusDiscovery) -> None:
-    wheels = "undecided"
-    if found.kind is not None:
-        right = [_is_wheel(bus, found, wheel, mode) for wheel in WHEELS]
-        sure = found.wheels_decided
-        claims["wheels"] += [
-            (role.probability, ok)
-            for role, ok in zip(_wheels_of(found), right, strict=True)
-            if role is not None
-        ]
-        wheels = "undecided" if not sure else "right" if all(right) else "wrong"
+    """Count how wheels were found, and where the DBC names them rightly also ring, axle and measures."""
+    wheels = _judge_wheels(claims, mode, bus, found)
     counts[f"four wheels, {mode}|{wheels}"] += 1
     if wheels != "right" or mode == "raw":
         return
+    vehicle = bus.spec.vehicle
     if found.counts_per_rev is not None:
-        sure = found.counts_probability >= _SURE
-        same = found.counts_per_rev.value == bus.spec.vehicle.teeth_per_rev
-        claims["counts per revolution"].append((found.counts_probability, same))
-        rings = "uneven" if bus.uneven else "perfect"
-        result = "undecided" if not sure else "right" if same else "wrong"
-        counts[f"counts per revolution, {rings} rings|{result}"] += 1
-    axle, sure_axle = found.driven_axle or ("front", 0.0)
-    same = axle == bus.spec.vehicle.driven_axle
-    claims["driven axle"].append((sure_axle, same))
-    counts[f"driven axle|{'undecided' if sure_axle < _SURE else 'right' if same else 'wrong'}"] += 1
+        probability, rings = found.counts_probability, "uneven" if bus.uneven else "perfect"
+        same = found.counts_per_rev.value == vehicle.teeth_per_rev
+        claims["counts per revolution"].append((probability, same))
+        counts[f"counts per revolution, {rings} rings|{_outcome(probability >= _SURE, same)}"] += 1
+    axle, probability = found.driven_axle or ("front", 0.0)
+    claims["driven axle"].append((probability, axle == vehicle.driven_axle))
+    counts[f"driven axle|{_outcome(probability >= _SURE, axle == vehicle.driven_axle)}"] += 1
+    _judge_measures(counts, bus, found)
+
+
+def _outcome(decided: bool, right: bool) -> str:
+    return "undecided" if not decided else "right" if right else "wrong"
+
+
+def _judge_wheels(claims: Claims, mode: str, bus: DrawnBus, found: BusDiscovery) -> str:
+    """Return whether the four wheels are right, undecided or wrong; each one's probability is a claim."""
+    if found.kind is None:
+        return "undecided"
+    right = [_is_wheel(bus, found, wheel, mode) for wheel in WHEELS]
+    roles = zip(_wheels_of(found), right, strict=True)
+    claims["wheels"] += [(role.probability, ok) for role, ok in roles if role is not None]
+    return _outcome(found.wheels_decided, all(right))
+
+
+def _judge_measures(counts: Counter[str], bus: DrawnBus, found: BusDiscovery) -> None:
+    """Count which measures are within their bar or two standard deviations of the truth."""
     truth = {
         "track_rear_m": bus.spec.vehicle.track_rear_m,
         "track_front_m": bus.spec.vehicle.track_front_m,
@@ -131,11 +140,8 @@ def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found
     for key, bar in _BARS.items():
         one = found.geometry.get(key) or found.gnss.get(key)
         limit = bar * truth[key] if key.startswith("track") else bar
-        if one is None:
-            counts[f"{key} within the bar or two std|undecided"] += 1
-            continue
-        good = abs(one.value - truth[key]) <= max(limit, 2 * one.std)
-        counts[f"{key} within the bar or two std|{'right' if good else 'wrong'}"] += 1
+        good = one is not None and abs(one.value - truth[key]) <= max(limit, 2 * one.std)
+        counts[f"{key} within the bar or two std|{_outcome(one is not None, good)}"] += 1
 
 
 def _wheels_of(found: BusDiscovery) -> list[FoundRole | None]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import gzip
 import json
 import shutil
@@ -92,6 +93,19 @@ def test_effects_of_no_size_leave_a_simulated_drive_as_it_is(tmp_path: Path, kin
     assert there(tmp_path / "in") == same(tmp_path / "in", tmp_path / "out")
 
 
+@pytest.fixture(scope="module")
+def without_effects(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Recording]]:
+    """Folder and recording of the drive without effects, on a bus of some kind."""
+
+    @functools.cache
+    def made(kind: str) -> tuple[Path, Recording]:
+        folder = tmp_path_factory.mktemp("plain")
+        write_drive(folder, simulate_drive(replace(SPEC, bus=BusSpec(kind=kind))))
+        return folder, read_recording(folder)
+
+    return made
+
+
 @pytest.mark.parametrize("kind", ["counts16", "counts8", "split", "speeds"])
 @pytest.mark.parametrize(
     "effect",
@@ -101,23 +115,27 @@ def test_effects_of_no_size_leave_a_simulated_drive_as_it_is(tmp_path: Path, kin
         "track_width_error:rear_m=0.3",
     ],
 )
-def test_injected_is_what_the_simulator_makes_of_the_effect(tmp_path: Path, kind: str, effect: str) -> None:
+def test_injected_is_what_the_simulator_makes_of_the_effect(
+    tmp_path: Path,
+    kind: str,
+    effect: str,
+    without_effects: Callable[[str], tuple[Path, Recording]],
+) -> None:
     """The same drive simulated with the effect turns its wheels alike: within a count, or 0.05 % of speed."""
-    bus = BusSpec(kind=kind)
-    plain, acting = (replace(SPEC, bus=bus, model=model) for model in (ExtendedModel(), model_of(effect)))
-    write_drive(tmp_path / "plain", simulate_drive(plain))
+    plain, was = without_effects(kind)
+    acting = replace(SPEC, bus=BusSpec(kind=kind), model=model_of(effect))
     write_drive(tmp_path / "acting", simulate_drive(acting))
 
-    inject(tmp_path / "plain", tmp_path / "out", effect)
+    inject(plain, tmp_path / "out", effect)
 
-    made, true, was = (read_recording(tmp_path / name) for name in ("out", "acting", "plain"))
+    made, true = (read_recording(tmp_path / name) for name in ("out", "acting"))
     distances = [np.nancumsum(one.rotation_rad, axis=0) for one in (made, true, was)]
     tooth = 2.0 * np.pi / 48.0
     # What the radii made before the drive moved is the simulator's own: both begin at rest.
     assert np.abs(distances[0] - distances[1]).max() < 2.0 * tooth
     assert np.abs(distances[2] - distances[1]).max() > 4.0 * tooth
     if kind != "split":
-        stamps = [[before for before, _ in frames(tmp_path / name)] for name in ("plain", "out")]
+        stamps = [[before for before, _ in frames(folder)] for folder in (plain, tmp_path / "out")]
         assert stamps[0] == stamps[1]
 
 

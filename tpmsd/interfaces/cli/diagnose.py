@@ -36,6 +36,7 @@ DRIVE is a folder with vehicle.toml, bus.dbc, can.log (or .log.gz .asc .blf .trc
 _EPILOG = """\
 examples:
   tpmsd diagnose drives/monday
+  tpmsd diagnose drives/monday --certify 0                 sooner, without p-values
   tpmsd diagnose drives/monday --json monday.json --html monday.html --plot monday.png
   tpmsd diagnose drives/monday --model-out model.toml
   tpmsd diagnose drives/friday --model model.toml          what is left beside what is known

@@ -9,44 +9,55 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterator, Mapping
 
 from tpmsd.offline.calibration.result import FittedGeometry
 
 _TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
+_WRITTEN = ("vehicle.wheel_radius_m", "calibration")
+"""Tables that are replaced as a whole."""
 
 
 def calibrated_toml(
     text: str, found: FittedGeometry, radii_m: dict[str, float], dbc: str | None, made: str
 ) -> str:
-    """Return `radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file (None:
-    as the text has it), `made` the date."""
+    """Return the text with calibrated values: `radii_m` of all four wheels, `dbc` where the DBC lies seen
+    from the new file (None: as the text has it), `made` the date."""
     values = {"wheel_radius_m": _inline(radii_m)}
     if math.isfinite(found.track_rear_std_m):
         values["track_rear_m"] = f"{found.track_rear_m:.4f}"
     if math.isfinite(found.track_front_m):
         values["track_front_m"] = f"{found.track_front_m:.4f}"
-    out: list[str] = []
+    added = {"vehicle": [f"{key} = {value}  # calibrated" for key, value in values.items()]}
+    stale = {"vehicle": set(values)}
+    if dbc is not None:
+        added["can"] = [f"dbc = {json.dumps(dbc, ensure_ascii=False)}"]
+        stale["can"] = {"dbc"}
+    out = list(_replaced(text, stale, added))
+    while out and not out[-1].strip():
+        out.pop()
+    return "\n".join([*out, "", *_provenance(found, made), ""])
+
+
+def _replaced(text: str, stale: Mapping[str, set[str]], added: Mapping[str, list[str]]) -> Iterator[str]:
+    """Yield the lines of a configuration without the stale keys, by table, and without the tables that are
+    written again; the lines that are added follow the heading of their table."""
     table = ""
     for line in text.splitlines():
         heading = _TABLE.match(line)
         if heading:
             table = re.sub(r"[\s\"']", "", heading.group(1))
-            if table not in ("vehicle.wheel_radius_m", "calibration"):
-                out.append(line)
-            if table == "vehicle":
-                out += [f"{key} = {value}  # calibrated" for key, value in values.items()]
-            elif table == "can" and dbc is not None:
-                out.append(f"dbc = {json.dumps(dbc, ensure_ascii=False)}")
+        if table in _WRITTEN:
             continue
-        key = re.split(r"[.=\s]", line.strip().replace('"', "").replace("'", ""), maxsplit=1)[0]
-        stale = (table == "vehicle" and key in values) or (
-            table == "can" and key == "dbc" and dbc is not None
-        )
-        if not stale and table not in ("vehicle.wheel_radius_m", "calibration"):
-            out.append(line)
-    while out and not out[-1].strip():
-        out.pop()
-    return "\n".join([*out, "", *_provenance(found, made), ""])
+        if heading:
+            yield from (line, *added.get(table, ()))
+        elif _key(line) not in stale.get(table, ()):
+            yield line
+
+
+def _key(line: str) -> str:
+    """Return the first part of the key that a line sets."""
+    return re.split(r"[.=\s]", line.strip().replace('"', "").replace("'", ""), maxsplit=1)[0]
 
 
 def _inline(radii_m: dict[str, float]) -> str:
