@@ -28,7 +28,7 @@ from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.stages import _grow, marginal, prior_precision
 from tpmsd.offline.dynamics.summary import summary_sentences
-from tpmsd.offline.dynamics.terms import spline_term, term_of
+from tpmsd.offline.dynamics.terms import hats, spline_term, term_of, within_rows
 from tpmsd.offline.signals.write import signals_text
 
 SINGLE = {
@@ -275,6 +275,26 @@ def test_what_was_looked_at_is_not_looked_at_again(tmp_path: Path, monkeypatch: 
     assert search.attempt([*search.terms])
     search.look(offered)
     assert len(asked) > 2  # the fit, and the new model
+
+
+def test_a_long_drive_is_looked_at_in_blocks_spread_over_it(tmp_path: Path) -> None:
+    """Memory and time are those of the rows that are kept; knots in the pauses between change nothing."""
+    _, drive = loaded(folder(tmp_path / "d", duration_s=60.0), "single-track")
+    few = drive.bounded(1000)
+
+    assert drive.bounded(len(drive.time_s)) is drive
+    assert 800 <= len(few.time_s) <= 1000
+    assert len(few.starts) == pytest.approx(len(drive.starts) / 3, abs=1)
+    assert few.time_s[0] < 10.0 and few.time_s[-1] > 50.0
+    assert np.array_equal(few.inputs.steer_rad, drive.inputs.steer_rad[np.isin(drive.time_s, few.time_s)])
+    assert f"the drive has {len(drive.time_s)} rows: {len(few.time_s)} of them" in few.notes[-1]
+
+    knots = np.arange(0.0, 61.0, 0.5)
+    kept = within_rows(knots, few.time_s)
+    assert len(kept) < len(knots)
+    of_all = {at: hat for at, hat in zip(knots, hats(few.time_s, tuple(knots)), strict=True) if hat.any()}
+    of_kept = dict(zip(kept, hats(few.time_s, tuple(kept)), strict=True))
+    assert all(np.allclose(of_kept[at], hat, atol=1e-12) for at, hat in of_all.items())
 
 
 def test_the_shares_of_the_real_car(recorded_dynamics: Path) -> None:

@@ -56,6 +56,7 @@ def diagnose_dynamics(
     has no name.
     """
     names = tuple(effect.name for effect in given)
+    drive = drive.bounded(SETTINGS.most_rows)
     moving = float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
     if reason := _too_little(drive, moving):
         return DynamicsDiagnosis(

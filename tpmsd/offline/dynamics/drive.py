@@ -86,6 +86,20 @@ class DynamicsDrive:
         out.__dict__["starts"] = np.concatenate([[0], pause])
         return out
 
+    def bounded(self, most_rows: int) -> DynamicsDrive:
+        """Return the drive, or blocks of a longer one spread evenly over it, with a note."""
+        n, blocks = len(self.time_s), len(self.starts)
+        if n <= most_rows:
+            return self
+        every = -(-n // most_rows)
+        kept = range(every // 2, blocks, every)
+        rows = np.concatenate([np.arange(self.starts[k], self.ends[k]) for k in kept])
+        outputs = {name: values[rows] for name, values in self.outputs.items()}
+        note = (
+            f"the drive has {n} rows: {len(rows)} of them are looked at, in {len(kept)} blocks spread over it"
+        )
+        return replace(self, inputs=self.inputs.take(rows), outputs=outputs, notes=(*self.notes, note))
+
     def part(self, first: int, last: int) -> DynamicsDrive:
         """Return rows first to last (excluded), times as they are."""
         rows = slice(first, last)

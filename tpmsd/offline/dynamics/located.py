@@ -27,7 +27,7 @@ from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, 
 from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import CandidateTerm, hats, spaced, spline_term
+from tpmsd.offline.dynamics.terms import CandidateTerm, hats, spaced, spline_term, within_rows
 
 SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6, "force_front": 0.6, "force_rear": 0.6}
 """Prior standard deviations of a term without a name on an equation: m/s2, of the moment rad/s2."""
@@ -60,7 +60,7 @@ def slopes(search: Search) -> list[LocatedTerm]:
 
 def _slopes(search: Search) -> list[LocatedTerm]:
     time = search.setup.drive.time_s
-    knots = spaced(float(time[0]), float(time[-1]), SETTINGS.time_knot_s)
+    knots = _time_knots(time)
     flat = (0.0,) * len(knots)
     there = {effect.name for effect in search.theta}
     terms = []
@@ -105,7 +105,8 @@ def _seen(statistics: Statistics, columns: PriorColumns) -> PriorColumns:
 def _winds(search: Search) -> list[LocatedTerm]:
     """Return the likeliest span of wind from the side, and from ahead where speed is an output."""
     time = search.setup.drive.time_s
-    edges = np.array(spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s))
+    boxes = spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s)
+    edges = within_rows(np.array(boxes), time)
     out = []
     for kind in (SideWind, *((DynamicsHeadWind,) if search.setup.baseline.forces else ())):
         if sum(effect.name == kind.name for effect in search.theta) >= SETTINGS.most_spans:
@@ -272,11 +273,17 @@ def nameless_penalty(search: Search) -> float:
 def _knots(values: FloatArray, over: str) -> tuple[float, ...]:
     """Return knots over a covariate: even steps over time, quantiles mixed with even steps over others."""
     if over == "time":
-        return spaced(float(values[0]), float(values[-1]), SETTINGS.time_knot_s)
+        return _time_knots(values)
     low, high = (float(x) for x in np.quantile(values, [0.005, 0.995]))
     if not high - low > 1e-9:
         return ()
     return tuple(float(x) for x in np.linspace(low, high, SETTINGS.spline_knots))
+
+
+def _time_knots(time_s: FloatArray) -> tuple[float, ...]:
+    """Return knots over time, those in long pauses left out: no row depends on them."""
+    knots = spaced(float(time_s[0]), float(time_s[-1]), SETTINGS.time_knot_s)
+    return tuple(map(float, within_rows(np.array(knots), time_s)))
 
 
 def refined(search: Search, located: LocatedTerm) -> CandidateTerm:

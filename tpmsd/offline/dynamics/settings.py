@@ -114,6 +114,9 @@ class DynamicsSettings:
     covariates are alike in the cheap one."""
     rating_samples: int = 1000
     """Most samples of a curve whose rating is computed: the work grows with their square."""
+    most_rows: int = 60_000
+    """Rows of a drive that are looked at, blocks spread evenly over a longer one: 20 min at 50 Hz, from which
+    no value is told better than its model's own error, and 700 MB of columns."""
     least_s: float = 8.0
     """Driving below which nothing is concluded: a handful of blocks."""
 

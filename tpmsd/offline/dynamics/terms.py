@@ -230,6 +230,13 @@ def spaced(first: float, last: float, step: float) -> tuple[float, ...]:
     return tuple(float(value) for value in np.linspace(first, last, count))
 
 
+def within_rows(points_s: FloatArray, time_s: FloatArray) -> FloatArray:
+    """Return the points of time, without those whose neighbours on both sides enclose no row either."""
+    rows = np.searchsorted(time_s, points_s)
+    before, after = np.diff(rows, prepend=-1) > 0, np.diff(rows, append=len(time_s) + 1) > 0
+    return np.asarray(points_s[before | after])
+
+
 def hats(along: FloatArray, knots: tuple[float, ...]) -> list[FloatArray]:
     """Return the basis functions of a spline that is linear between knots and constant beyond them, (n,)
     each."""
