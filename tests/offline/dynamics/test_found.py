@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import math
 import tempfile
+import weakref
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -275,6 +277,22 @@ def test_what_was_looked_at_is_not_looked_at_again(tmp_path: Path, monkeypatch: 
     assert search.attempt([*search.terms])
     search.look(offered)
     assert len(asked) > 2  # the fit, and the new model
+
+
+def test_what_was_left_behind_takes_no_memory(tmp_path: Path) -> None:
+    """A path that is given up is freed at once, with its factor: no cycle of references waits for a
+    collection."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=20.0), "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate",)))
+    search.at.weighted(search.setup, search.noise)
+    gc.disable()
+    try:
+        left = weakref.ref(search.at)
+        search.at = smoothed(search.setup, (), search.at.path, search.noise)
+        search.looked = None
+        assert left() is None
+    finally:
+        gc.enable()
 
 
 def test_a_long_drive_is_looked_at_in_blocks_spread_over_it(tmp_path: Path) -> None:

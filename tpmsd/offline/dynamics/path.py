@@ -223,7 +223,7 @@ class Weighted:
         known = np.isfinite(at.reading_residual)
         reading = np.where(known, 1.0 / noise.outputs**2, 0.0)
         self.step_weight, self.reading_weight = step, reading
-        self.at = at
+        self.at = replace(at, _weighted=[])  # a cycle of references would keep both
         diagonal = np.einsum(
             "nmi,nm,nmj->nij", at.outputs_by_state, reading, at.outputs_by_state, optimize=True
         )
