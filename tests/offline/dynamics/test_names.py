@@ -14,7 +14,7 @@ from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.car.physics.baselines.inputs import make_inputs
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.car.physics.motion import GRAVITY_MPS2
-from tpmsd.offline.dynamics.findings import likelier_not, with_a_cause
+from tpmsd.offline.dynamics.findings import likelier_not, suspected, with_a_cause
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, OutputFit
 from tpmsd.offline.dynamics.search import Search
@@ -60,7 +60,8 @@ def test_a_long_delay_is_looked_for_at_its_size(tmp_path: Path) -> None:
 
 
 def _doubtful(found: DynamicsFinding, **changes: float) -> DynamicsFinding:
-    return replace(found, status=SUSPICION, confidence=0.2, **changes)  # type: ignore[arg-type]
+    changes = {"confidence": 0.2, **changes}
+    return replace(found, status=SUSPICION, **changes)  # type: ignore[arg-type]
 
 
 def test_a_doubtful_name_becomes_a_cause_without_one(root: str) -> None:
@@ -86,6 +87,14 @@ def test_beside_a_finding_a_doubtful_name_stays_a_suspicion(root: str) -> None:
     other = _doubtful(first)
 
     assert with_a_cause([first, other]) == (first, other)
+
+
+def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str) -> None:
+    first = diagnosed(root, FRONT).findings[0]
+    likely, hardly = _doubtful(first), _doubtful(first, confidence=0.04)
+    stand_in = replace(first, confidence=0.04)
+
+    assert suspected([likely, hardly, stand_in]) == (likely, stand_in)
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,10 @@ BINS = 12
 
 
 def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
-    """Return the findings, the strongest on held-out blocks first."""
+    """Return findings and suspicions, the strongest on held-out blocks first.
+
+    What has odds of more than twenty against it is no suspicion.
+    """
     slots = [look.slot(k) for k in range(len(search.terms))]
     if not slots:
         return ()
@@ -57,7 +60,13 @@ def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
         without = _without(few, k)
         one = _finding(search, few, slot, with_all, without, alternatives)
         found.append(replace(one, term=k))
-    return with_a_cause(sorted(found, key=lambda one: -one.loglik_gain))
+    return suspected(with_a_cause(sorted(found, key=lambda one: -one.loglik_gain)))
+
+
+def suspected(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
+    """Return the findings, and the suspicions whose log odds are within those of twins."""
+    least = 1.0 / (1.0 + math.exp(SETTINGS.twin_nats))
+    return tuple(one for one in found if one.status == FINDING or one.confidence >= least)
 
 
 def with_a_cause(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:

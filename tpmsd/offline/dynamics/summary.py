@@ -73,8 +73,9 @@ def _doubts(named: list[DynamicsFinding]) -> list[str]:
         are, they = ("is", "it") if len(large) == 1 else ("are", "they")
         out.append(f"{listed(large)} {are} larger than cars have: {they} may stand in for something else.")
     if doubtful := [one.effect for one in named if one.stand_in and not one.unusual]:
+        stand = "stands" if len(doubtful) == 1 else "stand"
         out.append(
-            f"What has no name may be the cause of {listed(doubtful)} as well, which stand in for it then."
+            f"What has no name may be the cause of {listed(doubtful)} as well, which {stand} in for it then."
         )
     return out
 
