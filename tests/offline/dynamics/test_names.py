@@ -17,7 +17,8 @@ from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.offline.dynamics.findings import likelier_not, suspected, with_a_cause
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, OutputFit
-from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.search import RivalSelection, Search
+from tpmsd.offline.dynamics.stages import preferred
 from tpmsd.offline.dynamics.summary import summary_sentences
 
 FRONT = hidden(cornering_stiffness_error={"front": -0.12, "rear": 0.0})
@@ -152,3 +153,22 @@ def test_a_wind_s_speed_is_known_as_well_as_the_body_s_area(root: str) -> None:
     speed = wind.parameters["speed_mps"]
     assert wind.effect == "side_wind"
     assert speed.std == pytest.approx(0.2 * speed.value, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("nats", "error", "other", "rival"),
+    [(5.0, 0.0, True, True), (5.0, 0.1, False, False), (-5.0, 0.1, False, True)],
+)
+def test_a_selection_that_predicts_worse_is_no_rival(
+    tmp_path: Path, nats: float, error: float, other: bool, rival: bool
+) -> None:
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
+    first = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
+    second = first.copied()
+    first.rival = second.rival = RivalSelection(nats, frozenset())
+    second.error = first.error + error
+
+    chosen = preferred(first, second, nats)
+
+    assert chosen is (second if other else first)
+    assert (chosen.rival is not None) is rival

@@ -48,11 +48,24 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     base, first, best = (log_marginal(one, search) for one in (plain, other, search))
     for one, against, nats in ((search, other, first - best), (other, search, best - first)):
         one.rival = RivalSelection(nats, frozenset(term.key for term in against.terms))
-    chosen = other if first > best and other.error <= search.error + SETTINGS.most_worse else search
+    chosen = preferred(search, other, first - best)
     nameless_there = any(term.name == "unknown" for term in chosen.named)
     explained = max(first, best) - base
     chosen.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * explained
     return chosen
+
+
+def preferred(search: Search, other: Search, nats: float) -> Search:
+    """Return the other selection where it is likelier by some nats and predicts no worse, else the first.
+
+    One that is likelier and predicts worse explains how readings follow each other: it is no rival.
+    """
+    if nats <= 0.0:
+        return search
+    if other.error <= search.error + SETTINGS.most_worse:
+        return other
+    search.rival = None
+    return search
 
 
 def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
