@@ -145,7 +145,7 @@ class Pipeline:
 
     def _new_estimator(self) -> Estimator:
         """Return one that has learned nothing."""
-        return build_estimator(self._config, np.random.default_rng(self._config.filter.seed))
+        return build_estimator(self._config)
 
     def _reset(self, request: ResetRequest) -> None:
         """Learn the tyres anew, if the monitor agrees."""

@@ -42,8 +42,10 @@ def monitored_wheels(config: Config) -> tuple[int, ...]:
     return (FL, FR, RL, RR) if {FL, FR} <= known else (RL, RR)
 
 
-def build_estimator(config: Config, rng: np.random.Generator) -> RadiusFilter:
-    """Return the estimator that [filter] method names; ConfigError if there is none of that name."""
+def build_estimator(config: Config, rng: np.random.Generator | None = None) -> RadiusFilter:
+    """Return the estimator that [filter] method names; ConfigError if there is none of that name. `rng` as in
+    `begin_belief`.
+    """
     front = len(monitored_wheels(config)) == 4
     return build_filter(config.vehicle, config.gnss, config.filter, rng, front)
 
@@ -52,7 +54,7 @@ def build_filter(
     vehicle: VehicleConfig,
     gnss: GnssConfig,
     settings: FilterConfig,
-    rng: np.random.Generator,
+    rng: np.random.Generator | None,
     front: bool,
     row: Row | None = None,
     gate: MotionGate | None = None,
@@ -71,6 +73,11 @@ def build_filter(
     )
 
 
+def _generator(settings: FilterConfig) -> np.random.Generator:
+    """Return the generator of the configured seed."""
+    return np.random.default_rng(settings.seed)
+
+
 def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
     """Return the car as a filter of its rear pair, or of all its wheels, knows it."""
     order = (RL, RR, FL, FR) if front else (RL, RR)
@@ -84,8 +91,12 @@ def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
     )
 
 
-def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: np.random.Generator) -> Belief:
-    """Return the belief of a row, before the first tick."""
+def begin_belief(
+    row: Row, car: FilterCar, settings: FilterConfig, rng: np.random.Generator | None = None
+) -> Belief:
+    """Return the belief of a row, before the first tick. `rng` None: the generator of the configured seed,
+    made only for filters that draw: NumPy's generators take 2 MB.
+    """
     pieces = row.pieces
     if isinstance(pieces, MixturePieces):
         chosen = replace(pieces, fix_weights=FIX_WEIGHTS[settings.fix_weights])
@@ -93,7 +104,7 @@ def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: np.rando
     if isinstance(pieces, MarginalPieces):
         weighed = replace(pieces.mixture, fix_weights=FIX_WEIGHTS[settings.fix_weights])
         count = settings.particles or SETTINGS.marginal_particles
-        return MarginalBelief(car, replace(pieces, mixture=weighed), count, rng)
+        return MarginalBelief(car, replace(pieces, mixture=weighed), count, rng or _generator(settings))
     forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
     rear: Belief
     if isinstance(pieces, GaussianPieces):
@@ -105,5 +116,7 @@ def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: np.rando
             radii=pieces.radii.remembering(forgetting),
             position_noise=None if noise is None else noise.remembering(settings.window_s),
         )
-        rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, rng)
+        rear = SampledBelief(
+            car, sampled, settings.particles or SETTINGS.particles, rng or _generator(settings)
+        )
     return FourWheelBelief(rear, car, forgetting) if len(car.order) == 4 else rear
