@@ -145,7 +145,7 @@ class Pipeline:
 
     def _new_estimator(self) -> Estimator:
         """Return one that has learned nothing."""
-        return build_estimator(self._config)
+        return build_estimator(self._config, lambda: np.random.default_rng(self._config.filter.seed))
 
     def _reset(self, request: ResetRequest) -> None:
         """Learn the tyres anew, if the monitor agrees."""

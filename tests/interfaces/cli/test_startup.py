@@ -49,10 +49,11 @@ def test_only_filters_that_draw_import_numpys_generators(method: str, drawn: boo
     """The default filter does without, 2 MB less of a daemon."""
     code = f"""
 import sys
+import numpy as np
 from tpmsd.car.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.onboard.estimators.build import build_filter
 vehicle = VehicleConfig((0.32,) * 4, 1.5, 1.5, 2.6)
-build_filter(vehicle, GnssConfig(), FilterConfig(method={method!r}), None, True)
+build_filter(vehicle, GnssConfig(), FilterConfig(method={method!r}), lambda: np.random.default_rng(1), True)
 print("numpy.random" in sys.modules)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

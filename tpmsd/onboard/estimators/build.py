@@ -5,7 +5,9 @@ In: a `Config` and a random generator. Out: an `Estimator`. What there is stands
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +28,10 @@ from tpmsd.onboard.estimators.radius_filter import RadiusFilter
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.estimators.table import ALIASES, TABLE, Row, row_of
 
+if TYPE_CHECKING:
+    Randomness = np.random.Generator | Callable[[], np.random.Generator]
+    """Generator, or a function that makes one: NumPy's take 2 MB, which the default filter does without."""
+
 
 def monitored_wheels(config: Config) -> tuple[int, ...]:
     """Indices of the wheels whose signals the configuration names: all four, or the rear pair."""
@@ -42,10 +48,8 @@ def monitored_wheels(config: Config) -> tuple[int, ...]:
     return (FL, FR, RL, RR) if {FL, FR} <= known else (RL, RR)
 
 
-def build_estimator(config: Config, rng: np.random.Generator | None = None) -> RadiusFilter:
-    """Return the estimator that [filter] method names; ConfigError if there is none of that name. `rng` as in
-    `begin_belief`.
-    """
+def build_estimator(config: Config, rng: Randomness) -> RadiusFilter:
+    """Return the estimator that [filter] method names; ConfigError if there is none of that name."""
     front = len(monitored_wheels(config)) == 4
     return build_filter(config.vehicle, config.gnss, config.filter, rng, front)
 
@@ -54,7 +58,7 @@ def build_filter(
     vehicle: VehicleConfig,
     gnss: GnssConfig,
     settings: FilterConfig,
-    rng: np.random.Generator | None,
+    rng: Randomness,
     front: bool,
     row: Row | None = None,
     gate: MotionGate | None = None,
@@ -73,9 +77,8 @@ def build_filter(
     )
 
 
-def _generator(settings: FilterConfig) -> np.random.Generator:
-    """Return the generator of the configured seed."""
-    return np.random.default_rng(settings.seed)
+def _made(rng: Randomness) -> np.random.Generator:
+    return rng() if callable(rng) else rng
 
 
 def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
@@ -91,12 +94,8 @@ def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
     )
 
 
-def begin_belief(
-    row: Row, car: FilterCar, settings: FilterConfig, rng: np.random.Generator | None = None
-) -> Belief:
-    """Return the belief of a row, before the first tick. `rng` None: the generator of the configured seed,
-    made only for filters that draw: NumPy's generators take 2 MB.
-    """
+def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: Randomness) -> Belief:
+    """Return the belief of a row, before the first tick; its generator is made only for filters that draw."""
     pieces = row.pieces
     if isinstance(pieces, MixturePieces):
         chosen = replace(pieces, fix_weights=FIX_WEIGHTS[settings.fix_weights])
@@ -104,7 +103,7 @@ def begin_belief(
     if isinstance(pieces, MarginalPieces):
         weighed = replace(pieces.mixture, fix_weights=FIX_WEIGHTS[settings.fix_weights])
         count = settings.particles or SETTINGS.marginal_particles
-        return MarginalBelief(car, replace(pieces, mixture=weighed), count, rng or _generator(settings))
+        return MarginalBelief(car, replace(pieces, mixture=weighed), count, _made(rng))
     forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
     rear: Belief
     if isinstance(pieces, GaussianPieces):
@@ -116,7 +115,5 @@ def begin_belief(
             radii=pieces.radii.remembering(forgetting),
             position_noise=None if noise is None else noise.remembering(settings.window_s),
         )
-        rear = SampledBelief(
-            car, sampled, settings.particles or SETTINGS.particles, rng or _generator(settings)
-        )
+        rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, _made(rng))
     return FourWheelBelief(rear, car, forgetting) if len(car.order) == 4 else rear
