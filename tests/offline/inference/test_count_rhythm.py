@@ -29,7 +29,12 @@ def sawtooth(amplitude_s: float, hz: float, phase: float = 0.0, time_s: FloatArr
 
 def latched_apart(amplitude_s: float = 0.0199) -> Recording:
     """Counts of wheels whose ages sweep over the same time, each with a clock and a phase of its own."""
-    drives = [recording(sawtooth(amplitude_s, hz, at)) for hz, at in zip(HZ, PHASES, strict=True)]
+    return of_wheels([sawtooth(amplitude_s, hz, at) for hz, at in zip(HZ, PHASES, strict=True)])
+
+
+def of_wheels(ages_s: list[FloatArray]) -> Recording:
+    """Counts of wheels with these ages."""
+    drives = [recording(age_s) for age_s in ages_s]
     rotation = np.stack([one.rotation_rad[:, k] for k, one in enumerate(drives)], axis=1)
     return dataclasses.replace(drives[0], rotation_rad=rotation)
 
@@ -66,13 +71,24 @@ def test_each_wheels_own_age_is_taken_out() -> None:
 
 def test_a_fall_that_comes_late_is_placed_where_it_is() -> None:
     """Two ticks after its time an age falls: the edges between would be off by the whole of it."""
-    age = sawtooth(0.0199, 0.31)
-    for fall in np.flatnonzero(np.diff(age) < 0.0)[5::10]:
-        age[fall + 1 : fall + 3] += 0.0199
+    ages = [sawtooth(0.0199, hz, at) for hz, at in zip(HZ, PHASES, strict=True)]
+    for age in ages:
+        for fall in np.flatnonzero(np.diff(age) < 0.0)[5::10]:
+            age[fall + 1 : fall + 3] += 0.0199
 
-    left = ages_s(without_rhythms(recording(age)))[60:-60]
+    left = ages_s(without_rhythms(of_wheels(ages)))[60:-60]
 
     assert np.quantile(np.abs(left), 0.999) < 4e-3
+
+
+@pytest.mark.parametrize("hz", [0.11, 0.31, 1.7])
+def test_one_clock_for_all_wheels_is_no_rhythm_of_their_own(hz: float) -> None:
+    """The age that they share is left to `without_common_age`; clocks a tenth of a cycle apart are two."""
+    shared = recording(sawtooth(0.0066, hz))
+    apart = of_wheels([sawtooth(0.0066, hz, at) for at in (0.0, 0.0, 0.1, 0.1)])
+
+    assert without_rhythms(shared) is shared
+    assert without_rhythms(apart) is not apart
 
 
 @pytest.mark.parametrize(

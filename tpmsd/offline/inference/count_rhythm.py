@@ -1,6 +1,7 @@
 """The age of the counts of each wheel, read in a rhythm of its own, taken out of a recording.
 
-In: a `Recording`. Out: the same one less a sawtooth per wheel, or the very same where there is none.
+In: a `Recording`. Out: the same one less a sawtooth per wheel, or the very same where there is none, or one
+clock for all wheels.
 
 A wheel's module that latches its counter every P seconds gives a count that is up to P old. Seen at the
 ticks' edges t, dt apart, the age is a sawtooth of one frequency f, the beat of the rhythm against the ticks:
@@ -94,14 +95,32 @@ def without_rhythms(recording: Recording) -> Recording:
     late = np.zeros((recording.ticks, 4))
     for part in _stretches(recording.ticks, dt_s):
         edges = slice(part.start, part.stop + 1)
-        for wheel in counted:
-            rhythm = rhythm_of(distance_m[part, wheel], speed[part], dt_s)
-            if rhythm is not None:
-                age_s = _placed(rhythm, distance_m[part, wheel], v[edges], dt_s)
-                late[part, wheel] = np.diff(v[edges] * age_s)
+        for wheel, rhythm in own_rhythms(distance_m[part][:, counted], speed[part], dt_s).items():
+            age_s = _placed(rhythm, distance_m[part, counted[wheel]], v[edges], dt_s)
+            late[part, counted[wheel]] = np.diff(v[edges] * age_s)
     return (
         replace(recording, rotation_rad=recording.rotation_rad + late / radius_m) if late.any() else recording
     )
+
+
+def own_rhythms(distance_m: FloatArray, speed: FloatArray, dt_s: float) -> dict[int, Rhythm]:
+    """Return by wheel the sawteeth in distances per tick (n, wheels); none where one clock holds for all.
+
+    One clock is what the frequency and phase of the clearest sawtooth are for every wheel that has one, if
+    their gain with these is at least that with frequencies and phases of their own, less the penalty of these
+    (BIC, and the number of them). An age that all wheels share is left to `count_age`, which asks for no form
+    of it.
+    """
+    lines = {k: _Lines.of(each, speed, dt_s) for k, each in enumerate(distance_m.T)}
+    found = {k: (each, each.best()) for k, each in lines.items() if each is not None}
+    rhythms = {k: rhythm for k, (_, rhythm) in found.items() if rhythm is not None}
+    if len(rhythms) < 2:
+        return rhythms
+    clearest = max(rhythms.values(), key=lambda one: one.gain_nats)
+    joint = sum(found[k][0].gain_of(clearest) for k in rhythms)
+    apart = sum(one.gain_nats for one in rhythms.values())
+    penalty = math.log(len(speed)) + math.log(len(speed) * PHASES)
+    return {} if joint >= apart - (len(rhythms) - 1) * penalty else rhythms
 
 
 def rhythm_of(distance_m: FloatArray, speed: FloatArray, dt_s: float) -> Rhythm | None:
@@ -186,6 +205,12 @@ class _Lines:
             return None
         return Rhythm(found.cycles % 1.0 / self.dt_s, found.phase, found.amplitude_s, found.gain_nats)
 
+    def gain_of(self, rhythm: Rhythm) -> float:
+        """Return the gain (nats) of a sawtooth of this frequency and phase at its best amplitude."""
+        like, norm = self._likeness(rhythm.hz * self.dt_s)
+        parts = (like * np.exp(-2j * np.pi * np.arange(1, LINES + 1) * rhythm.phase)).real
+        return max(float(parts.sum()), 0.0) ** 2 / max(float(norm.sum()), TINY)
+
     def _made(self, cycles: FloatArray, lines: NDArray[np.int64]) -> Complex:
         """Lines (..., k) of a sawtooth of amplitude 1 and phase 0 at these cycles per tick (..., k)."""
         third = (np.exp(2j * np.pi * cycles) - 1.0) ** 3
@@ -200,8 +225,8 @@ class _Lines:
             width /= 4.0
         return found
 
-    def _at(self, cycles: float) -> _Fitted:
-        """Return the best sawtooth of so many cycles per tick."""
+    def _likeness(self, cycles: float) -> tuple[Complex, FloatArray]:
+        """(k,) each, of the lines of so many cycles per tick: conj(B) Z / S, and |B|^2 / S."""
         size, lines = len(self.transform), np.arange(1, LINES + 1)
         # The nearest of the transform, turned about the middle, is that of the frequency but for a tenth.
         exact = cycles * size * lines
@@ -210,7 +235,12 @@ class _Lines:
         seen = self.transform[at % size] * np.exp(2j * np.pi * (at - exact) / size * middle)
         made = self._made(np.asarray(cycles * lines, dtype=np.float64), lines)
         level = self.level[at % size]
-        like, norm = np.conj(made) * seen / level, np.square(np.abs(made)) / level
+        return np.conj(made) * seen / level, np.square(np.abs(made)) / level
+
+    def _at(self, cycles: float) -> _Fitted:
+        """Return the best sawtooth of so many cycles per tick."""
+        lines = np.arange(1, LINES + 1)
+        like, norm = self._likeness(cycles)
         phases = np.arange(PHASES) / PHASES
         turned = (like @ np.exp(-2j * np.pi * np.outer(lines, phases))).real
         k = int(np.argmax(turned))
