@@ -11,9 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.diagnose import first_noise
-from tpmsd.offline.inference.layouts import DRIFTING_RADII
 from tpmsd.offline.inference.stack import Stack
-from tpmsd.offline.inference.state_space import diagonals, geometry
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import Whitener, whiten
 from tpmsd.offline.inference.windows import EAST, GYRO, SPEED, Reader
@@ -91,23 +89,3 @@ def test_a_stack_is_whitened_as_an_array_of_its_columns(reader: Reader, width: i
     assert np.allclose(
         expected[:, :, 2:], made.apply_all(stack, 2), rtol=0.0, atol=1e-9 * np.abs(expected).max()
     )
-
-
-def test_the_slow_error_jumps_where_a_position_is_far_off_and_not_all_along_a_rough_stretch(
-    reader: Reader,
-) -> None:
-    """Its variance grows at once by s^2 times the factor of a single far-off position, in a rough stretch by
-    what that is beyond the stretch's; where thirty windows are 1.9 times as rough nothing jumps.
-    """
-    windows, noise = reader.windows, first_noise(reader)
-    space, slow = geometry(windows, np.isfinite(windows.measured)), DRIFTING_RADII.names.index("slow_east")
-    inflate = np.ones((len(windows), 9))
-    inflate[100:130, EAST:] = 1.9
-    inflate[120, EAST:] = 1.9 * 8.0
-    inflate[200:203, EAST:] = 9.0
-
-    more = diagonals(space, noise, inflate).fresh[:, slow] - diagonals(space, noise).fresh[:, slow]
-
-    expected = np.zeros(len(windows))
-    expected[120], expected[[200, 202]] = 8.0, 9.0
-    assert more / noise.slow_m**2 == pytest.approx(expected)

@@ -31,8 +31,6 @@ SPEED_STD_MPS, YAW_STD_RADPS = 1.0, 0.1
 """Standard deviations of the reference motion's errors in a window: so wide that the reference is believed
 nothing.
 """
-FAR_OFF = (3.5 / 2.0) ** 2
-"""Least factor of a reading that is an outlier: beyond 3.5 standard deviations, brought back to 2."""
 LARGEST_JUMP = 100.0
 """Most by which a far-off position widens the receiver's slow error."""
 
@@ -185,20 +183,12 @@ def changed_diagonals(
 
 def _steps(space: Geometry, noise: Noise, inflate: FloatArray | None) -> Steps:
     v = space.speed_mps
-    jump = np.ones(len(v)) if inflate is None else _jumps(inflate[:, EAST:].max(axis=1))
+    jump = np.ones(len(v))
+    if inflate is not None:
+        # A position that is far off may be the first of many: the slow error has jumped.
+        jump = np.minimum(inflate[:, EAST:].max(axis=1), LARGEST_JUMP)
     read = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
     return Steps(gap=space.gap, jump=jump, read=read)
-
-
-def _jumps(factors: FloatArray) -> FloatArray:
-    """(w,) factor by which the slow error's variance grows at once: that of a position that is far off.
-
-    It may be the first of many, or the last. A factor that the windows on both sides share is the roughness
-    of a stretch, not a jump in each of its windows: of thirty jumps the slow error would have no memory left.
-    """
-    beside = np.minimum(np.append(factors[1:], factors[-1:]), np.append(factors[:1], factors[:-1]))
-    alone = factors / np.maximum(beside, 1.0)
-    return np.where(alone >= FAR_OFF, np.minimum(alone, LARGEST_JUMP), 1.0)
 
 
 def state_space(
