@@ -39,4 +39,30 @@ static int apart(const Py_buffer *views, int count, int writable)
     return 0;
 }
 
+/* All of several arrays, of which the first `writable` are written to; 0, or -1 with none held and an exception. */
+static inline int get_arrays(PyObject *const *objects, Py_buffer *views, const int *dimensions, int count, int writable)
+{
+    for (int i = 0; i < count; i++)
+        if (get(objects[i], &views[i], dimensions[i], i < writable) < 0) {
+            release(views, i);
+            return -1;
+        }
+    if (apart(views, count, writable) < 0) {
+        release(views, count);
+        return -1;
+    }
+    return 0;
+}
+
+/* Doubles of several objects; 0, or -1 with an exception. */
+static inline int numbers(PyObject *const *objects, Py_ssize_t count, double *out)
+{
+    for (Py_ssize_t i = 0; i < count; i++) {
+        out[i] = PyFloat_AsDouble(objects[i]);
+        if (out[i] == -1.0 && PyErr_Occurred())
+            return -1;
+    }
+    return 0;
+}
+
 #endif

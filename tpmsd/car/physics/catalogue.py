@@ -169,7 +169,7 @@ FAULT = _the("a ramp of a radius", lambda effect: effect.nonlinear.ramp)
 """The tyre that changes."""
 TEETH = _the("of a ring's teeth", lambda effect: effect.identification.by_teeth)
 LOST = _the("of counts lost at walking pace", lambda effect: effect.identification.at_walking_pace)
-MISSED = _the("of counts told by the ripple", lambda effect: effect.identification.by_ripple)
+MISSED = _the("of counts found by the ripple", lambda effect: effect.identification.by_ripple)
 ADDED = _the("of counts that are added", lambda effect: effect.rivals.mirror_of == MISSED.name)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
 RADIUS = _the(

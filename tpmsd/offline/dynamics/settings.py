@@ -116,7 +116,7 @@ class DynamicsSettings:
     """Most samples of a curve whose rating is computed: the work grows with their square."""
     most_rows: int = 60_000
     """Rows of a drive that are looked at, blocks spread evenly over a longer one: 20 min at 50 Hz, from which
-    no value is told better than its model's own error, and 700 MB of columns."""
+    no value is known better than its model's own error, and 700 MB of columns."""
     least_s: float = 8.0
     """Driving below which nothing is concluded: a handful of blocks."""
 

@@ -19,16 +19,7 @@ static int get_all(PyObject *const *objects, Py_ssize_t given, Py_buffer *views,
         PyErr_Format(PyExc_ValueError, "%d arrays are needed", count);
         return -1;
     }
-    for (int i = 0; i < count; i++)
-        if (get(objects[i], &views[i], dimensions[i], i < writable) < 0) {
-            release(views, i);
-            return -1;
-        }
-    if (apart(views, count, writable) < 0) {
-        release(views, count);
-        return -1;
-    }
-    return 0;
+    return get_arrays(objects, views, dimensions, count, writable);
 }
 
 /* Whether arrays of three dimensions have these shapes. */

@@ -35,7 +35,7 @@ class MessageDelay(Effect):
     )
     identification = Identification(
         shows_in=("wheel_ratio", "accel_long"),
-        # With slopes from heights, drive force is too uncertain to be told from a delay.
+        # With slopes from heights, drive force is too uncertain to be distinguished from a delay.
         needs=("accelerometer",),
         contrast=True,
     )

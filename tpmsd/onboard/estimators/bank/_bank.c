@@ -28,30 +28,6 @@ enum { POSE = PSI + 1, MOST_STATES = MU + 4, MOST_SUMS = POSE + 4 * 5 / 2, SUMS 
 
 /* ---- arguments ------------------------------------------------------------------------------------------ */
 
-static int get_all(PyObject *const *objects, Py_buffer *views, const int *dimensions, int count, int writable)
-{
-    for (int i = 0; i < count; i++)
-        if (get(objects[i], &views[i], dimensions[i], i < writable) < 0) {
-            release(views, i);
-            return -1;
-        }
-    if (apart(views, count, writable) < 0) {
-        release(views, count);
-        return -1;
-    }
-    return 0;
-}
-
-static int numbers(PyObject *const *objects, Py_ssize_t count, double *out)
-{
-    for (Py_ssize_t i = 0; i < count; i++) {
-        out[i] = PyFloat_AsDouble(objects[i]);
-        if (out[i] == -1.0 && PyErr_Occurred())
-            return -1;
-    }
-    return 0;
-}
-
 static PyObject *odd(const char *what)
 {
     PyErr_SetString(PyExc_ValueError, what);
@@ -276,7 +252,7 @@ static PyObject *propagate_by(move_of_tile moved, PyObject *const *args, Py_ssiz
     struct motion m;
     if (given != 4 + MOTION_NUMBERS)
         return odd("four arrays and the numbers of a motion are needed");
-    if (numbers(args + 4, MOTION_NUMBERS, (double *)&m) < 0 || get_all(args, views, dimensions, 4, 2) < 0)
+    if (numbers(args + 4, MOTION_NUMBERS, (double *)&m) < 0 || get_arrays(args, views, dimensions, 4, 2) < 0)
         return NULL;
     Py_ssize_t n = views[0].shape[0], count = views[0].shape[1], wheels = n - MU;
     if (!is_bank(&views[0], &views[1]) || views[2].shape[0] != wheels || views[2].shape[1] != wheels ||
@@ -447,7 +423,7 @@ static PyObject *update_by(update_of_tile measured, PyObject *const *args, Py_ss
     double values[4];
     if (given != 9)
         return odd("nine arguments are needed");
-    if (numbers(args + 5, 4, values) < 0 || get_all(args, views, dimensions, 4, 3) < 0)
+    if (numbers(args + 5, 4, values) < 0 || get_arrays(args, views, dimensions, 4, 3) < 0)
         return NULL;
     int row_each = 1;
     if (get(args[4], &views[4], 2, 0) < 0) {
@@ -572,7 +548,7 @@ static PyObject *moments(PyObject *self, PyObject *const *args, Py_ssize_t given
     Py_buffer views[6];
     if (given != 6)
         return odd("six arrays are needed");
-    if (get_all(args, views, dimensions, 6, 3) < 0)
+    if (get_arrays(args, views, dimensions, 6, 3) < 0)
         return NULL;
     Py_ssize_t n = views[3].shape[0], count = views[3].shape[1], wheels = n - MU;
     if (!is_bank(&views[3], &views[4]) || views[0].shape[0] != n || views[1].shape[0] != wheels ||
@@ -648,7 +624,7 @@ static PyObject *antenna(PyObject *self, PyObject *const *args, Py_ssize_t given
     double values[5];
     if (given != 10)
         return odd("ten arguments are needed");
-    if (numbers(args + 5, 5, values) < 0 || get_all(args, views, dimensions, 5, 4) < 0)
+    if (numbers(args + 5, 5, values) < 0 || get_arrays(args, views, dimensions, 5, 4) < 0)
         return NULL;
     Py_ssize_t n = views[4].shape[0], count = views[4].shape[1];
     int fits = n > MU && n <= MOST_STATES;

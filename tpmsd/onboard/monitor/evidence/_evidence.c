@@ -12,30 +12,6 @@
 enum { MOST_WHEELS = 4, MOST_HYPOTHESES = 19, MOST_LOSSES = 64 };
 static const double UNKNOWN = -1e300, NO_EXPONENT = -746.0, LEAST_STD = 1e-12;
 
-static int get_all(PyObject *const *objects, Py_buffer *views, const int *dimensions, int count, int writable)
-{
-    for (int i = 0; i < count; i++)
-        if (get(objects[i], &views[i], dimensions[i], i < writable) < 0) {
-            release(views, i);
-            return -1;
-        }
-    if (apart(views, count, writable) < 0) {
-        release(views, count);
-        return -1;
-    }
-    return 0;
-}
-
-static int numbers(PyObject *const *objects, Py_ssize_t count, double *out)
-{
-    for (Py_ssize_t i = 0; i < count; i++) {
-        out[i] = PyFloat_AsDouble(objects[i]);
-        if (out[i] == -1.0 && PyErr_Occurred())
-            return -1;
-    }
-    return 0;
-}
-
 static PyObject *unfit(Py_buffer *views, int count)
 {
     release(views, count);
@@ -106,7 +82,7 @@ static PyObject *with_sizes(PyObject *self, PyObject *const *args, Py_ssize_t gi
         PyErr_SetString(PyExc_ValueError, "seventeen arguments are needed");
         return NULL;
     }
-    if (numbers(args + 15, 2, values) < 0 || get_all(args, v, dimensions, 15, 7) < 0)
+    if (numbers(args + 15, 2, values) < 0 || get_arrays(args, v, dimensions, 15, 7) < 0)
         return NULL;
     Py_ssize_t m = v[7].shape[0], d = v[7].shape[1], r = v[11].shape[0], most = r * m;
     int fits = d > 0 && d <= MOST_WHEELS && r > 0 && m > 0 && v[0].shape[0] == most && v[0].shape[1] == d &&
@@ -194,7 +170,7 @@ static PyObject *compare(PyObject *self, PyObject *const *args, Py_ssize_t given
         PyErr_SetString(PyExc_ValueError, "thirty arguments are needed");
         return NULL;
     }
-    if (numbers(args + ARRAYS, NUMBERS, values) < 0 || get_all(args, v, dimensions, ARRAYS, WRITTEN) < 0)
+    if (numbers(args + ARRAYS, NUMBERS, values) < 0 || get_arrays(args, v, dimensions, ARRAYS, WRITTEN) < 0)
         return NULL;
     Py_ssize_t n = v[12].shape[0], d = v[12].shape[1], r = v[0].shape[0], h = v[19].shape[0], s = v[21].shape[0];
     Py_ssize_t g = v[23].shape[0], beyond = (Py_ssize_t)values[3];
