@@ -5,7 +5,7 @@ the state file. One direction of flow, and imports in that order:
 
     sources -> timeline -> estimators -> monitor -> sinks
 
-`resonance` is a second witness beside the radii, `pipeline` joins the pure rooms for live and replay alike,
+`resonance` is evidence apart from the radii, `pipeline` joins the pure packages for live and replay alike,
 and `daemon` is the event loop around it.
 
 To be changed here: decoding, filters, alarms. `sources`, `timeline`, `estimators`, `monitor`, `resonance` and

@@ -275,8 +275,8 @@ def table(one: Proof) -> str:
         more = [f"{len(others) - TWINS} more"] if len(others) > TWINS else []
         twins = ", ".join([*others[:TWINS], *more])
         doubt = f"; confounded with {twins}" if twins else ""
-        stand_in = ", stand-in" if finding.stand_in else ""
-        lines.append(f"- `{finding.effect}`: {values} (confidence {finding.confidence:.2f}{stand_in}{doubt})")
+        proxy = ", proxy" if finding.may_be_proxy else ""
+        lines.append(f"- `{finding.effect}`: {values} (confidence {finding.confidence:.2f}{proxy}{doubt})")
     return "\n".join(lines)
 
 

@@ -200,7 +200,7 @@ def judge(then: list[Peak], sound: list[Peak], soft: list[Peak]) -> dict[str, fl
 
 def cell(rides: dict[str, list[Ride]], signal: Signal, rate_hz: float) -> dict[str, Any]:
     """One signal at one rate on one road."""
-    if PeakFit.reach_of(rate_hz) <= 0.0:
+    if PeakFit.max_frequency_hz(rate_hz) <= 0.0:
         return {"state": "off", "reason": f"sampled at {rate_hz:g} Hz"}
     fit, stops = PeakFit(rate_hz), tuple(60.0 * minute for minute in CHECK_MIN)
     wheels = len(rides["learn"])
@@ -208,7 +208,11 @@ def cell(rides: dict[str, list[Ride]], signal: Signal, rate_hz: float) -> dict[s
     learned = [peaks(rides["learn"][n], signal, rate_hz, fit, rings[n], (LEARN_S,)) for n in range(wheels)]
     if sum(hidden for _, hidden in learned) > wheels / 2:
         return {"state": "off", "reason": "the signal's resolution hides it"}
-    on = [n for n in range(wheels) if learned[n][0][0].useful(fit.reach_of(rate_hz)) and not learned[n][1]]
+    on = [
+        n
+        for n in range(wheels)
+        if learned[n][0][0].useful(fit.max_frequency_hz(rate_hz)) and not learned[n][1]
+    ]
     if len(on) < max(4, wheels / 2):
         return {"state": "off", "reason": f"a resonance found on {len(on)} of {wheels} wheels only"}
     then = [learned[n][0][0] for n in on]

@@ -73,7 +73,7 @@ def test_an_alarm_states_what_was_believed_and_by_whom_it_was_seen() -> None:
     alarm = next(a for a in document["alarms"] if a["kind"] == "deflation")
     assert ("fr", "raised") == (alarm["wheel"], alarm["state"])
     assert -0.5 == pytest.approx(alarm["before_mm"], abs=0.15)
-    last = alarm["evidence"][-1]["witnesses"]
+    last = alarm["evidence"][-1]["evidence_by_source"]
     assert 1e3 * 0.01 * RADIUS_M == pytest.approx(last["fl_minus_fr"]["change_mm"], abs=0.3)
     assert -1e3 * 0.01 * RADIUS_M / 4.0 == pytest.approx(last["front_minus_rear"]["change_mm"] / 1.0, abs=1.0)
     assert 0.0 == pytest.approx(last["rl_minus_rr"]["change_mm"], abs=0.2)

@@ -75,7 +75,7 @@ def test_neutral_values_change_nothing(name: str, kind: str) -> None:
         assert frame.rates[key] == pytest.approx(plain.rates[key], rel=1e-12, abs=1e-12)
 
 
-def usual(name: str) -> DynamicsEffect:
+def typical(name: str) -> DynamicsEffect:
     """Return an effect at its usual size."""
     cls = DYNAMICS_EFFECTS[name]
     values = {p.name: p.typical for p in cls.parameters if isinstance(p, Parameter) and p.probe > 0.0}
@@ -90,7 +90,7 @@ def test_a_model_is_the_same_whichever_effect_was_found_first(kind: str) -> None
     x = FORCED if model.forces else X
     classes = [cls for cls in DYNAMICS_EFFECTS.values() if cls.applies(model.nonlinear, model.forces)]
     names = [cls.name for cls in classes if not cls.states and cls.numbers()]
-    for one, other in itertools.combinations([usual(name) for name in names], 2):
+    for one, other in itertools.combinations([typical(name) for name in names], 2):
         first, second = (model.frame(x, U, theta) for theta in ((one, other), (other, one)))
         assert first.outputs == second.outputs, (one.name, other.name)
         assert first.rates == second.rates, (one.name, other.name)
@@ -103,7 +103,7 @@ def test_an_evaluation_that_is_carried_on_is_that_of_the_whole_model(kind: str) 
     x = np.tile(FORCED if model.forces else X, (3, 1))
     u = make_inputs(np.arange(3) * 0.02, np.full(3, 0.04), np.full(3, 22.0), np.full(3, 0.5))
     classes = [cls for cls in DYNAMICS_EFFECTS.values() if cls.applies(model.nonlinear, model.forces)]
-    effects = [usual(cls.name) for cls in classes if not cls.states and cls.numbers()]
+    effects = [typical(cls.name) for cls in classes if not cls.states and cls.numbers()]
     first = next(one for one in effects if one.name == "mass_error")
     rolled = model.rolled(x, u, (first,))
     for effect in effects:
@@ -111,10 +111,10 @@ def test_an_evaluation_that_is_carried_on_is_that_of_the_whole_model(kind: str) 
         carried, whole = model.frame(x, u, theta, rolled=rolled), model.frame(x, u, theta)
         assert all(np.array_equal(carried.outputs[k], v) for k, v in whole.outputs.items()), effect.name
         assert all(np.array_equal(carried.rates[k], v) for k, v in whole.rates.items()), effect.name
-    assert rolled.serves((first, usual("yaw_moment"), usual("yaw_rate_bias")))
-    assert not rolled.serves((first, usual("steering_offset")))
+    assert rolled.serves((first, typical("yaw_moment"), typical("yaw_rate_bias")))
+    assert not rolled.serves((first, typical("steering_offset")))
     assert not rolled.serves(())
-    assert not rolled.serves((usual("mass_error"),))  # another object may have other values
+    assert not rolled.serves((typical("mass_error"),))  # another object may have other values
 
 
 @pytest.mark.parametrize("name", sorted(DYNAMICS_EFFECTS))

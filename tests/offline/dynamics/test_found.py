@@ -235,7 +235,7 @@ def test_odds_of_a_stand_in_grow_with_the_size(
     baseline, _ = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
     term = term_of(make_dynamics_effect("gyro_delay", delay_s=delay_s), baseline)
 
-    assert least < 1.0 / (1.0 + np.exp(term.stand_in_nats)) < most
+    assert least < 1.0 / (1.0 + np.exp(term.proxy_nats)) < most
 
 
 def test_columns_that_act_in_different_blocks_are_shared(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.offline.dynamics.findings import likelier_not, suspected, with_a_cause
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, OutputFit
-from tpmsd.offline.dynamics.search import RivalSelection, Search
+from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.stages import preferred
 from tpmsd.offline.dynamics.summary import summary_sentences
 
@@ -93,9 +93,9 @@ def test_beside_a_finding_a_doubtful_name_stays_a_suspicion(root: str) -> None:
 def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str) -> None:
     first = diagnosed(root, FRONT).findings[0]
     likely, hardly = _doubtful(first), _doubtful(first, confidence=0.04)
-    stand_in = replace(first, confidence=0.04)
+    may_be_proxy = replace(first, confidence=0.04)
 
-    assert suspected([likely, hardly, stand_in]) == (likely, stand_in)
+    assert suspected([likely, hardly, may_be_proxy]) == (likely, may_be_proxy)
 
 
 @pytest.mark.parametrize(
@@ -109,9 +109,9 @@ def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str)
     ],
 )
 def test_a_name_is_doubtful_where_it_and_its_twins_are_unlikely(
-    against: float, rivals: list[float], doubtful: bool
+    against: float, competitors: list[float], doubtful: bool
 ) -> None:
-    assert likelier_not(against, rivals) is doubtful
+    assert likelier_not(against, competitors) is doubtful
 
 
 def test_an_output_that_is_predicted_worse_is_not_said_to_fall(root: str) -> None:
@@ -160,15 +160,15 @@ def test_a_wind_s_speed_is_known_as_well_as_the_body_s_area(root: str) -> None:
     [(5.0, 0.0, True, True), (5.0, 0.1, False, False), (-5.0, 0.1, False, True)],
 )
 def test_a_selection_that_predicts_worse_is_no_rival(
-    tmp_path: Path, nats: float, error: float, other: bool, rival: bool
+    tmp_path: Path, nats: float, error: float, other: bool, competitor: bool
 ) -> None:
     baseline, drive = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
     first = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat")))
     second = first.copied()
-    first.rival = second.rival = RivalSelection(nats, frozenset())
+    first.competitor = second.competitor = CompetingSelection(nats, frozenset())
     second.error = first.error + error
 
     chosen = preferred(first, second, nats)
 
     assert chosen is (second if other else first)
-    assert (chosen.rival is not None) is rival
+    assert (chosen.competitor is not None) is competitor

@@ -98,16 +98,16 @@ def test_a_kernel_of_other_sources_is_not_used() -> None:
 @pytest.mark.parametrize("wheels", [2, 4])
 @pytest.mark.parametrize("driven_rear", [False, True])
 def test_a_tick_moves_the_bank_equally(fast: BankKernel, count: int, wheels: int, driven_rear: bool) -> None:
-    """Both kernels propagate banks of any size alike, by wheels, witness, steering and load transfer."""
+    """Both kernels propagate banks of any size alike, by wheels, independent, steering and load transfer."""
     process = ProcessModel(NOMINAL[:wheels], TRACK_M, driven_rear)
-    for seed, (informative, witness, known, curvature) in enumerate(
+    for seed, (informative, independent, known, curvature) in enumerate(
         [
             *((True, None, True, None), (False, None, False, None), (True, 0.01, False, None)),
             *((False, 0.02, True, 0.05), (True, 0.02, False, 0.05)),
         ]
     ):
         rear = np.array([6.0, 6.1])
-        motion = TickMotion(0.1, rear, 0.7, -1.2, informative, 0.998, witness, known, curvature)
+        motion = TickMotion(0.1, rear, 0.7, -1.2, informative, 0.998, independent, known, curvature)
         one = some_bank(count, wheels, seed)
         other = copied(one)
         drift = process.drift_at(one.level * np.random.default_rng(seed).uniform(0.1, 2.0, one.level.shape))
@@ -152,14 +152,14 @@ def test_one_triangle_moves_equally(
     """The kernel that keeps the upper triangle propagates as the arrays do, whatever stands in the lower one,
     with headings close to each other (directions by a series) and far apart."""
     process = ProcessModel(NOMINAL[:wheels], TRACK_M, driven_rear)
-    for seed, (informative, witness, known, curvature) in enumerate(
+    for seed, (informative, independent, known, curvature) in enumerate(
         [
             *((True, None, True, None), (False, None, False, None), (True, 0.01, False, None)),
             *((False, 0.02, True, 0.05), (True, 0.02, False, 0.05)),
         ]
     ):
         motion = TickMotion(
-            0.1, np.array([6.0, 6.1]), 0.7, -1.2, informative, 0.998, witness, known, curvature
+            0.1, np.array([6.0, 6.1]), 0.7, -1.2, informative, 0.998, independent, known, curvature
         )
         one = some_bank(count, wheels, seed)
         one.mean[:, PSI] = 2.0 + apart_rad * np.linspace(-1.0, 1.0, count)

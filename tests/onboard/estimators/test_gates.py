@@ -80,7 +80,7 @@ def test_a_soft_rear_tyre_does_not_shut_the_gate(wheel: int, course: bool) -> No
     assert np.mean(shares(ticks)[210:]) > 0.95
 
 
-def test_without_a_witness_the_wheels_judge() -> None:
+def test_without_an_independent_yaw_rate_the_wheels_judge() -> None:
     """No receiver and no gyro: a bend, as far as anyone can tell."""
     world = World(
         duration_s=30.0,

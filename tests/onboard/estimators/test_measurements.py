@@ -213,7 +213,7 @@ def test_perfect_instruments_leave_no_innovation() -> None:
 
 def test_a_wrong_track_shows_in_bends_alone() -> None:
     """TRK acts on the turn: rows of gyro and front wheels by the track are proportional to it, and to the
-    turn of the witness, not to what these wheels read."""
+    independent turn, not to what these wheels read."""
     mean, _ = initial_state(1, NOMINAL)
     made = block(1, np.zeros(4))
     row = measurements.gyro_turn(mean, made, TRACK_M, 0.14).row

@@ -524,8 +524,8 @@ def test_a_car_that_never_learns_says_so() -> None:
 
 
 def test_an_alarm_of_all_wheels_says_that_it_rests_on_the_receiver() -> None:
-    """A receiver whose speeds and positions are scaled alike looks like four soft tyres, and no other witness
-    contradicts: the reason says so; that of one wheel does not."""
+    """A receiver whose speeds and positions are scaled alike looks like four soft tyres, and no other
+    evidence contradicts: the reason says so; that of one wheel does not."""
     reasons = {}
     for change in ((-0.006,) * 4, (-0.006, 0.0, 0.0, 0.0)):
         player = Player(monitor())

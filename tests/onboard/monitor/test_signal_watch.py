@@ -97,7 +97,7 @@ def test_speed_between_positions_counts_where_the_receiver_states_none() -> None
     assert [] == Watched().play(limit_s + 20.0, 20.0)
 
 
-def test_dead_reckoning_is_no_witness() -> None:
+def test_dead_reckoning_confirms_nothing() -> None:
     """What a receiver has reckoned (quality 6) neither raises a disagreement nor clears one."""
     watched = Watched()
     limit_s = watched.settings.malfunction_s

@@ -1,4 +1,4 @@
-"""The resonance as a witness in the monitor: added by probability, and only if asked for."""
+"""The resonance as evidence in the monitor: added by probability, and only if asked for."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RL_SOFT = ResonanceEvidence((0, 1, 2, 3), {one: 4.0 * ((2,) == one) for one in [
 
 
 def of_one_wheel(log_ratios: FloatArray | None) -> Verdict:
-    """Of a wheel of 0.3 m that is 1.2 +- 0.2 mm smaller, with a witness beside the radii."""
+    """Of a wheel of 0.3 m that is 1.2 +- 0.2 mm smaller, with the resonance beside the radii."""
     comparison = Comparison(np.array([0.3]), 0.0025, log_ratios)
     return comparison.of(np.array([-0.0012]), np.array([[4e-8]]))
 
@@ -57,14 +57,14 @@ def test_ratios_of_one_change_nothing() -> None:
 
 
 class _Hearing(Monitor):
-    """A monitor with a witness beside the radii."""
+    """A monitor with the resonance beside the radii."""
 
     received: ResonanceEvidence | None = None
 
     def update(
         self, tick: Tick, estimate: RadiusEstimate, resonance: ResonanceEvidence | None = None
     ) -> MonitorReport:
-        """As the monitor, with this witness."""
+        """As the monitor, with this resonance."""
         return super().update(tick, estimate, self.received)
 
 

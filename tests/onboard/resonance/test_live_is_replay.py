@@ -1,4 +1,4 @@
-"""With the resonance as a witness a live run still is its replay, from frames to what the monitor hears."""
+"""With the resonance as evidence a live run still is its replay, from frames to what the monitor hears."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from tpmsd.onboard.estimators.bank import measurements
 from tpmsd.onboard.estimators.bank.error_state import PSI
 from tpmsd.onboard.estimators.bank.measurements import Present
 from tpmsd.onboard.sources.events import GnssFix
-from tpmsd.onboard.timeline.speed_accuracy import MOST, TOLERATED, USUAL_MPS, SpeedAccuracy
+from tpmsd.onboard.timeline.speed_accuracy import MOST, TOLERATED, TYPICAL_MPS, SpeedAccuracy
 from tpmsd.onboard.timeline.tick import Fix, Tick
 from tpmsd.onboard.timeline.timeline import Timeline
 
@@ -38,7 +38,7 @@ def test_a_street_is_reported_whatever_the_scale(lie: float) -> None:
 
 def test_what_is_off_by_more_is_taken_at_its_word() -> None:
     """A receiver that always says 1 m/s is weighed by it, beyond the tolerated factor of three."""
-    assert 1.0 / (TOLERATED * USUAL_MPS) == pytest.approx(factors([1.0] * 50)[-1])
+    assert 1.0 / (TOLERATED * TYPICAL_MPS) == pytest.approx(factors([1.0] * 50)[-1])
 
 
 def test_silence_changes_nothing() -> None:

@@ -1,7 +1,8 @@
 """`tpmsd explain [DRIVE]`: why an alarm stands, or why none does.
 
 In: the running daemon's socket, or a drive folder that is replayed. Out: what was believed before, the
-evidence by witness over time, the alternatives and why they lost, what would clear it; as text or JSON.
+evidence by contrast of wheels over time, the alternatives and why they lost, what would clear it; as text or
+JSON.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ from tpmsd.offline.report.explanation_text import explanation_text
 SCHEMA = "tpmsd.explanation/1"
 
 _DESCRIPTION = """\
-Explains every alarm: what was believed before, which evidence spoke for it by witness over time, which
-alternatives were considered and why they lost, and what would clear it. Where there is no alarm it says
+Explains every alarm: what was believed before, which evidence spoke for it by contrast of wheels over time,
+which alternatives were considered and why they lost, and what would clear it. Where there is no alarm it says
 why not yet: what is missing of motion, sky and learning.
 
 Without DRIVE the running daemon is asked; with DRIVE the drive is replayed.

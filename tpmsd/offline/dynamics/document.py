@@ -135,8 +135,9 @@ def _finding(finding: DynamicsFinding) -> dict[str, Any]:
         "log_evidence": finding.evidence,
         "indistinguishable_from": list(finding.indistinguishable_from),
     }
-    if finding.stand_in:
-        out["stand_in"] = True
+    if finding.may_be_proxy:
+        out["stand_in"] = True  # the former name of the next one
+        out["may_be_proxy"] = True
     if finding.acts_on:
         out["acts_on"] = finding.acts_on
     if finding.shape:

@@ -32,7 +32,7 @@ from tpmsd.offline.dynamics.result import (
 )
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import usual_sizes
+from tpmsd.offline.dynamics.terms import typical_values
 
 MAX_P_VALUE = 0.05
 """Largest p-value, all alternatives counted, of a finding; beyond it is a suspicion."""
@@ -94,7 +94,7 @@ def _without_its_name(one: DynamicsFinding) -> DynamicsFinding:
         parameters={},
         indistinguishable_from=tuple(dict.fromkeys((one.effect, *one.indistinguishable_from))),
         acts_on=one.where.channel,
-        stand_in=False,
+        may_be_proxy=False,
         unusual=False,
     )
 
@@ -135,18 +135,20 @@ def _finding(
     duration = max(float(setup.drive.time_s[-1] - setup.drive.time_s[0]), 1.0)
     p_value = 1.0 - (1.0 - min(slot.p_value, 1.0)) ** alternatives
     p_value = max(p_value, min(alternatives * slot.p_value, 1.0) if slot.p_value < 1e-9 else p_value)
-    rivals = [(rival.name, value) for rival, value in slot.rivals]
-    twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
-    against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
+    competitors = [(competitor.name, value) for competitor, value in slot.competitors]
+    twins = tuple(
+        dict.fromkeys(name for name, value in competitors if value > slot.evidence - SETTINGS.twin_nats)
+    )
+    against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in competitors)
     against += odds_of_nothing(slot.evidence, slot.distance)
-    with_nameless_term = search.stand_in and term.name != "unknown"
-    against += math.exp(min(term.stand_in_nats, 50.0))
-    if search.rival is not None and term.key not in search.rival.keys:
-        against += math.exp(min(search.rival.nats, 50.0))
+    with_nameless_term = search.may_be_proxy and term.name != "unknown"
+    against += math.exp(min(term.proxy_nats, 50.0))
+    if search.competitor is not None and term.key not in search.competitor.keys:
+        against += math.exp(min(search.competitor.nats, 50.0))
     if term.name != "unknown":
         against += left_over(readings, without, with_all, search.noise.outputs)
     confidence = 1.0 / (1.0 + against)
-    doubtful = likelier_not(against, [value - slot.evidence for _, value in rivals])
+    doubtful = likelier_not(against, [value - slot.evidence for _, value in competitors])
     return DynamicsFinding(
         effect=term.name,
         status=SUSPICION if p_value > MAX_P_VALUE or doubtful else FINDING,
@@ -163,18 +165,19 @@ def _finding(
         distinguished_by=term.effect.wording.distinguished_by,
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
-        stand_in=with_nameless_term or term.unusual,
+        may_be_proxy=with_nameless_term or term.unusual,
         unusual=term.unusual,
         residuals=_residuals(few, slot, readings[:, output], without[:, output], with_all[:, output]),
     )
 
 
-def likelier_not(against: float, rivals: Sequence[float]) -> bool:
-    """Return True if neither a name nor a rival of about its evidence is likelier than all the rest.
+def likelier_not(against: float, competitors: Sequence[float]) -> bool:
+    """Return True if neither a name nor a competing one of about its evidence is likelier than all the rest.
 
-    `against` are the odds against the name; `rivals` the log odds of rivals, nats, which those hold.
+    `against` are the odds against the name; `competitors` the log odds of competing names, nats, summed in
+    them.
     """
-    similar = sum(math.exp(nats) for nats in rivals if abs(nats) <= SETTINGS.twin_nats)
+    similar = sum(math.exp(nats) for nats in competitors if abs(nats) <= SETTINGS.twin_nats)
     return against - similar > 1.0 + similar
 
 
@@ -282,7 +285,8 @@ def _location(setup: Setup, few: Search, slot: Slot, channel: str, change: Float
 
 
 def not_detectable(search: Search, look: Look, threshold: float) -> tuple[UndetectableEffect, ...]:
-    """Return the effects that would have had to be larger than usual to be found, with the sizes it takes."""
+    """Return the effects that would have had to be larger than typical to be found, with the sizes it
+    takes."""
     out = []
     done: set[str] = set()
     for k, term in enumerate(look.offered):
@@ -295,8 +299,8 @@ def not_detectable(search: Search, look: Look, threshold: float) -> tuple[Undete
             out.append(UndetectableEffect(term.name, units))
             continue
         sizes = dict(zip(term.free, addition.smallest(threshold), strict=True))
-        usual = usual_sizes(term)
-        if all(sizes[name] > usual[name] for name in term.free):
+        typical = typical_values(term)
+        if all(sizes[name] > typical[name] for name in term.free):
             out.append(
                 UndetectableEffect(
                     term.name, {n: (float(v), term.effect.unit_of(n)) for n, v in sizes.items()}

@@ -1,4 +1,5 @@
-"""Statistics about a model of a drive: its terms, their removal, rivals, and terms that may be added.
+"""Statistics about a model of a drive: its terms, their removal, competing terms, and terms that may be
+added.
 
 In: sufficient statistics of columns. Out: `Look`, evidence of every alternative; `Slot`, all of one term.
 """
@@ -23,7 +24,7 @@ from tpmsd.offline.dynamics.terms import CandidateTerm
 
 @dataclass(frozen=True)
 class Slot:
-    """A term of the model against its absence and against rivals in its place."""
+    """A term of the model against its absence and against the terms that could replace it."""
 
     term: CandidateTerm
     evidence: float
@@ -34,7 +35,7 @@ class Slot:
     std: FloatArray
     """(a,) standard deviations, overdispersion included."""
     p_value: float
-    rivals: tuple[tuple[CandidateTerm, float], ...]
+    competitors: tuple[tuple[CandidateTerm, float], ...]
     """Terms in its place with their log Bayes factors against its absence, best first."""
     heldout_gain: float
     """Nats on held-out blocks against the model without it."""
@@ -144,7 +145,7 @@ class Look:
         total = self.statistics.log_likelihood((*free.index, *held), np.concatenate([estimate, held_values]))
         return float(total - 0.5 * np.sum(free.precision * (estimate - free.offset) ** 2))
 
-    def rivals(self, k: int) -> list[tuple[CandidateTerm, float]]:
+    def competitors(self, k: int) -> list[tuple[CandidateTerm, float]]:
         """Return the offered terms in the place of one of the model's, with their evidence, best first."""
         rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
         ratio = self.statistics.addition(rest, self.columns[k]).overdispersion
@@ -198,7 +199,7 @@ class Look:
             own.overdispersion,
             np.sqrt(np.diag(covariance) + spread**2),
             p_value_of(size, len(away), len(self.statistics.blocks.gradient)),
-            tuple(self.rivals(k)),
+            tuple(self.competitors(k)),
             self.heldout(k),
         )
 

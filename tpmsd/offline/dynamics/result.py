@@ -68,8 +68,8 @@ class DynamicsFinding:
     shape: tuple[tuple[float, float, float], ...] = ()
     """Curve of a spline: covariate, value, standard deviation."""
     acts_on: str = ""
-    stand_in: bool = False
-    """True if it may stand in for a term without a name."""
+    may_be_proxy: bool = False
+    """True if it may be a proxy of an effect that is not in the catalogue."""
     unusual: bool = False
     """True if its size is one that hardly any car has."""
     term: int = 0
@@ -155,7 +155,7 @@ class SelectionStep:
 
 @dataclass(frozen=True, slots=True)
 class UndetectableEffect:
-    """An effect that the drive could not have shown at a usual size."""
+    """An effect that the drive could not have shown at a typical value."""
 
     effect: str
     smallest: Mapping[str, tuple[float | None, str]]

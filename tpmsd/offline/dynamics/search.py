@@ -53,7 +53,7 @@ class SelectionState:
 
 
 @dataclass(frozen=True)
-class RivalSelection:
+class CompetingSelection:
     """Another selection that explains the drive."""
 
     nats: float
@@ -95,11 +95,11 @@ class Search:
     scale: FloatArray = field(init=False)
     """(m,) white noise of a reading, by which errors of predictions are measured."""
     error: float = field(init=False)
-    stand_in: bool = False
-    """True if the effects of the catalogue may stand in for one that is not in it."""
+    may_be_proxy: bool = False
+    """True if the effects of the catalogue may be proxies of one that is not in it."""
     kept: str = ""
     """Key of a term that is the hypothesis of this selection: no step takes it out."""
-    rival: RivalSelection | None = None
+    competitor: CompetingSelection | None = None
     """The selection that begins with a term without a name, or the one that does not."""
     looked: Looked | None = None
     """Answers about the model as it stands."""
@@ -363,20 +363,20 @@ class Search:
         for k, term in enumerate(self.terms):
             if term.nuisance or term.key == self.kept:
                 continue
-            rivals = look.rivals(k)
-            better = rivals and rivals[0][1] > look.evidence(k) + SETTINGS.twin_nats
-            if better and self._exchanged(k, term, rivals[0][0]):
+            competitors = look.competitors(k)
+            better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.twin_nats
+            if better and self._exchanged(k, term, competitors[0][0]):
                 return True
         return False
 
-    def _exchanged(self, k: int, term: CandidateTerm, rival: CandidateTerm) -> bool:
-        """Put a rival in a term's place; False, and nothing changed, if that is no better."""
+    def _exchanged(self, k: int, term: CandidateTerm, competitor: CandidateTerm) -> bool:
+        """Replace a term by a competing one; False, and nothing changed, if that is no better."""
         before = (self.terms, self.at, self.noise, self.floor, self.error)
-        start = replace(rival, jump=False) if rival.jump else rival
+        start = replace(competitor, jump=False) if competitor.jump else competitor
         rest = [one for j, one in enumerate(self.terms) if j != k]
         if not self.attempt([*rest, start]):
-            self.rejected[rival.name] = 0.0
-        elif self._better(term, rival):
+            self.rejected[competitor.name] = 0.0
+        elif self._better(term, competitor):
             return True
         self.terms, self.at, self.noise, self.floor, self.error = before
         return False
@@ -386,8 +386,8 @@ class Search:
         fresh = replace(old, effect=old.effect)
         look = self.look([fresh] if fresh.name not in {t.name for t in self.terms} else [])
         k = len(self.terms) - 1
-        rivals = [value for term, value in look.rivals(k) if term.key == old.key]
-        return not rivals or look.evidence(k) >= rivals[0]
+        competitors = [value for term, value in look.competitors(k) if term.key == old.key]
+        return not competitors or look.evidence(k) >= competitors[0]
 
     def keep_stage(self) -> None:
         """Note the model as it stands, fitted without each fold in turn."""

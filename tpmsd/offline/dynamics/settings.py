@@ -76,9 +76,9 @@ class DynamicsSettings:
     """Prediction error after over before, below which it is said to fall: three digits are printed."""
     tried: int = 4
     """Terms that a forward step tries, best evidence first, until one predicts no worse."""
-    stand_in_share: float = 0.7
+    proxy_share: float = 0.7
     """Share of what a model explains that one term without a name explains alone, from which the model's
-    named effects may stand in for it."""
+    named effects may be proxies of it."""
     most_effects: int = 10
     """More findings than anybody can follow are not looked for."""
     twin_nats: float = 3.0

@@ -20,7 +20,7 @@ from tpmsd.offline.dynamics.located import located_terms, nameless, nameless_pen
 from tpmsd.offline.dynamics.look import threshold_of
 from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
-from tpmsd.offline.dynamics.search import RivalSelection, Search
+from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import CandidateTerm
 
@@ -40,31 +40,31 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     if not named:
         return search
     if len(search.named) == 1 and (nats := _odds_in_part(plain, named[0].name)) < -SETTINGS.plain_odds_nats:
-        search.rival = RivalSelection(nats, frozenset())
+        search.competitor = CompetingSelection(nats, frozenset())
         return search
     other = _nameless_first(plain, threshold)
     if other is None:
         return search
     base, first, best = (log_marginal(one, search) for one in (plain, other, search))
     for one, against, nats in ((search, other, first - best), (other, search, best - first)):
-        one.rival = RivalSelection(nats, frozenset(term.key for term in against.terms))
+        one.competitor = CompetingSelection(nats, frozenset(term.key for term in against.terms))
     chosen = preferred(search, other, first - best)
     nameless_there = any(term.name == "unknown" for term in chosen.named)
     explained = max(first, best) - base
-    chosen.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * explained
+    chosen.may_be_proxy = nameless_there and first - base > SETTINGS.proxy_share * explained
     return chosen
 
 
 def preferred(search: Search, other: Search, nats: float) -> Search:
     """Return the other selection where it is likelier by some nats and predicts no worse, else the first.
 
-    One that is likelier and predicts worse explains how readings follow each other: it is no rival.
+    One that is likelier and predicts worse explains how readings follow each other: it does not compete.
     """
     if nats <= 0.0:
         return search
     if other.error <= search.error + SETTINGS.most_worse:
         return other
-    search.rival = None
+    search.competitor = None
     return search
 
 
@@ -96,7 +96,7 @@ def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
 def _nameless_first(plain: Search, threshold: float) -> Search | None:
     """Return the selection that begins with the best term without a name; None where there is no such term.
 
-    Several effects of the catalogue may stand in for one that is not in it; one term that explains more than
+    Several effects of the catalogue may be proxies of one that is not in it; one term that explains more than
     all of them is the better answer.
     """
     search = plain.copied()
@@ -188,12 +188,12 @@ def prior_precision(term: CandidateTerm, wiggle: float) -> FloatArray:
 def _sloped(search: Search, threshold: float) -> bool:
     """Add a slope of the road that beats the catalogue; False if none does.
 
-    Were it asked last, delays of instruments would stand in for it: they let readings drift.
+    Were it asked last, delays of instruments would be its proxies: they let readings drift.
     """
     for located in slopes(search)[:1]:
         if located.evidence > threshold:
-            rivals = search.ranked(search.offered(), located.evidence)
-            return not rivals and search.attempt([*search.terms, refined(search, located)])
+            competitors = search.ranked(search.offered(), located.evidence)
+            return not competitors and search.attempt([*search.terms, refined(search, located)])
     return False
 
 

@@ -62,7 +62,7 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
 
 
 def _doubts(named: list[DynamicsFinding]) -> list[str]:
-    """Return what the findings may be confounded with, or stand in for."""
+    """Return what the findings may be confounded with, or be proxies of."""
     out = []
     for one in named:
         if one.indistinguishable_from:
@@ -71,11 +71,11 @@ def _doubts(named: list[DynamicsFinding]) -> list[str]:
             out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
     if large := [one.effect for one in named if one.unusual]:
         are, they = ("is", "it") if len(large) == 1 else ("are", "they")
-        out.append(f"{listed(large)} {are} larger than cars have: {they} may stand in for something else.")
-    if doubtful := [one.effect for one in named if one.stand_in and not one.unusual]:
-        stand = "stands" if len(doubtful) == 1 else "stand"
+        out.append(f"{listed(large)} {are} larger than cars have: {they} may be proxies of something else.")
+    if doubtful := [one.effect for one in named if one.may_be_proxy and not one.unusual]:
+        are, proxies = ("is", "a proxy") if len(doubtful) == 1 else ("are", "proxies")
         out.append(
-            f"What has no name may be the cause of {listed(doubtful)} as well, which {stand} in for it then."
+            f"An effect outside the catalogue may act instead: {listed(doubtful)} {are} {proxies} then."
         )
     return out
 

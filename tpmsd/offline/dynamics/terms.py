@@ -142,10 +142,11 @@ class CandidateTerm:
         return bool(np.any(away > SETTINGS.unusual_prior_stds))
 
     @property
-    def stand_in_nats(self) -> float:
-        """Return the log odds, by size alone, that something without a name is taken for this effect.
+    def proxy_nats(self) -> float:
+        """Return the log odds, by the fitted values alone, that the term is a proxy of an effect without a
+        name.
 
-        Sizes of the effect have the density of its prior, those of what has no name Cauchy's of the same
+        Values of the effect have the density of its prior, those of what has no name Cauchy's of the same
         scale: the odds grow with exp(z^2 / 2) / (1 + z^2), z in standard deviations of the prior.
         """
         if self.free[0].startswith("heights["):
@@ -218,8 +219,8 @@ def _at_neutral(cls: type[DynamicsEffect], neutral: Mapping[str, float]) -> Dyna
     return cls(**{p.name: neutral[p.name] for p in cls.numbers()})
 
 
-def usual_sizes(term: CandidateTerm) -> dict[str, float]:
-    """Return the differences from neutral that are usual, by free parameter."""
+def typical_values(term: CandidateTerm) -> dict[str, float]:
+    """Return the typical differences from neutral, by free parameter."""
     typical = {p.name: p.typical for p in term.effect.numbers()}
     return {name: abs(typical[name] - term.neutral.get(name, 0.0)) for name in term.free if name in typical}
 

@@ -140,8 +140,8 @@ def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
     out = [f"{effect.wording.formula}." if effect.wording.formula else "", f"{location}."]
     for start, end in finding.where.time_spans:
         out.append(f"It acts from {start:.0f} to {end:.0f} s.")
-    if finding.stand_in:
-        out.append("It may stand in for something that no effect of the catalogue describes.")
+    if finding.may_be_proxy:
+        out.append("It may be a proxy of something that no effect of the catalogue describes.")
     if finding.indistinguishable_from:
         out.append(f"Confounded on this drive with: {', '.join(finding.indistinguishable_from)}.")
         if finding.distinguished_by:

@@ -57,12 +57,12 @@ def _alarm(alarm: Mapping[str, Any], start_s: float | None, zone: tzinfo | None)
         return [*lines, *clears, ""]
     if alarm["before_mm"] is not None:
         lines.append(f"  The radius before: {alarm['before_mm']:+.2f} mm from nominal.")
-    lines.append("  Evidence (change in mm, and the log-likelihood gain of each witness for the best loss):")
+    lines.append("  Evidence (change in mm, and the log-likelihood gain of each contrast for the best loss):")
     for moment in alarm["evidence"][-SHOWN:]:
         parts = [
-            f"{_NAMES[name]} {_pair(witness)}"
-            for name, witness in moment["witnesses"].items()
-            if name in _NAMES and witness is not None
+            f"{_NAMES[name]} {_pair(contrast)}"
+            for name, contrast in moment["evidence_by_source"].items()
+            if name in _NAMES and contrast is not None
         ]
         lines.append(f"    {_when(moment['time'], start_s, zone)} {'; '.join(parts)}")
     lines += [
@@ -76,11 +76,11 @@ def _alternatives(entries: list[dict[str, Any]]) -> list[str]:
     return [f"  {entry['probability']:8.4f}  {entry['what']}: {entry['why']}" for entry in entries]
 
 
-def _pair(witness: Mapping[str, Any]) -> str:
-    if witness["change_mm"] is None or witness["std_mm"] is None:
+def _pair(contrast: Mapping[str, Any]) -> str:
+    if contrast["change_mm"] is None or contrast["std_mm"] is None:
         return "-"
-    adds = f" ({witness['gain_nats']:+.1f} nats)" if witness.get("gain_nats") is not None else ""
-    return f"{witness['change_mm']:+.2f} +- {witness['std_mm']:.2f}{adds}"
+    adds = f" ({contrast['gain_nats']:+.1f} nats)" if contrast.get("gain_nats") is not None else ""
+    return f"{contrast['change_mm']:+.2f} +- {contrast['std_mm']:.2f}{adds}"
 
 
 def _when(time_s: float | None, start_s: float | None, zone: tzinfo | None) -> str:

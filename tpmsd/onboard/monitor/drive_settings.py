@@ -151,7 +151,7 @@ class SlipSlopeSettings:
     """Sum of squared accelerations, (m/s2)2: 0.05 m/s2 for 20 s; below, it is the counts' noise."""
     slowest_mps: float = 4.0
     """Below, a second holds too few teeth."""
-    slowest_beside_receiver_mps: float = 8.0
+    slowest_against_receiver_mps: float = 8.0
     """Below, a receiver's error of 0.05 m/s is 0.6 % and more."""
     span_s: float = 1.0
     """Time before and after a fix over which the wheels' speed and acceleration are taken, s: a tooth of 48

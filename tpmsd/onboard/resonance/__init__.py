@@ -1,4 +1,5 @@
-"""The torsional resonance of wheel and tyre in wheel-speed jitter: a second witness of a soft tyre.
+"""The torsional resonance of wheel and tyre in wheel-speed jitter: evidence of a soft tyre apart from the
+radii.
 
 `watch.ResonanceWatch` takes rotation samples and gives `evidence.ResonanceEvidence`
 (docs/explanation/resonance.md).

@@ -35,7 +35,7 @@ UPDATES, NULL_UPDATES = 30, 300
 RESONANCE_SHARE = 0.2
 FOUND_LOG = 15.0
 """Log-likelihood gain by a resonance that is required to find one."""
-MIN_REACH_HZ = 30.0
+MIN_HIGHEST_HZ = 30.0
 """Sampling so slow that only lower resonances would be seen is too slow: few tyres have them there."""
 MAX_REL_STD = 0.06
 """A baseline that is known no better than this tells no soft tyre from a sound one."""
@@ -67,13 +67,14 @@ class Peak:
         """Return the log likelihood when only so many of the averages still count."""
         return self.log_likelihood * min(averages / self.averages, 1.0)
 
-    def useful(self, reach_hz: float) -> bool:
+    def useful(self, highest_hz: float) -> bool:
         """Return whether a resonance was found, well inside, and so well that a soft tyre's would be another.
 
-        `reach_hz`: see `PeakFit.reach_of`. A peak at either end may be the flank of something beyond it.
+        `highest_hz`: see `PeakFit.max_frequency_hz`. A peak at either end may be the flank of something
+        beyond it.
         """
         mean, std = self.moments()
-        inside = mean - 2.0 * std > MIN_RESONANCE_HZ / EDGE and mean + 2.0 * std < EDGE * reach_hz
+        inside = mean - 2.0 * std > MIN_RESONANCE_HZ / EDGE and mean + 2.0 * std < EDGE * highest_hz
         return self.found and std < MAX_REL_STD * mean and inside
 
     def moments(self) -> tuple[float, float]:
@@ -103,7 +104,7 @@ class PeakFit:
         self._null = self._shapes[:1, 1:]
 
     @staticmethod
-    def reach_of(rate_hz: float) -> float:
+    def max_frequency_hz(rate_hz: float) -> float:
         """Return the frequency up to which a resonance can be detected, Hz; 0 where sampling is too slow for
         any."""
         reach = _reach(bins_hz(rate_hz))
@@ -131,9 +132,9 @@ class PeakFit:
 
 def _reach(frequency: FloatArray) -> int:
     """Return how many frequencies of the grid lie `BINS_ABOVE` bins or more below the spectrum's end; 0 where
-    they end below `MIN_REACH_HZ`."""
+    they end below `MIN_HIGHEST_HZ`."""
     top_hz = frequency[-1 - BINS_ABOVE] if frequency.size > BINS_ABOVE else 0.0
-    return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_REACH_HZ else 0
+    return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_HIGHEST_HZ else 0
 
 
 def _likelihood(

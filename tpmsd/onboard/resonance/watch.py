@@ -159,7 +159,7 @@ class ResonanceWatch:
         wheel.irregular_blocks = 0
         speed_mps = float(block.speed_radps.mean()) * self._radius_m[sample.wheel]
         number = int(np.searchsorted(SPEED_CLASSES_MPS, speed_mps, side="right")) - 1
-        if number >= 0 and PeakFit.reach_of(wheel.rate_hz) > 0.0:
+        if number >= 0 and PeakFit.max_frequency_hz(wheel.rate_hz) > 0.0:
             self._take(wheel, number, block)
             self._judge()
             self._past.append((sample.time_s, self._evidence))
@@ -209,7 +209,7 @@ class ResonanceWatch:
             return
         entry.unjudged_s = 0.0
         entry.now = self._fit_of(wheel).fit(entry.spectrum)
-        useful = entry.now.useful(PeakFit.reach_of(wheel.rate_hz))
+        useful = entry.now.useful(PeakFit.max_frequency_hz(wheel.rate_hz))
         if (
             entry.baseline is None
             and seen_s >= LEARN_S
@@ -237,8 +237,8 @@ class ResonanceWatch:
         received_hz = wheel.rate_hz if math.isfinite(wheel.rate_hz) else wheel.stream.rate_hz
         if not math.isfinite(received_hz):
             return ResonanceStatus(ResonanceState.WAITING, "no steady driving yet")
-        reach_hz = PeakFit.reach_of(received_hz)
-        if reach_hz <= 0.0:
+        highest_hz = PeakFit.max_frequency_hz(received_hz)
+        if highest_hz <= 0.0:
             reason = f"sampled at {received_hz:.0f} Hz; a resonance of 25 Hz and more needs 65 Hz or faster"
             return ResonanceStatus(ResonanceState.OFF, reason)
         known = [entry for entry in wheel.classes.values() if entry.now or entry.baseline]
@@ -248,10 +248,10 @@ class ResonanceWatch:
         newest = entry.now or entry.baseline
         assert newest is not None
         monitoring = any(other.baseline is not None for other in wheel.classes.values())
-        if not monitoring and not newest.useful(reach_hz):
+        if not monitoring and not newest.useful(highest_hz):
             if wheel.driven_s < OFF_AFTER_S:
                 return ResonanceStatus(ResonanceState.LEARNING, "no resonance found yet")
-            return ResonanceStatus(ResonanceState.OFF, self._why_none(wheel, entry, reach_hz))
+            return ResonanceStatus(ResonanceState.OFF, self._why_none(wheel, entry, highest_hz))
         mean, std = newest.moments()
         baseline = math.nan if entry.baseline is None else entry.baseline.moments()[0]
         state = ResonanceState.MONITORING if monitoring else ResonanceState.LEARNING
@@ -259,14 +259,14 @@ class ResonanceWatch:
         return ResonanceStatus(state, reason, mean, std, baseline, self._evidence.wheel_llr(number))
 
     @staticmethod
-    def _why_none(wheel: _Wheel, entry: _Class, reach_hz: float) -> str:
+    def _why_none(wheel: _Wheel, entry: _Class, highest_hz: float) -> str:
         """Return the reason for which a wheel that was driven long enough shows no resonance."""
         if entry.spectrum.is_rounding(wheel.rounding):
             return "the signal's resolution hides it"
         newest = entry.now
-        if newest is not None and newest.found and newest.moments()[0] > EDGE_NAMED * reach_hz:
-            return f"the resonance lies above {reach_hz:.0f} Hz, too close to half the sampling rate"
-        return f"no resonance stands out between 25 and {reach_hz:.0f} Hz"
+        if newest is not None and newest.found and newest.moments()[0] > EDGE_NAMED * highest_hz:
+            return f"the resonance lies above {highest_hz:.0f} Hz, too close to half the sampling rate"
+        return f"no resonance stands out between 25 and {highest_hz:.0f} Hz"
 
     # -- what survives a restart -----------------------------------------------------------------------------
 
@@ -309,7 +309,7 @@ class ResonanceWatch:
         for name, entry in baselines:
             bins = bins_hz(wheel.rate_hz).size
             number, learned = int(name), Spectrum.from_json(entry, bins)
-            if not (0 <= number < len(SPEED_CLASSES_MPS) and PeakFit.reach_of(wheel.rate_hz) > 0.0):
+            if not (0 <= number < len(SPEED_CLASSES_MPS) and PeakFit.max_frequency_hz(wheel.rate_hz) > 0.0):
                 raise ValueError("the saved resonances are of another signal")
             baseline = PeakFit(wheel.rate_hz).fit(learned)
             wheel.classes[number] = _Class(Spectrum.empty(bins), learned, baseline)

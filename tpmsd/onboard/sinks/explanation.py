@@ -20,9 +20,9 @@ from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import Agreement
 from tpmsd.onboard.monitor.alarms.judge import ComparisonResult, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.evidence.contrasts import contrasts, gains
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
 from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets
-from tpmsd.onboard.monitor.evidence.witnesses import contrasts, gains
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
@@ -191,7 +191,8 @@ class Explanation:
             "missing": {
                 "motion": {
                     "moving_share": round(self._moving, 3),
-                    "teaching_share": round(self._taught, 3),
+                    "teaching_share": round(self._taught, 3),  # the former name of the next one
+                    "informative_fraction": round(self._taught, 3),
                 },
                 "sky": {
                     "gnss_age_s": _number(self._gnss_age_s),
@@ -271,7 +272,7 @@ class Explanation:
             }
         finding, rows = judged.finding, contrasts(self._wheels)
         adds = gains(rows, finding.change_m, finding.covariance_m2, -finding.verdict.best_loss_m)
-        witnesses = {
+        contrast_changes = {
             name: {
                 "change_mm": _mm(float(row @ change.change_m)),
                 "std_mm": _mm(_std(row, change.covariance_m2)),
@@ -286,11 +287,13 @@ class Explanation:
                 for w in self._wheels
                 if w in resonance.wheels
             }
+        by_source = {**contrast_changes, "resonance_log_ratio": received}
         return {
             "time": _number(judged.time_s),
             "speed_mps": _number(estimate.speed_mps),
             "wheels": wheels,
-            "witnesses": {**witnesses, "resonance_log_ratio": received},
+            "witnesses": by_source,  # the former name of `evidence_by_source`
+            "evidence_by_source": by_source,
             "judged_over": finding.over,
             "drive_models": {
                 name: _number(probability) for name, probability in judgement.drive_models.items()

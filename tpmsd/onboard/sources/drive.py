@@ -293,9 +293,9 @@ def _next(one: _Stream, other: _Stream) -> _Stream:
 
 def _limit_s(stream: _Stream, one: _Stream, other: _Stream) -> float:
     """Return the time up to which `_next` would choose this stream again, as long as it does not step."""
-    rival = other if stream is one else one
-    if rival.head_s is None:
+    waiting = other if stream is one else one
+    if waiting.head_s is None:
         return math.inf
     if one.steps != other.steps:
         return -math.inf  # one at a time
-    return rival.head_s if stream is one else math.nextafter(rival.head_s, -math.inf)
+    return waiting.head_s if stream is one else math.nextafter(waiting.head_s, -math.inf)

@@ -87,12 +87,12 @@ class FrozenSpeeds:
             self._watch_noise(time_s, speed_mps)
             return False
         self._run_s = max(time_s - still_s, 0.0)
-        usual_s = SETTINGS.frozen_s
+        typical_s = SETTINGS.frozen_s
         if time_s - self._since_s > SETTINGS.frozen_learn_s:
-            usual_s = min(
+            typical_s = min(
                 max(SETTINGS.frozen_runs * self._longest_s, SETTINGS.frozen_least_s), SETTINGS.frozen_s
             )
-        return self._run_s > max(usual_s, SETTINGS.noise_turns * self._moving_s / (1.0 + self._turns))
+        return self._run_s > max(typical_s, SETTINGS.noise_turns * self._moving_s / (1.0 + self._turns))
 
     def _watch_noise(self, time_s: float, speed_mps: float) -> None:
         """Count how often the first wheel's speed turns from rising to falling, in motion."""

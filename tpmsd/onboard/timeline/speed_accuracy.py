@@ -14,7 +14,7 @@ from collections import deque
 
 import numpy as np
 
-USUAL_MPS = 0.06
+TYPICAL_MPS = 0.06
 """Error of a Doppler speed under an open sky, as the estimators take it."""
 TOLERATED = 3.0
 """A receiver whose usual statement is off by more is taken at its word beyond this."""
@@ -33,7 +33,7 @@ class SpeedAccuracy:
 
     def __init__(self) -> None:
         self._stated: deque[float] = deque(maxlen=MEMORY)
-        self._usual_mps = math.nan
+        self._typical_mps = math.nan
         self._since = 0
 
     def factor(self, stated_mps: float) -> float:
@@ -45,5 +45,5 @@ class SpeedAccuracy:
         if self._since >= EVERY or len(self._stated) < EVERY:
             self._since = 0
             usual = float(np.quantile(self._stated, QUANTILE))
-            self._usual_mps = min(max(usual, USUAL_MPS / TOLERATED), USUAL_MPS * TOLERATED)
-        return min(max(stated_mps / self._usual_mps, 1.0), MOST)
+            self._typical_mps = min(max(usual, TYPICAL_MPS / TOLERATED), TYPICAL_MPS * TOLERATED)
+        return min(max(stated_mps / self._typical_mps, 1.0), MOST)

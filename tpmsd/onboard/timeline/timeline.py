@@ -64,7 +64,7 @@ FIELDS = {
 }
 
 
-class _Placed(NamedTuple):
+class _Timed(NamedTuple):
     """A fix that waits for its tick."""
 
     time_s: float
@@ -111,7 +111,7 @@ class Timeline:
         self._accuracy = SpeedAccuracy()
         self._tracks = [RotationTrack() for _ in range(4)]
         self._inertial: dict[str, ReadingTrack] = {}
-        self._fixes: list[_Placed] = []
+        self._fixes: list[_Timed] = []
         self._faults: list[SourceFault] = []
         self._origin_s = 0.0
         self._index = 0
@@ -402,7 +402,7 @@ class Timeline:
             self._plane.heading_from_course(fix.course_rad) if math.isfinite(fix.course_rad) else math.nan
         )
         noise = self._accuracy.factor(fix.speed_std_mps)
-        self._fixes.append(_Placed(valid, arrival - valid, east, north, heading, noise, fix))
+        self._fixes.append(_Timed(valid, arrival - valid, east, north, heading, noise, fix))
         return valid
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:

@@ -46,7 +46,7 @@ static int is_bank(const Py_buffer *mean, const Py_buffer *covariance)
 
 struct motion {
     double rear_m[2], rear_rad[2], half_horizontal, slip_accel, load_turn, load_gain, least_load;
-    double track_m, witness_turn, curvature;
+    double track_m, independent_turn, curvature;
     double bias_decay, way_noise, way_noise2, turn_noise, turn_noise2, turn_way_noise2, latency_noise;
     double gyro_noise, bias_noise, dt_s;
 };
@@ -159,7 +159,7 @@ static INLINE void move_means(const int half, const struct motion *m, double *me
                                            b->turned[i] * (0.5 * b->share[h] * b->across[axis][h]);
         for (int axis = 0; axis < 2; axis++)
             b->by_slip[axis][h] = along[axis] * (way[h] * -m->slip_accel);
-        b->by_track[h] = isnan(m->witness_turn) ? turn[h] : m->witness_turn;
+        b->by_track[h] = isnan(m->independent_turn) ? turn[h] : m->independent_turn;
         state[E * count + h] += step[0];
         state[N_ * count + h] += step[1];
         state[PSI * count + h] += turn[h];

@@ -43,13 +43,13 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
 
-USUAL_TRACK_M = 1.5
+TYPICAL_TRACK_M = 1.5
 """Track by which its error is made relative, m: tracks of cars lie within 10 % of it."""
 PRIORS: Mapping[int, tuple[float, float]] = MappingProxyType(
     {
         LAT: (FIX_AGE_S.mean, FIX_AGE_S.std),
         LATV: (SPEED_AGE_S.mean, SPEED_AGE_S.std),
-        TRK: (0.0, TRACK_M.std / USUAL_TRACK_M),
+        TRK: (0.0, TRACK_M.std / TYPICAL_TRACK_M),
         FWD: (ANTENNA_FORWARD_M.mean, ANTENNA_FORWARD_M.std),
         GYRO: (GYRO_ZERO_RADPS.mean, GYRO_ZERO_RADPS.std),
         GAIN: (GYRO_SCALE.mean - 1.0, GYRO_SCALE.std),
@@ -100,7 +100,7 @@ class TickMotion:
     informative: bool
     horizontal: float = 1.0
     """Way over the map per way along the road (`grade`)."""
-    witness_turn_rad: float | None = None
+    independent_turn_rad: float | None = None
     """The tick's turn as something smoother than the wheels' reading tells it, for TRK; None: the wheels'."""
     lateral_known: bool = True
     """True if `accel_lat_mps2` is another instrument's; else it is the wheels', smoothed and late by seconds,
@@ -250,7 +250,8 @@ class ProcessModel:
 
     def constants(self, motion: TickMotion, position_std_m: float) -> tuple[float, ...]:
         """Return what `propagate` takes of a tick as plain numbers, in the order of `struct motion` in
-        `_bank.c`; NaN where there is no witness or no steering, or where the lateral acceleration is known.
+        `_bank.c`; NaN where there is no independent yaw rate or no steering, or where the lateral
+        acceleration is known.
         """
         nan, dt_s, track_m = math.nan, motion.dt_s, self._track
         rough = 0.0 if motion.informative else 1.0
@@ -266,7 +267,7 @@ class ProcessModel:
             nan if motion.lateral_known else self.load_gain(motion),
             SETTINGS.least_load_factor,
             track_m,
-            nan if motion.witness_turn_rad is None else motion.witness_turn_rad,
+            nan if motion.independent_turn_rad is None else motion.independent_turn_rad,
             nan if motion.steered_curvature is None else motion.steered_curvature,
             decay,
             *(SETTINGS.path_noise**2, SETTINGS.rough_path**2 * rough),
@@ -306,7 +307,7 @@ class ProcessModel:
         if not by_wheels:
             return _Bend(across, by_radius, by_slip)
         # The wheels' own reading error here would be taken for a track (errors in variables).
-        by_track = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
+        by_track = turn if motion.independent_turn_rad is None else motion.independent_turn_rad
         return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share)
 
     def _set_noise(

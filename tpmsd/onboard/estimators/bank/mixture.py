@@ -134,7 +134,7 @@ class MixtureBelief:
             accel_lat_mps2=moment.speed_mps * yaw_rate,
             informative=moment.informative,
             horizontal=self._grade.horizontal,
-            witness_turn_rad=yaw_rate * tick.dt_s,
+            independent_turn_rad=yaw_rate * tick.dt_s,
             lateral_known=by_gyro,
             steered_curvature=rolling.curvature,
         )

@@ -6,8 +6,8 @@ gentle driving above a minimum speed (`min_speed_mps` of `config.model.FilterCon
 ticks still move the pose.
 
 A soft rear tyre looks like a bend to the odometry (6 mm at 20 m/s: 0.27 rad/s), and a gate that trusted the
-wheels would shut just then. So the lateral acceleration is judged by a witness other than the wheels where
-there is one: the gyro, else the receiver's course, else (stale or none) the wheels.
+wheels would shut just then. So the lateral acceleration is judged by a yaw rate independent of the wheels
+where there is one: the gyro, else the receiver's course, else (stale or none) the wheels.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ class MotionGate:
         self.speed_mps += share * (speed_mps - before)
         self.yaw_rate_radps += share * (yaw_rate_radps - self.yaw_rate_radps)
         self.accel_mps2 += share * ((self.speed_mps - before) / tick.dt_s - self.accel_mps2)
-        yaw_rate = self._witnessed_yaw_rate(tick)
+        yaw_rate = self._independent_yaw_rate(tick)
         gentle = self._gentle(tick, yaw_rate)
         slowest = self._settings.min_speed_mps
         fast = speed_mps >= slowest and self.speed_mps >= slowest
@@ -97,7 +97,8 @@ class MotionGate:
             self._gyro.update(tick.yaw_rate_radps, yaw_rate_radps, tick.dt_s)
 
     def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
-        """Return whether forces are small and nothing brakes; `yaw_rate_radps` is the witness's."""
+        """Return whether forces are small and nothing brakes. `yaw_rate_radps` is independent of the wheels
+        where that is possible."""
         if tick.brake_active > 0.0 or tick.abs_active > 0.0 or tick.esc_active > 0.0:  # false for NaN
             return False
         accel_long = self._accel_long(tick)
@@ -117,7 +118,7 @@ class MotionGate:
         """True if the bus's yaw rate has shown to be one."""
         return self._gyro.trusted
 
-    def _witnessed_yaw_rate(self, tick: Tick) -> float:
+    def _independent_yaw_rate(self, tick: Tick) -> float:
         for fix in tick.fixes:
             self._course.update(fix)
         if self.gyro_trusted and math.isfinite(tick.yaw_rate_radps):

@@ -199,8 +199,8 @@ class Judge:
         change_hypotheses: ChangeHypotheses | None = None,
         before: tuple[Beginning | None, Beginning | None] = (None, None),
     ) -> Judgement:
-        """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them.
-        `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough;
+        """Judge both changes; what either says of a wheel counts. `resonance` is evidence independent of the
+        radii. `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough;
         `before`: what it said before each change.
 
         `other_tyres`: these may be others than those that were learned; what all of them or an axle do is

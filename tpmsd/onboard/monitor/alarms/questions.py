@@ -149,8 +149,8 @@ class Questions:
             causes.append((float(found.sizes[row]), names, f"{other} ({' '.join(names)} larger)"))
         best = max(causes, key=lambda cause: cause[0])
         usual = DRIVE_EVIDENCE.models[0].name
-        rivals = [(probability, (), name) for name, probability in models.items() if name != usual]
-        named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[: JUDGE.named_causes]
+        other_models = [(probability, (), name) for name, probability in models.items() if name != usual]
+        named = sorted([*causes, *other_models], key=lambda cause: -cause[0])[: JUDGE.named_causes]
         stated = " or ".join(f"{what} ({probability:.2f})" for probability, _, what in named)
         return best[1], f"{stated}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
 

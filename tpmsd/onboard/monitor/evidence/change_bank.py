@@ -54,7 +54,7 @@ class Changes:
     """(r,)"""
 
 
-class _Beside(NamedTuple):
+class _Marginalized(NamedTuple):
     """Sums of `Changes` before the changes are solved for."""
 
     information: FloatArray
@@ -133,7 +133,7 @@ class ChangeBank:
         keep = (self._onset <= 0) | (age <= JUDGE.full_samples)
         if bool(keep.all()):
             return
-        rest = self._beside(sizes, np.ones_like(keep))
+        rest = self._marginalized(sizes, np.ones_like(keep))
         gains = 0.5 * np.einsum("rnd,rnde,rne->rn", rest.vector, _inverse(rest.information), rest.vector)
         gain = np.max(gains + (sizes.log_prior + rest.log_gain)[:, None], axis=0)
         for of_shape in (self._ramp, ~self._ramp):
@@ -147,7 +147,7 @@ class ChangeBank:
         """Hypotheses that are old enough, under each of the rows of sizes."""
         age = self.samples - self._onset
         old = age >= JUDGE.full_samples
-        rest = self._beside(sizes, old)
+        rest = self._marginalized(sizes, old)
         scale = np.where(self._ramp, age - 1.0, 1.0)[old]
         covariance = _inverse(rest.information)
         change = np.einsum("rnde,rne->rnd", covariance, rest.vector)
@@ -171,13 +171,13 @@ class ChangeBank:
         covariance = _inverse(self._information[:1])[0]
         return covariance @ self._vector[0], covariance
 
-    def _beside(self, sizes: Sizes, chosen: NDArray[np.bool_]) -> _Beside:
+    def _marginalized(self, sizes: Sizes, chosen: NDArray[np.bool_]) -> _Marginalized:
         """Moments of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
         with np.errstate(divide="ignore"):
             own = np.where(sizes.variance > 0.0, 1.0 / sizes.variance, np.inf)
         information, vector = self._information[chosen], self._vector[chosen]
         if not self._onset.size:
-            return _Beside(information[None], vector[None], np.zeros(1), np.zeros(1), np.zeros(1))
+            return _Marginalized(information[None], vector[None], np.zeros(1), np.zeros(1), np.zeros(1))
         pattern = sizes.pattern
         seen = np.einsum("rd,de,re->r", pattern, self._information[0], pattern)
         variance = 1.0 / (seen + own)
@@ -186,7 +186,7 @@ class ChangeBank:
         log_gain = 0.5 * (size**2 / np.maximum(variance, 1e-300) - sizes.mean * own_mean)
         log_gain -= 0.5 * np.log1p(seen * sizes.variance)
         shared = np.einsum("rd,nde->rne", pattern, self._shared_with_first[chosen])
-        return _Beside(
+        return _Marginalized(
             information - variance[:, None, None, None] * shared[..., None] * shared[..., None, :],
             vector - shared * size[:, None, None],
             log_gain,
@@ -203,7 +203,7 @@ class ChangeBank:
         chosen = np.zeros(self._onset.size, dtype=np.bool_)
         k = int(np.flatnonzero(self.samples - self._onset >= JUDGE.full_samples)[index])
         chosen[k] = True
-        rest = self._beside(sizes, chosen)
+        rest = self._marginalized(sizes, chosen)
         covariance = _inverse(rest.information[row])[0]
         change = covariance @ rest.vector[row, 0]
         of_size = self._sensitivity[0] @ sizes.pattern[row]

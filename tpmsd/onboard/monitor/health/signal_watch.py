@@ -28,7 +28,7 @@ DISAGREE = "wheels and receiver disagree on the speed"
 NEVER_AGREED = " (is it the right DBC?)"
 AGREED_BEFORE = ", on which they agreed before"
 _ESTIMATED = 6
-"""GGA quality of dead reckoning: no witness."""
+"""GGA quality of dead reckoning: independent of no wheel, so it confirms nothing."""
 
 
 def _known(speed_mps: float) -> float:

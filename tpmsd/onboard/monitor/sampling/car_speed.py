@@ -1,4 +1,4 @@
-"""The car's own speed (OBD-II) as a weak witness: it says which of wheels and receiver is far off.
+"""The car's own speed (OBD-II) as a coarse reference: it says which of wheels and receiver is far off.
 
 In: whole km/h as the car's control units state them, speeds of wheels and receiver per tick. Out:
 `SpeedAgreement`. A control unit rounds or truncates, computes with the circumference of some tyre, and

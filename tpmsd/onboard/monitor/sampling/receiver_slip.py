@@ -72,7 +72,7 @@ class ReceiverSlip:
         apart_before, apart_after = np.interp(moments[[1, 3]], times, aparts).tolist()
         speed_mps, accel_mps2 = (after - before) / span_s, (last - 2.0 * now + first) / span_s**2
         least, most = SLIP_SLOPE.accel_mps2
-        slowest_mps = SLIP_SLOPE.slowest_beside_receiver_mps
+        slowest_mps = SLIP_SLOPE.slowest_against_receiver_mps
         if min(speed_mps, fix.speed_mps) < slowest_mps or not least < accel_mps2 < most:
             return None
         bend = (apart_after - apart_before) / self._track_m / (after - before) * self._wheelbase_m

@@ -205,7 +205,7 @@ class MessageArrival:
             near = self._unbunched(ordered, near)
             self.period_s = sum(near) / len(near)
         self.timeout_s = timeout_of(self.period_s)
-        usual_late = near[9 * len(near) // 10] + 0.5 * self.period_s
-        self._lost_after_s = max(LOST_PERIODS * self.period_s, usual_late)
+        typical_late = near[9 * len(near) // 10] + 0.5 * self.period_s
+        self._lost_after_s = max(LOST_PERIODS * self.period_s, typical_late)
         # Senders change their rate (some start slowly), so the median follows.
         self._to_learn = 16

@@ -34,7 +34,7 @@ GAP_S = 0.5
 ACCEPT_S = 10.0
 ROUGHER = 3.0
 """Second differences this much greater than before are of two senders' values in turn."""
-_MEMORY, _USUAL_MEMORY = 1.0 / 32.0, 1.0 / 256.0
+_MEMORY, _TYPICAL_FACTOR = 1.0 / 32.0, 1.0 / 256.0
 _REGULAR_SHARE = 0.7
 """Share of tokens below which the rate is irregular, so that the usual rate is not learned."""
 IRREGULAR_LEAK = 0.15
@@ -63,9 +63,9 @@ class _Roughness:
         """True if the roughness exceeds `ROUGHER` times the usual one and two steps of the signal."""
         return self.now > ROUGHER * self.usual + 2.0 * self.resolution
 
-    def learn_usual(self) -> None:
+    def learn_typical(self) -> None:
         """Move the usual value towards the present one."""
-        self.usual += _USUAL_MEMORY * (self.now - self.usual)
+        self.usual += _TYPICAL_FACTOR * (self.now - self.usual)
 
 
 class SenderWatch:
@@ -159,7 +159,7 @@ class SenderWatch:
         elif self._tokens > _REGULAR_SHARE * self._burst:
             for rough in self._rough:
                 if rough is not None:
-                    rough.learn_usual()
+                    rough.learn_typical()
         return self.fast
 
     def value(self, index: int, value: float, jumped: bool, sound: bool) -> bool:

@@ -1,6 +1,6 @@
-"""Log-likelihood of a change by witness: all wheels against the receiver, front and rear, left and right.
+"""Log-likelihood of a change by contrast: all wheels against the receiver, front and rear, left and right.
 
-In: a change of the wheels with its covariance, and what is supposed lost. Out: for each witness its part
+In: a change of the wheels with its covariance, and what is supposed lost. Out: for each contrast its part
 of the log-likelihood ratio. Nothing here decides anything.
 """
 
@@ -26,11 +26,11 @@ def contrasts(wheels: list[int]) -> dict[str, FloatArray]:
 def gains(
     rows: dict[str, FloatArray], change_m: FloatArray, covariance_m2: FloatArray, expected_m: FloatArray
 ) -> dict[str, float]:
-    """Log-likelihood ratio (nats) of the change `expected_m` (d,) to none, by witness; their sum is that of
+    """Log-likelihood ratio (nats) of the change `expected_m` (d,) to none, by contrast; their sum is that of
     all of them.
 
-    Witnesses share errors. So they are asked from the last to the first, differences between wheels
-    before the receiver, and each adds what those before it have not said yet (chain rule of the likelihood).
+    Errors of contrasts are correlated. So they are whitened from the last to the first, differences between
+    wheels before the receiver: each adds its part given those before it (chain rule of the likelihood).
     """
     names = list(rows)[::-1]
     basis = np.stack([rows[name] for name in names])

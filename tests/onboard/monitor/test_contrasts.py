@@ -1,4 +1,4 @@
-"""What each witness adds to a comparison of hypotheses."""
+"""Part of each contrast in a comparison of hypotheses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.evidence.witnesses import contrasts, gains
+from tpmsd.onboard.monitor.evidence.contrasts import contrasts, gains
 
 
 def log_density(off: FloatArray, covariance: FloatArray) -> float:
@@ -14,8 +14,8 @@ def log_density(off: FloatArray, covariance: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("wheels", [[0, 1, 2, 3], [2, 3]])
-def test_what_the_witnesses_add_is_the_whole_log_likelihood_ratio(wheels: list[int]) -> None:
-    """The parts of all witnesses add up to the log-likelihood ratio of the change as a whole."""
+def test_what_the_contrasts_add_is_the_whole_log_likelihood_ratio(wheels: list[int]) -> None:
+    """The parts of all contrasts add up to the log-likelihood ratio of the change as a whole."""
     rng = np.random.default_rng(2)
     d = len(wheels)
     root = rng.normal(size=(d, d))
