@@ -519,8 +519,8 @@ _TERMS_KEPT = {
     "tpmsd/offline/rings/settings.py": {"even_count", "odd_count"},  # parity of a number of teeth
     "tpmsd/offline/report/mpl_style.py": {"place_labels"},  # to place, a verb
     "tpmsd/offline/planning/search.py": {"told"},  # a key of tpmsd.plan/1
-    "tpmsd/car/physics/effect.py": {"alike_on_every_drive"},  # an attribute of effects, of users' own as well
-    "tpmsd/car/physics/effects/road_grade.py": {"alike_on_every_drive"},
+    "tpmsd/car/physics/effect.py": {"common_to_all_drives"},  # an attribute of effects, of users' own as well
+    "tpmsd/car/physics/effects/road_grade.py": {"common_to_all_drives"},
     "tpmsd/offline/tables/from_file.py": {"names_told"},  # used by the API
 }
 

@@ -189,14 +189,14 @@ def windows(effect: str) -> tuple[Drawn, Windows]:
 
 
 def test_twice_the_size_brings_four_times_the_nats() -> None:
-    """Gain and margin go with the square of a cause that enters linearly; rivals do not change."""
+    """Gain and margin go with the square of a cause that enters linearly; alternatives do not change."""
     drawn, road = windows("message_delay")
     late = drawn.physics["axle_messages"]["late_s"]
     twice = replace(drawn, physics={"axle_messages": {"late_s": 2.0 * late}})
     once, more = tells("message_delay", drawn, road), tells("message_delay", twice, road)
 
     assert more.gain == pytest.approx(4.0 * once.gain, rel=0.02)
-    assert more.rival == once.rival
+    assert more.alternative == once.alternative
     assert 0.0 < once.margin < once.gain
 
 

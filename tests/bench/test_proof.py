@@ -178,7 +178,7 @@ def test_verdict_and_picture_stand_before_the_table() -> None:
 
 
 def test_the_oracle_asks_for_gain_and_for_margin() -> None:
-    """An effect counts as tellable with 64 nats, 8 of them beyond its best rival."""
+    """An effect counts as tellable with 64 nats, 8 of them beyond its best alternative."""
     effect = Concealed("x", "x", {}, 64.0, 8.0, "y", [], [], [], [])
     assert can_tell([effect])
     assert not can_tell([effect, replace(effect, gain=63.9)])
@@ -200,7 +200,7 @@ def test_the_oracle_knows_the_split_of_a_drive_as_rival_of_shifted_load(tmp_path
     for driven, split in (("all", True), ("front", False)):
         made = make(replace(case, spec=replace(case.spec, driven=driven)), tmp_path)
         (effect,) = truth_of(case, made.windows).effects
-        assert (effect.rival == "drive_split") is split
+        assert (effect.alternative == "drive_split") is split
         assert can_tell([effect]) is not split
 
 

@@ -63,7 +63,7 @@ def make(job: Job, folder: Path) -> Row:
         "also": [*drawn.also, *drawn.limit, *late],
         "gain": reported.gain,
         "margin": reported.margin,
-        "rival": reported.rival,
+        "rival": reported.alternative,
         "can": reported.can,
         "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
         "receiver": [spec.receiver_hz, spec.with_course, round(spec.doppler_age_s, 3)],

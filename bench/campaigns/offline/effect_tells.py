@@ -1,4 +1,5 @@
-"""How surely a drive can tell an effect of `effect_cases.py`: nats under the known noise, and beyond rivals.
+"""How surely a drive can tell an effect of `effect_cases.py`: nats under the known noise, and beyond
+alternatives.
 
 In: effect, drive, windows. Out: `Tells`: the log-likelihood that the cause brings once calibration is fitted
 (`gain`), and what of it no other effect of the catalogue can take up by itself (`margin`). Nothing of the
@@ -33,21 +34,21 @@ READINGS: Mapping[str, tuple[tuple[str, ...], float]] = {
 CORRELATED_WINDOWS = 10.0
 """Windows of a second over which such an error stays the same."""
 DRAWS = 3
-"""Of each rival."""
+"""Of each alternative."""
 SPANNED = (
     *("accelerometer_bias", "accelerometer_tilt", "antenna_lever_arm", "doppler_heading_error"),
     *("head_wind", "inner_wheel_slip", "longitudinal_slip", "sun_side", "track_width_error"),
 )
-"""Effects of several values that enter linearly, which the draws of a rival span; of others each draw is a
-rival by itself."""
+"""Effects of several values that enter linearly, which the draws of an alternative span; of others each draw
+is a alternative by itself."""
 GIVES_WAY = {
     "longitudinal_slip": "drive_slip_curve",
     "load_transfer_longitudinal": "drive_split",
     "track_width_error": "locked_differential",
 }
-"""Effects and those that contain them as a limit, which are no rivals of them."""
+"""Effects and those that contain them as a limit, which are no alternatives of them."""
 FORMULAS_SHARE = 1e-3
-"""Of the gain: less beyond a rival is no more than what two formulas of one effect differ by."""
+"""Of the gain: less beyond an alternative is no more than what two formulas of one effect differ by."""
 LEAST_STOPS = 2
 SHORTEST_STOP_S = 20.0
 """In less nobody gets in."""
@@ -59,7 +60,7 @@ class Tells:
 
     gain: float
     margin: float
-    rival: str
+    alternative: str
 
     @property
     def can(self) -> bool:
@@ -83,19 +84,19 @@ def tells(effect: str, drawn: Drawn, windows: Windows) -> Tells:
     base = {"no_shortening": {}} if effect == "road_grade" else {}
     still = windows.channels(base)
     own = windows.channels(drawn.physics) - still
-    others = list(_rivals(effect, drawn, windows))
+    others = list(_alternatives(effect, drawn, windows))
     fixed = nuisances(windows)
     inner = without(
         gram(windows, np.concatenate([own[:, :, None], fixed, *(each for _, each in others)], axis=2)),
         list(range(1, 1 + fixed.shape[2])),
     )
-    gain, best, rival, at = 0.5 * float(inner[0, 0]), 0.0, "", 1 + fixed.shape[2]
+    gain, best, alternative, at = 0.5 * float(inner[0, 0]), 0.0, "", 1 + fixed.shape[2]
     for name, columns in others:
         share = explained(inner, 0, list(range(at, at + columns.shape[2])))
         at += columns.shape[2]
         if share > best:
-            best, rival = share, name
-    return Tells(gain, gain - best, rival)
+            best, alternative = share, name
+    return Tells(gain, gain - best, alternative)
 
 
 def _longest_stop_s(windows: Windows) -> float:
@@ -119,7 +120,7 @@ def generator(effect: str, seed: int, use: int) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(effect.encode()), use])
 
 
-def _rivals(effect: str, drawn: Drawn, windows: Windows) -> Iterator[tuple[str, Array]]:
+def _alternatives(effect: str, drawn: Drawn, windows: Windows) -> Iterator[tuple[str, Array]]:
     still = windows.channels({})
     skipped = {effect, GIVES_WAY.get(effect, ""), *drawn.also}
     for name in CASES:
@@ -152,7 +153,7 @@ def _in_reading(
     offset = np.ones((len(own), 1)) if group == "clock" else np.zeros((len(own), 0))
     own = own - offset @ np.linalg.lstsq(offset, own, rcond=None)[0]
     scale = 2.0 * noise**2 * CORRELATED_WINDOWS
-    best, rival = 0.0, ""
+    best, alternative = 0.0, ""
     for name in names:
         if name != effect:
             columns = [
@@ -161,9 +162,9 @@ def _in_reading(
             A = np.stack(columns, axis=1)
             part = A @ np.linalg.lstsq(A, own, rcond=None)[0]
             if float(part @ part) > best:
-                best, rival = float(part @ part), name
+                best, alternative = float(part @ part), name
     energy = float(own @ own)
-    return Tells(energy / scale, (energy - best) / scale, rival)
+    return Tells(energy / scale, (energy - best) / scale, alternative)
 
 
 def _shown(physics: Mapping[str, Any], windows: Windows, group: str) -> Array:

@@ -85,10 +85,10 @@ def test_a_latency_cannot_be_detected_at_constant_speed(tmp_path: Path) -> None:
 
 
 def test_growth_and_warm_up_are_rivals_where_speed_rises_with_time(tmp_path: Path) -> None:
-    """The rival is named, and the margin is far below the gain."""
+    """The alternative is named, and the margin is far below the gain."""
     effect = truth_of(
         case := draw_case("habit:centrifugal_growth", 1.0, 100000), make(case, tmp_path).windows
     ).effects[0]
 
-    assert "thermal_growth" == effect.rival
+    assert "thermal_growth" == effect.alternative
     assert effect.margin < 0.3 * effect.gain

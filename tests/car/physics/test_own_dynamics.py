@@ -27,13 +27,13 @@ class Pull(DynamicsEffect):
     def add_forces(self, frame):
         frame.force_y = frame.force_y + self.coefficient * frame.mass * {factor}
 """
-USUAL = {"typical": "0.01", "prior": 'Prior(0.0, 0.02, "none")', "factor": "frame.u"}
+TYPICAL = {"typical": "0.01", "prior": 'Prior(0.0, 0.02, "none")', "factor": "frame.u"}
 
 
 def written(folder: Path, **changes: str) -> Path:
     """Write the file of an effect."""
     path = folder / "pull.py"
-    path.write_text(GOOD.format(**{**USUAL, **changes}))
+    path.write_text(GOOD.format(**{**TYPICAL, **changes}))
     folder.chmod(0o755)
     path.chmod(0o644)
     return path

@@ -20,8 +20,10 @@ from bench.worlds.kinematic import Spec, course
 from tests.conftest import REPO
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.car.physics.effect import Effect, NoiseResemblance, Rivals, Wording
+from tpmsd.car.physics.effect import Confounding, Effect, NoiseResemblance, Wording
 from tpmsd.car.physics.effects.brake_slip import BrakeSlip
+from tpmsd.car.physics.kinematics import WheelPositions
+from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.own_effects import (
     effects_of_entry_point,
     effects_of_file,
@@ -287,8 +289,84 @@ def test_an_effect_may_be_written_with_flat_and_former_names() -> None:
 
     assert Wording("r = 0", *astuple(BrakeSlip.wording)[1:4], "brake twice") == old.wording
     assert replace(BrakeSlip.identification, wheel_patterns=("fl", "fr")) == old.identification
-    assert Rivals(common=True, resembles=NoiseResemblance.WHEEL) == old.rivals
+    assert Confounding(common=True, resembles=NoiseResemblance.WHEEL) == old.confounding
     assert BrakeSlip.nonlinear is old.nonlinear
+
+
+FORMER = '''"""An effect with all names that were in use before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.car.physics.effect import Beside, Effect, Grid, Nonlinear, Parameter, Prior, Rivals
+
+
+@dataclass(frozen=True)
+class Former(Effect):
+    """The front tyres shrink."""
+
+    name = "former"
+    parameters = (
+        Parameter("c", "s2", 1e-4, -1e-2, 1e-2, "c", probe=1e-5, prior=Prior(0.0, 2e-4, "a test")),
+        Parameter("lag_s", "s", 1.0, 0.1, 9.0, "lag"),
+        Parameter("tail_s", "s", 1.0, 0.1, 9.0, "tail"),
+    )
+    one_sign = True
+    rivals = Rivals(rare=True, beside=("wear",), beside_value=("load_static",))
+    nonlinear = Nonlinear(
+        grid=Grid(
+            parameter="lag_s",
+            values=(1.0, 2.0),
+            middle=1.0,
+            range=(0.1, 9.0),
+            price=lambda lag: lag,
+            step=2.0,
+            second=Beside(parameter="tail_s", range=(0.1, 9.0), price=lambda tail: 2.0 * tail, step=2.0),
+        )
+    )
+    c: float
+    lag_s: float
+    tail_s: float
+
+    @classmethod
+    def against(cls, value):
+        return super().against(value) + (1.0 if cls.rivals.rare else 0.0)
+
+    @classmethod
+    def usual(cls, value, std, speeds):
+        return super().usual(value, std, speeds) + "as always"
+
+    @classmethod
+    def completed_by(cls, car):
+        return {**super().completed_by(car), "c": "d"}
+'''
+
+
+def test_an_effect_with_all_former_names_has_them_all_read(tmp_path: Path) -> None:
+    """Its hooks are called by the present names, and may call those of the base by their former ones."""
+    tmp_path.chmod(0o755)
+    (tmp_path / "former.py").write_text(FORMER)
+    (effect,) = effects_of_file(tmp_path / "former.py")
+    grid = effect.nonlinear.grid
+
+    assert effect.confounding == Confounding(
+        rare=True, tested_jointly_with=("wear",), estimated_jointly_with=("load_static",)
+    )
+    assert grid is not None and grid.second is not None
+    assert (3.0, 8.0) == (grid.penalty(3.0), grid.second.penalty(4.0))
+    assert (5.0, 9.0) == (effect.penalty(1.0), effect.penalty(-1.0))
+    assert "as always" == effect.tolerance_note(1.0, 0.1, speeds=False)
+    assert {"c": "d"} == effect.summed_with(Car(np.full(4, 0.3), WheelPositions(1.5, 1.5, 2.6), np.zeros(4)))
+
+
+def test_fields_of_a_record_may_be_given_flat_by_their_former_names() -> None:
+    """`beside` and `beside_value` are in the record, and a mark by its former name is the mark."""
+    flat = {"beside": ("wear",), "beside_value": ("load_static",), "alike_on_every_drive": True}
+    old: type[Effect] = type("Old", (Effect,), {"name": "old", **flat})
+
+    assert Confounding(False, False, NoiseResemblance.OTHER, ("wear",), ("load_static",)) == old.confounding
+    assert old.common_to_all_drives
 
 
 def test_an_effect_of_vehicle_dynamics_may_be_written_with_flat_names() -> None:

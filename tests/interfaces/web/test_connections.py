@@ -375,9 +375,9 @@ class Held(RuleBasedStateMachine):
         address = (host, self.number)
         similar = [one for (other, _), one in self.open.items() if other == host]
         full = len(similar) >= self.settings.max_connections_per_address
-        rivals = similar if full else list(self.open.values())
+        closable = similar if full else list(self.open.values())
         no_place = (full or len(self.open) >= self.settings.max_connections) and not any(
-            one["waiting"] for one in rivals
+            one["waiting"] for one in closable
         )
         opened = socket.socket()
         assert self.connections.admit(opened, address) is not no_place

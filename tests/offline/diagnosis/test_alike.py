@@ -56,7 +56,7 @@ def test_effects_that_differ_by_less_than_any_model_is_right_are_rivals(angle: f
     loss = chosen[0].gain - selector.gain([selector.hypotheses.catalogue[0]])
     assert loss == pytest.approx(chosen[0].gain * np.sin(angle) ** 2, rel=0.4)
     assert loss > 2.0 * SETTINGS.selection.admit_nats
-    assert (("longitudinal_slip",) if alike else ()) == chosen[0].rivals
+    assert (("longitudinal_slip",) if alike else ()) == chosen[0].confounded_with
     assert (chosen[0].confidence < 0.9) is alike
 
 
@@ -111,5 +111,5 @@ def test_a_name_is_unsure_where_a_rival_takes_the_place_of_one_of_its_values(
     facts = Evidence([part(rows, np.arange(WINDOWS) // 30)], 4)
     chosen = Selector(facts, Arm(), last=True).judged([Arm().catalogue[0]]).chosen
 
-    assert (("gnss_latency",) if alike else ()) == chosen[0].rivals
+    assert (("gnss_latency",) if alike else ()) == chosen[0].confounded_with
     assert (chosen[0].confidence < 0.6) is alike

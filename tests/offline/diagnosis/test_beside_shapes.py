@@ -11,8 +11,8 @@ import pytest
 from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.plausible import limits_of
-from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, CarLimits, Hypotheses, Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.robustness.confirm import _receivers_own
@@ -50,7 +50,7 @@ def columns(*numbers: int, width: int) -> FloatArray:
 def shape(place: str, covariate: str, design: FloatArray) -> Term:
     """A spline term."""
     names = tuple(f"at_{k}" for k in range(design.shape[1]))
-    return Term("unknown", design, names, shape_price(len(names)), place=place, covariate=covariate)
+    return Term("unknown", design, names, spline_penalty(len(names)), place=place, covariate=covariate)
 
 
 def directions(count: int) -> FloatArray:
@@ -79,7 +79,7 @@ def test_an_old_fix_is_distinguished_from_slip_of_the_other_axle(
 ) -> None:
     """Nine tenths of a GNSS latency look like slip of all wheels; only the last tenth may give it its name.
 
-    The shape of all wheels costs 26 nats, the latency 3.5, so by what they bring for their price slip alone
+    The shape of all wheels costs 26 nats, the latency 3.5, so by what they bring for their penalty slip alone
     (some 100 nats, of which the latency takes four fifths) would be GNSS latency.
     """
     u = directions(8)
@@ -222,7 +222,8 @@ def test_a_search_does_not_end_with_less_than_it_had() -> None:
 
 
 def test_what_falls_for_its_scatter_takes_no_place() -> None:
-    """A rival of 25 nats that one block makes is no candidate, nor may it oust one of 12 in all blocks."""
+    """A alternative of 25 nats that one block makes is no candidate, nor may it oust one of 12 in all
+    blocks."""
     u = directions(2)
     block = (np.arange(len(u)) // (8 * 9) == 40).astype(float)
     once = u[:, 1] * block

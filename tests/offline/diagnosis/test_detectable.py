@@ -10,7 +10,7 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS
-from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.assessment.result import FINDING, RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.reporting import detectable
@@ -55,7 +55,8 @@ CASES = (
 
 @pytest.mark.parametrize(("effect", "parameter"), CASES)
 def test_at_the_stated_size_it_is_found_and_at_a_quarter_not(effect: str, parameter: str) -> None:
-    """Nineteen of twenty are promised at the size; at a quarter 0.5 * 1.5^2 nats are far below the price."""
+    """Nineteen of twenty are promised at the size; at a quarter 0.5 * 1.5^2 nats are far below the
+    penalty."""
     at_size = [found(seed, effect, parameter, 1.0) for seed in SEEDS]
     at_quarter = [found(seed, effect, parameter, 0.25) for seed in SEEDS]
 
@@ -67,7 +68,7 @@ def test_the_size_is_larger_than_usual_and_grows_as_the_drive_shrinks() -> None:
     """Only what is larger than usual stands there; a shorter drive of the same road could show less."""
     for one in plain(12).not_detectable:
         sizes = {name: value for name, (value, _) in one.smallest.items() if value is not None}
-        usual = {name: usual_size(EFFECTS[one.effect], name) for name in sizes}
+        usual = {name: prior_scale(EFFECTS[one.effect], name) for name in sizes}
         assert not sizes or min(sizes[name] / usual[name] for name in sizes) > 1.0
     short = diagnose([recording_of(drive(Spec(duration_s=0.5 * SHORT_S), 12))])
     (less,) = (one for one in short.not_detectable if one.effect == "centrifugal_growth")

@@ -53,7 +53,7 @@ def test_one_threshold_holds_for_all_names(probe: FittedParameter) -> None:
     term = Term(
         probe.effect, columns(1, width=2), (probe.parameter,), PENALTY, place=probe.wheel_pattern, at=probe.at
     )
-    threshold = term.price(value) + SETTINGS.selection.admit_nats
+    threshold = term.total_penalty(value) + SETTINGS.selection.admit_nats
     response = directions(1)
 
     for nats, chosen in ((threshold - 1.0, []), (threshold + 1.0, [probe.effect])):

@@ -72,4 +72,6 @@ def test_slip_brakes_and_loads_together_are_no_unknown(share: float, found: set[
     chosen = Selector(evidence(data, responses), Given(9, terms, shapes), last=True).select().chosen
 
     assert found == {one.term.effect for one in chosen}
-    assert all(EFFECTS[one.term.effect].rivals.common == (one.term.effect != "unknown") for one in chosen)
+    assert all(
+        EFFECTS[one.term.effect].confounding.common == (one.term.effect != "unknown") for one in chosen
+    )

@@ -11,7 +11,7 @@ import pytest
 from tests.offline.calibration.test_parts import CIRCLE, perfect
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.motion import driven_mask
-from tpmsd.offline.diagnosis.assessment.identifiability import advice, usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import advice, prior_scale
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
@@ -135,9 +135,9 @@ def test_the_usual_size_of_an_effect_is_that_of_its_prior() -> None:
     """The larger of mean and standard deviation; one where there is no number."""
     growth = EFFECTS["centrifugal_growth"]
 
-    assert 1e-6 == usual_size(growth, "coefficient")
-    assert 0.03 == pytest.approx(usual_size(EFFECTS["yaw_rate_scale"], "scale"))
-    assert 1.0 == usual_size(EFFECTS["road_grade"], "")
+    assert 1e-6 == prior_scale(growth, "coefficient")
+    assert 0.03 == pytest.approx(prior_scale(EFFECTS["yaw_rate_scale"], "scale"))
+    assert 1.0 == prior_scale(EFFECTS["road_grade"], "")
 
 
 def test_time_belongs_to_each_drive_unless_all_are_of_one_road() -> None:
@@ -151,7 +151,8 @@ def test_time_belongs_to_each_drive_unless_all_are_of_one_road() -> None:
 
 
 def test_advice_names_the_drives_of_both_effects_once() -> None:
-    """Effects that the same drive tells share its sentence; without a rival there is nothing to say."""
+    """Effects that the same drive tells share its sentence; without an alternative there is nothing to
+    say."""
     rounding, scale = "speed_rounding_offset", "speed_scale_nonlinearity"
 
     assert "" == advice("centrifugal_growth", ())

@@ -13,7 +13,7 @@ from tpmsd.car.physics.catalogue import EFFECTS, groups
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
-from tpmsd.offline.diagnosis.hypotheses.prices import grid_price
+from tpmsd.offline.diagnosis.hypotheses.penalties import grid_penalty
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
 
@@ -65,4 +65,4 @@ def test_both_values_off_the_grid_are_priced() -> None:
     usual, long = hypotheses.catalogue[1:]
     assert [0.0, 0.5] == pytest.approx([usual.penalty - like.penalty, long.penalty - like.penalty])
     assert (30.0, like.at) == (usual.second, usual.at)
-    assert grid_price(EFFECTS["brake_heat"], None) == 0.0
+    assert grid_penalty(EFFECTS["brake_heat"], None) == 0.0

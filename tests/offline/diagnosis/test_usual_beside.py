@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.offline.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
-from tpmsd.car.physics.catalogue import EFFECTS, usual_size
+from tpmsd.car.physics.catalogue import EFFECTS, prior_rms
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -48,9 +48,9 @@ def test_what_is_known_beforehand_is_a_reading_more() -> None:
 
 def test_the_usual_size_is_that_of_the_prior() -> None:
     """The root mean square about no effect; what has no prior has no usual size."""
-    assert usual_size(EFFECTS["lateral_slip"], "coefficient") == pytest.approx(np.hypot(5e-3, 3e-3))
+    assert prior_rms(EFFECTS["lateral_slip"], "coefficient") == pytest.approx(np.hypot(5e-3, 3e-3))
     with pytest.raises(ValueError, match=r"radius_change\.wheel has no prior"):
-        usual_size(EFFECTS["radius_change"], "wheel")
+        prior_rms(EFFECTS["radius_change"], "wheel")
 
 
 @pytest.mark.parametrize(

@@ -99,13 +99,13 @@ def test_what_has_odds_of_more_than_twenty_against_it_is_no_suspicion(root: str)
 
 
 @pytest.mark.parametrize(
-    ("against", "rivals", "doubtful"),
+    ("against", "competitors", "doubtful"),
     [
         (0.9, [], False),
         (1.1, [], True),
-        (1.1, [0.0], False),  # the rival explains as much: one of both it is
+        (1.1, [0.0], False),  # the competing one explains as much: one of both it is
         (8.5, [2.0], False),
-        (60.0, [4.0], True),  # the rival is likelier, and no twin
+        (60.0, [4.0], True),  # the competing one is likelier, and no twin
     ],
 )
 def test_a_name_is_doubtful_where_it_and_its_twins_are_unlikely(
@@ -156,7 +156,7 @@ def test_a_wind_s_speed_is_known_as_well_as_the_body_s_area(root: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("nats", "error", "other", "rival"),
+    ("nats", "error", "other", "competitor"),
     [(5.0, 0.0, True, True), (5.0, 0.1, False, False), (-5.0, 0.1, False, True)],
 )
 def test_a_selection_that_predicts_worse_is_no_rival(

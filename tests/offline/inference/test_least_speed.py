@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.offline.inference.least_speed import INFORMATION, LEAST_MPS, USUAL_MPS, least_speed
+from tpmsd.offline.inference.least_speed import INFORMATION, LEAST_MPS, TYPICAL_MPS, least_speed
 
 
 def test_on_the_road_walking_pace_is_left_out() -> None:
     """A tenth of the drive at 3 m/s holds a thousandth of the information of the rest at 25 m/s."""
-    assert USUAL_MPS == least_speed(np.concatenate([np.full(100, 3.0), np.full(900, 25.0)]))
+    assert TYPICAL_MPS == least_speed(np.concatenate([np.full(100, 3.0), np.full(900, 25.0)]))
 
 
 def test_in_a_car_park_the_slow_seconds_are_the_drive() -> None:
@@ -28,4 +28,4 @@ def test_below_the_pace_at_which_counters_fall_silent_nothing_is_compared(speeds
 
 def test_a_car_that_stands_is_as_any_other() -> None:
     """No way holds no information to share out."""
-    assert USUAL_MPS == least_speed(np.zeros(10))
+    assert TYPICAL_MPS == least_speed(np.zeros(10))

@@ -12,7 +12,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS, FAULT, make_effect
 from tpmsd.car.physics.effect import Parameter
-from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.planning.conceal import LIMITS, LOSS_M, MOST, Showing, draw
@@ -54,7 +54,7 @@ def test_sizes_are_twice_the_limit_and_plausible(showing: Showing) -> None:
             parameter = next(p for p in EFFECTS[effect.name].parameters if p.name == first)
             assert isinstance(parameter, Parameter)
             limit, size = showing.limit(effect.name, first), abs(values[first] - parameter.neutral)
-            usual = usual_size(EFFECTS[effect.name], first)
+            usual = prior_scale(EFFECTS[effect.name], first)
         assert 0.99 * LIMITS[0] * limit <= size <= 1.01 * MOST * usual
     assert len(names) > 2
 

@@ -54,11 +54,11 @@ def test_tyre_and_usual_rings() -> None:
         return (1 - wrong) * right / SETTINGS.tyre_radius_std + wrong * other / wide
 
     odds = 1.2 / 6.0 * prior(47) / prior(48)
-    rivals = dict(found.rivals)
+    alternatives = dict(found.alternatives)
 
     assert pytest.approx(RADIUS_M) == tyre_radius_m(TYRE)
     assert (48.0, pytest.approx(RADIUS_M)) == (found.value, found.radius_m)
-    assert pytest.approx(odds, rel=1e-3) == rivals[47.0] / found.probability
+    assert pytest.approx(odds, rel=1e-3) == alternatives[47.0] / found.probability
 
 
 @pytest.mark.parametrize(("teeth", "tyre"), [(47, TYRE), (53, None), (100, None)])

@@ -1,4 +1,4 @@
-"""A drive as a whole: changes beside all that is harmless, and what rivals a loss."""
+"""A drive as a whole: changes beside all that is harmless, and what is confounded with a loss."""
 
 from __future__ import annotations
 

@@ -170,7 +170,7 @@ FAULT = _the("a ramp of a radius", lambda effect: effect.nonlinear.ramp)
 TEETH = _the("of a ring's teeth", lambda effect: effect.identification.by_teeth)
 LOST = _the("of counts lost at walking pace", lambda effect: effect.identification.at_walking_pace)
 MISSED = _the("of counts found by the ripple", lambda effect: effect.identification.by_ripple)
-ADDED = _the("of counts that are added", lambda effect: effect.rivals.mirror_of == MISSED.name)
+ADDED = _the("of counts that are added", lambda effect: effect.confounding.mirror_of == MISSED.name)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
 RADIUS = _the(
     "a constant of each wheel",
@@ -182,7 +182,7 @@ ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.identifica
 EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.nonlinear.span)
 
 
-def usual_size(effect: type[Effect], parameter: str) -> float:
+def prior_rms(effect: type[Effect], parameter: str) -> float:
     """Root mean square of a parameter by its prior; ValueError where it has none."""
     known = parameters_of(effect.name)[parameter]
     if not isinstance(known, Parameter) or known.prior is None:

@@ -2,9 +2,9 @@
 
 In: nothing. Out: the base class `Effect`. An effect says everything that others know about it: what kind of
 thing it is, its parameters with one prior each, and four records (`effect_records`): its words, where it
-shows, its rivals, what enters nonlinearly. It overrides the one or two hooks through which it acts. Hooks are
-pure and vectorised over time, so that simulator, estimator and diagnosis share them. A concrete effect is a
-frozen dataclass in `tpmsd.car.physics.effects` whose fields are its parameters.
+shows, its confounders, what enters nonlinearly. It overrides the one or two hooks through which it acts.
+Hooks are pure and vectorised over time, so that simulator, estimator and diagnosis share them. A concrete
+effect is a frozen dataclass in `tpmsd.car.physics.effects` whose fields are its parameters.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ import numpy as np
 
 from tpmsd.car.physics.effect_records import (
     Beside,
+    Confounding,
     Grid,
     Identification,
     NoiseResemblance,
     Nonlinear,
     Rivals,
+    SecondParameter,
     Wording,
     fold_flat,
 )
@@ -46,6 +48,7 @@ __all__ = [
     "MAX_ENTRIES",
     "AnyParameter",
     "Beside",
+    "Confounding",
     "Effect",
     "Grid",
     "GroupParameter",
@@ -56,6 +59,7 @@ __all__ = [
     "Parameter",
     "Prior",
     "Rivals",
+    "SecondParameter",
     "Std",
     "TextParameter",
     "Value",
@@ -98,17 +102,17 @@ class Effect:
     wording: ClassVar[Wording] = Wording()
     """The words for it."""
     identification: ClassVar[Identification] = Identification()
-    """Place in which it shows, and how it is looked for."""
-    rivals: ClassVar[Rivals] = Rivals()
-    """Explanations that it may be taken for."""
+    """Channel and covariate in which it shows, and how it is looked for."""
+    confounding: ClassVar[Confounding] = Confounding()
+    """Effects and noise that it may be confounded with."""
     nonlinear: ClassVar[Nonlinear] = Nonlinear()
     """Parts of it that enter nonlinearly."""
     one_sign: ClassVar[bool] = False
     """True if only one sign is physically possible (positive) of its first parameter."""
     own_per_drive: ClassVar[bool] = False
     """True if each drive has a value of its own, and none is common to all."""
-    alike_on_every_drive: ClassVar[bool] = False
-    """True if a drive cannot have its own value, as a slope's share in the horizontal."""
+    common_to_all_drives: ClassVar[bool] = False
+    """True if all drives have one value: none can have its own, as with the geometry of slopes."""
     in_calibration: ClassVar[tuple[tuple[str, str, str], ...]] = ()
     """Rows: its name in a joint calibration, what the number there is, and its unit."""
     stays: ClassVar[str] = ""
@@ -144,34 +148,34 @@ class Effect:
         return {p.name: (p.limits[0] - p.neutral, p.limits[1] - p.neutral) for p in numbers}
 
     @classmethod
-    def completed_by(cls, car: Car) -> Mapping[str, str]:
+    def summed_with(cls, car: Car) -> Mapping[str, str]:
         """Return, by parameter, the parameter of other effects that adds to it on the same wheels of this
-        car: limits hold for the sum.
+        car; `limits` hold for the sum.
         """
         return {}
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """On which wheels it shows, where these of its parameters were fitted."""
+        """Wheels on which it shows, where these of its parameters were fitted."""
         return WHEELS
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Nats against a first value (difference from neutral): rare values are penalised."""
-        penalty = IMPOSSIBLE_SIGN if cls.one_sign and value < 0.0 else 0.0
-        return penalty + (RARE if cls.rivals.rare else 0.0)
+        of_sign = IMPOSSIBLE_SIGN if cls.one_sign and value < 0.0 else 0.0
+        return of_sign + (RARE if cls.confounding.rare else 0.0)
 
     @classmethod
     def goes_before(cls, value: float) -> bool:
-        """Return whether with this first value it goes before the effects whose limit it is, as the simpler
-        one.
+        """Return whether with this first value it is preferred, as the simpler one, to effects that contain
+        it as their limit.
         """
         return True
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
-        """Return what is said of a value that instruments usually have, which is then no finding; empty: it
-        is one.
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
+        """Return the note on a value within the tolerance of such instruments, which is no finding; empty
+        where the value is beyond it.
 
         `speeds` says that the bus has wheel speeds and no counts.
         """
@@ -179,16 +183,19 @@ class Effect:
 
     @classmethod
     def largest(cls, on: str) -> float:
-        """Return, for a free description, the largest size that is thinkable on wheels or a reading."""
+        """Return, for a nonparametric term, the largest plausible value on wheels or a reading."""
         return 0.0
 
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
-        """Return, for an event, whether wheels that turn faster by this share for so long may show it.
+        """Return, for an event, whether wheels that turn faster by this fraction for so long may show it.
 
         `driven` says whether all of the wheels are driven, `axle` whether they are both of an axle.
         """
         return False
+
+    against, usual, completed_by = penalty, tolerance_note, summed_with
+    """Former names: effects of users may call them of their base."""
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
         """Return why it stays in the ticks on a bus with these roles; None if it is taken out."""

@@ -1,7 +1,7 @@
-"""Records of an effect beside its equation: its words, how it shows, its rivals, what is nonlinear.
+"""Records of an effect next to its equation: its words, how it shows, its confounders, what is nonlinear.
 
-In: nothing. Out: `Wording`, `Identification`, `Rivals` and `Nonlinear`, of which each effect's class holds
-one, and `fold_flat`, by which a class may give the fields one by one instead.
+In: nothing. Out: `Wording`, `Identification`, `Confounding` and `Nonlinear`, of which each effect's class
+holds one, and `fold_flat`, by which a class may give the fields one by one, or by their former names.
 """
 
 from __future__ import annotations
@@ -9,10 +9,29 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from enum import Enum
+from functools import wraps
+from typing import Any, TypeVar
+
+Record = TypeVar("Record")
+
+
+def _reads_former(**names: str) -> Callable[[type[Record]], type[Record]]:
+    """Let a record be made with former names of its fields: effects of users are written with them."""
+
+    def extended(cls: type[Record]) -> type[Record]:
+        made: Any = cls.__init__
+
+        def initialise(self: Record, *args: Any, **given: Any) -> None:
+            made(self, *args, **{names.get(name, name): value for name, value in given.items()})
+
+        setattr(cls, "__init__", wraps(made)(initialise))  # noqa: B010
+        return cls
+
+    return extended
 
 
 class NoiseResemblance(Enum):
-    """Slow noise that an effect resembles: it must stand against that noise at its likeliest."""
+    """Slow noise that an effect resembles: it is tested against that noise at its maximum likelihood."""
 
     OTHER = "none"
     COMMON = "the receiver's slow error"
@@ -23,19 +42,21 @@ class NoiseResemblance(Enum):
     """It changes the receiver's speed slowly, as a heading does along a road."""
 
 
+@_reads_former(price="penalty")
 @dataclass(frozen=True, slots=True)
-class Beside:
+class SecondParameter:
     """A second parameter that enters nonlinearly: typical on the grid, and fitted once the first one is."""
 
     parameter: str
     range: tuple[float, float]
     """Least and greatest that is thinkable."""
-    price: Callable[[float], float]
+    penalty: Callable[[float], float]
     """Nats against a value."""
     step: float
     """Factor by which it is first moved."""
 
 
+@_reads_former(price="penalty")
 @dataclass(frozen=True, slots=True)
 class Grid:
     """Values of a parameter that enters nonlinearly, at which the effect is first looked for."""
@@ -46,11 +67,11 @@ class Grid:
     """The one that stands for all while noise is estimated."""
     range: tuple[float, float]
     """Least and greatest that is thinkable."""
-    price: Callable[[float], float]
-    """Nats against a value, beside those for the choice among the grid's."""
+    penalty: Callable[[float], float]
+    """Nats against a value, on top of those for the choice among the grid's."""
     step: float
     """Factor between neighbours."""
-    second: Beside | None = None
+    second: SecondParameter | None = None
     """A further parameter that enters nonlinearly, if there is one."""
 
 
@@ -100,24 +121,27 @@ class Identification:
     """True for a nuisance: part of the baseline model, not a hypothesis."""
 
 
+@_reads_former(beside="tested_jointly_with", beside_value="estimated_jointly_with")
 @dataclass(frozen=True, slots=True)
-class Rivals:
-    """Explanations that an effect may be taken for, and how readily it is expected."""
+class Confounding:
+    """Explanations that an effect may be confounded with, and how readily it is expected."""
 
     common: bool = False
     """True where every car has some of it: it is expected, jointly with others of the kind."""
     rare: bool = False
-    """True where few drives show it: it costs odds of fifty, and no noise is estimated jointly with it."""
+    """True where few drives show it: it is penalised by odds of fifty, and no noise is estimated jointly with
+    it."""
     resembles: NoiseResemblance = NoiseResemblance.OTHER
-    """Slow noise against which it must stand."""
-    beside: tuple[str, ...] = ()
-    """Effects beside which it must be needed, where shapes act that no formula holds."""
-    beside_value: tuple[str, ...] = ()
-    """Effects of which every car has some: fitted along within their priors when its value is stated."""
+    """Slow noise that it resembles, and against which it is tested."""
+    tested_jointly_with: tuple[str, ...] = ()
+    """Effects that are fitted jointly when it is tested next to spline terms: they must not replace it."""
+    estimated_jointly_with: tuple[str, ...] = ()
+    """Effects of which every car has some: fitted jointly, within their priors, for its reported value."""
     confounded: tuple[str, ...] = ()
     """Effects that read the same on every drive, whatever is driven."""
     limit: str = ""
-    """The effect that it is where it is small: one that always explains as much, and no rival of it."""
+    """The simpler effect that it equals where it is small. It always explains as much, and is no
+    alternative."""
     mirror_of: str = ""
     """The effect of which this is the other sign, by the same sensitivity."""
     drifts_into: str = ""
@@ -142,20 +166,43 @@ class Nonlinear:
     """
 
 
-RECORDS = {"wording": Wording, "identification": Identification, "rivals": Rivals, "nonlinear": Nonlinear}
+RECORDS = {
+    "wording": Wording,
+    "identification": Identification,
+    "confounding": Confounding,
+    "nonlinear": Nonlinear,
+}
 """Attributes of an effect's class and the record that each holds."""
 FORMER_NAMES = {
     "telling_drive": ("wording", "distinguished_by"),
     "places": ("identification", "wheel_patterns"),
-    "looks": ("rivals", "resembles"),
+    "looks": ("confounding", "resembles"),
+    "beside": ("confounding", "tested_jointly_with"),
+    "beside_value": ("confounding", "estimated_jointly_with"),
 } | {one.name: (name, one.name) for name, record in RECORDS.items() for one in fields(record)}
 """Attributes by which an effect of one's own may give a field outside its record, with record and field."""
+
+FORMER_ATTRIBUTES = {
+    "rivals": "confounding",
+    "against": "penalty",
+    "usual": "tolerance_note",
+    "completed_by": "summed_with",
+    "alike_on_every_drive": "common_to_all_drives",
+}
+"""Former names of an effect's records, hooks and marks, with those that replace them."""
+Rivals = Confounding
+"""Former name of `Confounding`."""
+Beside = SecondParameter
+"""Former name of `SecondParameter`."""
 
 
 def fold_flat(cls: type) -> None:
     """Put the fields that a class gives as attributes of its own, by their names or former ones, into the
     records that it has or inherits.
     """
+    for former, name in FORMER_ATTRIBUTES.items():
+        if former in vars(cls) and name not in vars(cls) and hasattr(cls, name):
+            setattr(cls, name, vars(cls)[former])
     given: dict[str, dict[str, object]] = {}
     for name, value in vars(cls).items():
         record, field = FORMER_NAMES.get(name, ("", ""))

@@ -41,8 +41,8 @@ DYNAMICS_BASE = "tpmsd.car.physics.dynamics_effect"
 NAME = re.compile(r"[a-z][a-z0-9_]{2,59}")
 RESERVED = (
     *("nonlinear.ramp", "nonlinear.span", "identification.by_teeth", "identification.at_walking_pace"),
-    *("identification.by_ripple", "identification.always_fitted", "rivals.mirror_of"),
-    *("shortens", "in_calibration", "alike_on_every_drive"),
+    *("identification.by_ripple", "identification.always_fitted", "confounding.mirror_of"),
+    *("shortens", "in_calibration", "common_to_all_drives"),
 )
 """Marks by which the program knows effects of its own that it looks for apart: others cannot have them."""
 PARAMETERS = (Parameter, WheelParameter, TextParameter, VectorParameter)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.effect import RARE, Effect, Kind, NoiseResemblance, Parameter, Prior, WheelParameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.rings.ring import share_of, turns_hz
@@ -49,7 +49,7 @@ class PulseRate(Effect):
     kind = Kind.INSTRUMENT
     wording = Wording(distinguished_by="hold several speeds from 10 to 35 m/s for a minute each")
     identification = Identification(shows_in=("wheel_ratio", "speed"), wheel_patterns=WHEELS)
-    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(resembles=NoiseResemblance.WHEEL)
     one_sign = True
     more: ClassVar[float]
     """Pulses shown for each of the rate: 1 or -1."""
@@ -63,9 +63,9 @@ class PulseRate(Effect):
         return {"rate_per_s": (-most, most)}
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Return a counter in order misses no pulse and makes none up."""
-        return RARE + super().against(value)
+        return RARE + super().penalty(value)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) share of the pulses on its wheel."""

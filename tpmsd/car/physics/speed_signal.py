@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 
 
 @dataclass(frozen=True)
@@ -18,4 +18,4 @@ class SpeedSignalFault(Effect):
     kind = Kind.INSTRUMENT
     wording = Wording(distinguished_by="hold several speeds from 5 to 35 m/s for a minute each")
     identification = Identification(shows_in=("wheel", "speed"), needs=("speeds", "gnss"))
-    rivals = Rivals(resembles=NoiseResemblance.COMMON)
+    confounding = Confounding(resembles=NoiseResemblance.COMMON)

@@ -213,11 +213,11 @@ def summary(found: BusDiscovery) -> list[str]:
 
 
 def _role(found: BusDiscovery, one: FoundRole) -> str:
-    """Return the signal of a role with its qualities, probability and rivals."""
-    rivals = "".join(f"; {name} {p:.2f}" for name, p in one.rivals)
+    """Return the signal of a role with its qualities, probability and alternatives."""
+    alternatives = "".join(f"; {name} {p:.2f}" for name, p in one.alternatives)
     extra = f", modulus {one.modulus}" if one.modulus else ""
     extra += f", in {one.unit}" if one.unit else ""
     extra += f", scale {one.scale:g}" if one.scale is not None else ""
     extra += ", sign turned" if one.sign < 0 else ""
     extra += f", on {found.channel(one.bus)}" if len(found.channels) > 1 else ""
-    return f"{one.field.signal}{extra}  {one.probability:.3f}{rivals}"
+    return f"{one.field.signal}{extra}  {one.probability:.3f}{alternatives}"

@@ -119,12 +119,13 @@ class SelectionSettings:
     """Value as a fraction of the gain: what separates two effects that fit so nearly alike is what is not
     linear in the responses, and not the drive.
     """
-    rival_weight: float = 1e-3
-    """Gain of a rival over the term's own, above which it is asked whether its values are thinkable at all.
+    alternative_weight: float = 1e-3
+    """Gain of an alternative over the term's own, above which it is asked whether its values are thinkable at
+    all.
     """
     nearer_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
-    """Shares by which a value may lie nearer to zero where it is priced; at a half a quarter of the gain is
-    lost."""
+    """Shares by which a value may lie nearer to zero where its penalty is taken; at a half a quarter of the
+    gain is lost."""
     needed_share: float = 0.7
     """Share of what admits a term that keeps it in a backward step: above a half, so that steps do not
     cycle."""
@@ -133,7 +134,8 @@ class SelectionSettings:
     pairs_tried: int = 6
     """Pairs of effects that are tried in the place of a spline term, the best first."""
     independent_share: float = 0.5
-    """Share of its gain that a term keeps beside a rival from which the two explain different things."""
+    """Share of its gain that a term keeps beside an alternative from which the two explain different
+    things."""
     least_eigenvalue: float = 1e-6
     """Least eigenvalue of the terms' correlation matrix, calibration included: below, they are one."""
     least_own_share: float = 1e-5

@@ -28,7 +28,7 @@ class Role:
     wheel: str
     follower: Follower
     probability: float
-    rivals: tuple[tuple[str, float], ...]
+    alternatives: tuple[tuple[str, float], ...]
     """Other signals and their probability."""
 
 
@@ -219,12 +219,12 @@ def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settin
 def _role(
     wheel: str, members: Sequence[Follower], best: int, share: dict[int, float], settings: Settings
 ) -> Role:
-    rivals = sorted(
+    alternatives = sorted(
         ((members[i].series.field.signal, p) for i, p in share.items() if i != best and p > 1e-4),
-        key=lambda rival: -rival[1],
+        key=lambda alternative: -alternative[1],
     )
     probability = min(share[best], settings.max_probability)
-    return Role(wheel, members[best], probability, tuple(rivals[:3]))
+    return Role(wheel, members[best], probability, tuple(alternatives[:3]))
 
 
 def _kind(member: Follower) -> str:

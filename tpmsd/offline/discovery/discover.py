@@ -144,7 +144,7 @@ def _ring_and_radius(
         found,
         counts_per_rev=Estimate(teeth.value, teeth.std),
         counts_probability=teeth.probability,
-        counts_rivals=teeth.rivals,
+        counts_alternatives=teeth.alternatives,
         contradictions=_against_size(teeth, tyre, car),
     )
     return counted, Estimate(teeth.radius_m, teeth.std / max(teeth.value, 1.0) * teeth.radius_m)
@@ -192,9 +192,9 @@ def _counts(teeth: ToothCount) -> str:
 
 
 def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
-    rivals = ", ".join(f"{value:g} {p:.2f}" for value, p in teeth.rivals)
+    alternatives = ", ".join(f"{value:g} {p:.2f}" for value, p in teeth.alternatives)
     if teeth.probability > 0.0:
-        why = f"{teeth.value:g} {teeth.probability:.2f}" + (f", {rivals}" if rivals else "")
+        why = f"{teeth.value:g} {teeth.probability:.2f}" + (f", {alternatives}" if alternatives else "")
         why += ": neither the rolling radius nor the ripple of the rings decides"
     else:
         source = "of all tyres" if tyre is None else f"of the tyre size {tyre}"
@@ -297,8 +297,8 @@ def _smoothest(first: Follower, equals: Sequence[Follower]) -> Follower:
     car's speed as well as either wheel: it jumps wherever one of them carries and the other does not yet.
     """
     bits = _bits_of(first.series.field)
-    rivals = [one for one in equals if bits & _bits_of(one.series.field)]
-    return min(rivals, key=lambda one: (_step_mps(one), -one.r2))
+    alternatives = [one for one in equals if bits & _bits_of(one.series.field)]
+    return min(alternatives, key=lambda one: (_step_mps(one), -one.r2))
 
 
 def _step_mps(one: Follower) -> float:
@@ -327,13 +327,15 @@ def _wheel_roles(
         key = f"wheel_{what}_{role.wheel}"
         one = role.follower.series.field
         roles[key] = (
-            _count_role(key, role.follower, role.probability, role.rivals)
+            _count_role(key, role.follower, role.probability, role.alternatives)
             if what == "count"
-            else _speed_role(key, role.follower, role.probability, role.rivals)
+            else _speed_role(key, role.follower, role.probability, role.alternatives)
         )
         if role.probability < settings.decided:
-            rivals = ", ".join(f"{name} {p:.2f}" for name, p in role.rivals) or "none of them a wheel"
-            why = f"{one.signal} {role.probability:.2f}, {rivals}"
+            alternatives = (
+                ", ".join(f"{name} {p:.2f}" for name, p in role.alternatives) or "none of them a wheel"
+            )
+            why = f"{one.signal} {role.probability:.2f}, {alternatives}"
             undecided.append(Undecided(f"can.signals.{key}", why, _drive_for(assignment)))
     return roles
 
@@ -345,23 +347,25 @@ def _drive_for(assignment: Assignment) -> str:
 
 
 def _count_role(
-    key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
+    key: str, one: Follower, probability: float, alternatives: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     series = one.series
     usual = series.field.stated_modulus or 1 << series.field.layout.length
     modulus = series.modulus if series.modulus_seen and series.modulus != usual else 0
-    return FoundRole(key, series.field, probability, rivals, modulus=modulus)
+    return FoundRole(key, series.field, probability, alternatives, modulus=modulus)
 
 
 def _speed_role(
-    key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
+    key: str, one: Follower, probability: float, alternatives: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     """Return the role of a speed, with unit and scale checked against the receiver."""
-    found = _in_unit(key, one, probability, rivals)
+    found = _in_unit(key, one, probability, alternatives)
     return replace(found, invalid=tuple(sorted(one.series.no_value)))
 
 
-def _in_unit(key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]) -> FoundRole:
+def _in_unit(
+    key: str, one: Follower, probability: float, alternatives: tuple[tuple[str, float], ...]
+) -> FoundRole:
     known = one.series.field
     declared = canonical_unit(known.unit) or "km/h"
     kind, factor, _ = UNITS[declared]
@@ -373,16 +377,16 @@ def _in_unit(key: str, one: Follower, probability: float, rivals: tuple[tuple[st
         fits = abs(mps_per_unit / factor - 1.0) < SETTINGS.unit_tolerance
     if fits:
         return FoundRole(
-            key, known, probability, rivals, unit=None if canonical_unit(known.unit) else declared
+            key, known, probability, alternatives, unit=None if canonical_unit(known.unit) else declared
         )
     for unit in _SPEED_UNITS:
         if abs(mps_per_unit / UNITS[unit][1] - 1.0) < SETTINGS.unit_tolerance:
-            return FoundRole(key, known, probability, rivals, unit=unit)
+            return FoundRole(key, known, probability, alternatives, unit=unit)
     scale = 3.6 / one.per_mps
     nice = min(_NICE_KMH, key=lambda n: abs(n / scale - 1.0))
     scale = nice if abs(nice / scale - 1.0) < 0.04 else float(f"{scale:.6g}")
     base = 0.0 if abs(one.base) < 3.0 else -scale * round(one.base)
-    return FoundRole(key, known, probability, rivals, unit="km/h", scale=scale, offset=base)
+    return FoundRole(key, known, probability, alternatives, unit="km/h", scale=scale, offset=base)
 
 
 def _no_wheels(why: str, drive: str, kind: str = "count") -> tuple[Undecided, ...]:

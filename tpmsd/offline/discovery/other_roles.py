@@ -127,10 +127,10 @@ def _ranked(
         return None
     scored.sort(key=lambda entry: -entry[0])
     weight = np.exp(np.array([entry[0] for entry in scored]) - scored[0][0])
-    # The rival that is always there: none of these.
+    # The alternative that is always there: none of these.
     share = weight / (weight.sum() + math.exp(-min(scored[0][0], 50.0)))
     _, r, one = scored[0]
-    rivals = tuple(
+    alternatives = tuple(
         (entry[2].field.signal, float(p))
         for entry, p in zip(scored[1:4], share[1:4], strict=True)
         if p > 1e-3
@@ -139,7 +139,7 @@ def _ranked(
     if r < 0 and sign > 0:
         return None
     unit = None if _unit_kind(one.field.unit, role) else assumed_unit(role)
-    return FoundRole(role, one.field, min(float(share[0]), 0.999), rivals, unit=unit, sign=sign)
+    return FoundRole(role, one.field, min(float(share[0]), 0.999), alternatives, unit=unit, sign=sign)
 
 
 def _scored(one: Series, role: str, aim: FloatArray, moving: np.ndarray) -> tuple[float, float] | None:
@@ -203,5 +203,5 @@ def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
     share = weight / (weight.sum() + 1.0)  # an inlet, a cabin, a battery at rest is as warm
     if share[0] < 0.5:
         return None
-    rivals = tuple((e[1].field.signal, float(p)) for e, p in zip(ranked[1:4], share[1:4], strict=True))
-    return FoundRole("ambient_temp", ranked[0][1].field, float(share[0]), rivals)
+    alternatives = tuple((e[1].field.signal, float(p)) for e, p in zip(ranked[1:4], share[1:4], strict=True))
+    return FoundRole("ambient_temp", ranked[0][1].field, float(share[0]), alternatives)

@@ -34,7 +34,7 @@ class FoundRole:
     role: str
     field: MessageField
     probability: float
-    rivals: tuple[tuple[str, float], ...] = ()
+    alternatives: tuple[tuple[str, float], ...] = ()
     modulus: int = 0
     """Number of values of a counter where it is not the field's width; 0 else."""
     unit: str | None = None
@@ -88,7 +88,7 @@ class BusDiscovery:
     roles: dict[str, FoundRole] = field(default_factory=dict)
     counts_per_rev: Estimate | None = None
     counts_probability: float = 0.0
-    counts_rivals: tuple[tuple[float, float], ...] = ()
+    counts_alternatives: tuple[tuple[float, float], ...] = ()
     """Other numbers and their probability."""
     contradictions: tuple[str, ...] = ()
     """Statements that were given and that the drive speaks against, a sentence each."""
@@ -132,7 +132,9 @@ class BusDiscovery:
                 role: {
                     "signal": found.field.signal,
                     "probability": found.probability,
-                    "rivals": [{"signal": name, "probability": p} for name, p in found.rivals],
+                    **_under_both_names(
+                        [{"signal": name, "probability": p} for name, p in found.alternatives]
+                    ),
                     **({"bus": self.channel(found.bus)} if len(self.channels) > 1 else {}),
                     **({"modulus": found.modulus} if found.modulus else {}),
                     **({"unit": found.unit} if found.unit else {}),
@@ -148,7 +150,9 @@ class BusDiscovery:
             else {
                 **self.counts_per_rev.document(),
                 "probability": self.counts_probability,
-                "rivals": [{"value": value, "probability": p} for value, p in self.counts_rivals],
+                **_under_both_names(
+                    [{"value": value, "probability": p} for value, p in self.counts_alternatives]
+                ),
             },
             "driven_axle": None if axle is None else {"value": axle[0], "probability": axle[1]},
             "geometry": {key: one.document() for key, one in self.geometry.items()},
@@ -160,3 +164,8 @@ class BusDiscovery:
             "duration_s": self.duration_s,
             "frames": self.frames,
         }
+
+
+def _under_both_names(entries: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    """Return the alternatives under their key, and under `rivals`, which readers of schema 1 know."""
+    return {"alternatives": entries, "rivals": entries}

@@ -11,7 +11,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_MPS = 5.0
+TYPICAL_MPS = 5.0
 """From here on every second is compared: clutches, brakes and standstill disturb slower driving more than the
 little that it tells is worth."""
 LEAST_MPS = 1.5
@@ -27,6 +27,6 @@ def least_speed(speed_mps: FloatArray) -> float:
     fastest = np.sort(speed_mps)[::-1]
     information = np.cumsum(fastest**2)
     if not len(information) or information[-1] <= 0.0:
-        return USUAL_MPS
+        return TYPICAL_MPS
     enough = int(np.searchsorted(information, INFORMATION * information[-1]))
-    return float(np.clip(fastest[min(enough, len(information) - 1)], LEAST_MPS, USUAL_MPS))
+    return float(np.clip(fastest[min(enough, len(information) - 1)], LEAST_MPS, TYPICAL_MPS))

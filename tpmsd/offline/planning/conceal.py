@@ -26,7 +26,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.assessment.identifiability import (
     EffectIdentifiability,
     identifiability,
-    usual_size,
+    prior_scale,
 )
 from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
@@ -152,7 +152,7 @@ def _is_ambiguous(one: EffectIdentifiability) -> bool:
     """Return whether another effect is confounded with it, other than one whose limit it is for small
     values."""
     return any(
-        cosine > MOST_SIMILAR and EFFECTS[other].rivals.limit != one.effect
+        cosine > MOST_SIMILAR and EFFECTS[other].confounding.limit != one.effect
         for other, cosine in one.confounded_with
     )
 
@@ -164,7 +164,7 @@ def _usual(name: str) -> bool:
         effect.kind in (Kind.FREE, Kind.NUISANCE)
         or effect.identification.always_fitted
         or effect.shortens
-        or effect.rivals.mirror_of
+        or effect.confounding.mirror_of
     ):
         return False
     return any(not by_slopes(probe.made()) for probe in _probes(name))
@@ -214,8 +214,8 @@ def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | No
         return None
     probe, cls = usable[int(rng.integers(len(usable)))], EFFECTS[name]
     if not first:
-        return probe.made() if LIMITS[0] * showing.limit(name, first) <= usual_size(cls, first) else None
-    size = _size(rng, usual_size(cls, first), showing.limit(name, first))
+        return probe.made() if LIMITS[0] * showing.limit(name, first) <= prior_scale(cls, first) else None
+    size = _size(rng, prior_scale(cls, first), showing.limit(name, first))
     if size is None:
         return None
     sign = 1.0 if cls.one_sign else float(rng.choice([-1.0, 1.0]))

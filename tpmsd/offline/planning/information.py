@@ -17,7 +17,7 @@ from tpmsd.car.physics.forward import antenna_truth, wheel_angles
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.hypotheses.response import available, catalogue_columns, radius_columns
 from tpmsd.offline.inference.least_speed import least_speed
 from tpmsd.offline.inference.noise import Noise
@@ -75,7 +75,7 @@ def _gain(gram: FloatArray, names: Sequence[tuple[str, ...]], effect: str) -> fl
     grid."""
     own = _columns(names, effect)
     others = [k for k, name in enumerate(names) if name[0] != effect]
-    size = np.array([usual_size(EFFECTS[effect], names[k][1]) for k in own])
+    size = np.array([prior_scale(EFFECTS[effect], names[k][1]) for k in own])
     inner = gram[np.ix_(others, others)]
     scale = np.diag(inner)
     inner = inner + REGULAR * np.diag(np.where(scale > 0.0, scale, 1.0))

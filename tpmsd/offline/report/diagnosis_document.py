@@ -154,7 +154,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
     if finding.advice:
         out["advice"] = finding.advice
     if finding.identified_by:
-        out["told_by"] = finding.identified_by
+        out["identified_by"] = finding.identified_by
+        out["told_by"] = finding.identified_by  # its former name
     if finding.shape:
         out["shape"] = [{"at": x, "value": value, "std": std} for x, value, std in finding.shape]
     return out

@@ -218,8 +218,8 @@ def _sentences(finding: Finding) -> tuple[str, ...]:
     if finding.identified_by:
         out.append(f"{_capital(finding.identified_by)}.")
     if finding.indistinguishable_from:
-        rivals = ", ".join(plain_name(rival) for rival in finding.indistinguishable_from)
-        out.append(f"Confounded on this drive with: {rivals}.")
+        alternatives = ", ".join(plain_name(alternative) for alternative in finding.indistinguishable_from)
+        out.append(f"Confounded on this drive with: {alternatives}.")
     if finding.advice:
         out.append(f"Which drive would tell: {finding.advice}.")
     return tuple(out)
@@ -243,9 +243,9 @@ def _millimetres(quantity: Quantity) -> Quantity:
 
 def _confounded(diagnosis: RollingDiagnosis) -> HtmlTable:
     rows = tuple(
-        (Cell(finding_name(finding)), Cell(plain_name(rival)), Cell(finding.advice))
+        (Cell(finding_name(finding)), Cell(plain_name(alternative)), Cell(finding.advice))
         for finding in diagnosis.findings
-        for rival in finding.indistinguishable_from
+        for alternative in finding.indistinguishable_from
     )
     return HtmlTable(("finding", "confounded with", "which drive would tell"), rows)
 

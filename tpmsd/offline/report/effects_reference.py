@@ -227,8 +227,8 @@ def _coverage() -> list[str]:
     for name, effect in EFFECTS.items():
         if effect.kind not in (Kind.NUISANCE, Kind.FREE):
             notes = [_looked_for_in(effect, name in windows)]
-            if effect.rivals.confounded:
-                same = ", ".join(f"`{other}`" for other in effect.rivals.confounded)
+            if effect.confounding.confounded:
+                same = ", ".join(f"`{other}`" for other in effect.confounding.confounded)
                 notes.append(f"confounded with {same} on every drive")
             if note := "; ".join(filter(None, notes)):
                 lines.append(f"- `{name}`: {note}")

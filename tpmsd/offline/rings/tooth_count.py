@@ -24,7 +24,7 @@ from tpmsd.offline.rings.counter import Counter
 from tpmsd.offline.rings.settings import TOOTH_COUNTS, ToothCountSettings
 
 _INCH_M = 0.0254
-_USUAL_COUNTS: dict[int, float] = {
+_COMMON_COUNTS: dict[int, float] = {
     48: 6.0, 96: 4.0, 43: 2.0, 44: 2.0, 100: 2.0, 46: 1.2, 47: 1.2, 50: 1.2, 52: 1.2, 60: 1.2, 58: 1.0,
     86: 1.0, 88: 1.0, 92: 0.8, 94: 0.8, 72: 0.6, 120: 0.6,
 }  # fmt: skip
@@ -41,7 +41,7 @@ class ToothCount:
     """Probability of `value`; of an encoder: of the line from which it comes, 0 without one."""
     radius_m: float
     """The rolling radius that goes with it."""
-    rivals: tuple[tuple[float, float], ...] = ()
+    alternatives: tuple[tuple[float, float], ...] = ()
     """Other numbers and their probability."""
     by_size: tuple[float, float] | None = None
     """Counts that the tyre's size needs, and their standard deviation, where `value` contradicts the size."""
@@ -143,7 +143,7 @@ def tooth_count(
 
 
 def _usual(number: int) -> float:
-    return _USUAL_COUNTS.get(number, TOOTH_COUNTS.odd_count if number % 2 else TOOTH_COUNTS.even_count)
+    return _COMMON_COUNTS.get(number, TOOTH_COUNTS.odd_count if number % 2 else TOOTH_COUNTS.even_count)
 
 
 def _between(expected: float) -> FloatArray:

@@ -24,7 +24,7 @@ from tpmsd.offline.tables.roles import TIME_UNITS, is_linear, scale_of, split_na
 from tpmsd.offline.tables.signals import SignalReadings
 
 TIME = "time_s"
-_USUAL_RADIUS_M = 0.3
+_TYPICAL_RADIUS_M = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -152,11 +152,11 @@ def _radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]
     car."""
     if mapped.config is not None:
         return dict(zip(WHEELS, mapped.config.vehicle.wheel_radius_m, strict=True))
-    radius = car.get("vehicle", {}).get("wheel_radius_m", _USUAL_RADIUS_M)
+    radius = car.get("vehicle", {}).get("wheel_radius_m", _TYPICAL_RADIUS_M)
     each = radius if isinstance(radius, dict) else dict.fromkeys(WHEELS, radius)
     usable = {
         wheel: value
         for wheel, value in each.items()
         if isinstance(value, int | float) and value > 0 and not isinstance(value, bool)
     }
-    return {wheel: float(usable.get(wheel, _USUAL_RADIUS_M)) for wheel in WHEELS}
+    return {wheel: float(usable.get(wheel, _TYPICAL_RADIUS_M)) for wheel in WHEELS}

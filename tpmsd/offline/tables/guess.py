@@ -19,7 +19,7 @@ from tpmsd.offline.tables.guess_names import WHEEL, roles_by_name, spelled, time
 from tpmsd.offline.tables.read_table import InputTable
 from tpmsd.offline.tables.roles import TIME_UNITS, scale_of
 
-USUAL_RADIUS_M, USUAL_TRACK_M, USUAL_WHEELBASE_M = 0.315, 1.55, 2.7
+TYPICAL_RADIUS_M, TYPICAL_TRACK_M, TYPICAL_WHEELBASE_M = 0.315, 1.55, 2.7
 """Measures of a middle-class passenger car (205/55 R16), where the table has none."""
 _LEAST_CORRELATION = 0.7
 """Least correlation of a yaw rate or a wheel difference with the course's rate; below it no slope."""
@@ -35,7 +35,7 @@ class GuessedColumn:
     unit: str | None = None
     scale: float = 1.0
     modulus: int | None = None
-    rivals: tuple[str, ...] = ()
+    alternatives: tuple[str, ...] = ()
 
 
 @dataclass
@@ -72,8 +72,8 @@ class Guess:
             parts += [f"unit = {_quoted(one.unit)}"] if one.unit is not None else []
             parts += [f"scale = {one.scale:g}"] if one.scale != 1.0 else []
             parts += [f"modulus = {one.modulus}"] if one.modulus is not None else []
-            rivals = f"; or {', '.join(map(_printable, one.rivals))}" if one.rivals else ""
-            lines.append(f"{role} = {{ {', '.join(parts)} }}   # {one.why}{rivals}")
+            alternatives = f"; or {', '.join(map(_printable, one.alternatives))}" if one.alternatives else ""
+            lines.append(f"{role} = {{ {', '.join(parts)} }}   # {one.why}{alternatives}")
         if self.unused:
             lines += ["", f"# not used: {', '.join(map(_printable, self.unused))}"]
         return "\n".join(lines) + "\n"
@@ -108,8 +108,8 @@ class _Guesser:
                     chosen.setdefault(role, []).append((weight, name))
         for role, entries in chosen.items():
             entries.sort(key=lambda entry: -entry[0])
-            rivals = tuple(name for _, name in entries[1:3])
-            found.columns[role] = GuessedColumn(entries[0][1], "by its name", rivals=rivals)
+            alternatives = tuple(name for _, name in entries[1:3])
+            found.columns[role] = GuessedColumn(entries[0][1], "by its name", alternatives=alternatives)
         self._drop_half_positions()
         motion = self._motion()
         self._wheels(motion)
@@ -302,8 +302,8 @@ class _Guesser:
         elif kind == "angle" and per_mps is not None:
             self._radius_of_angle(wheels, per_mps)
         elif kind == "count" and per_mps is not None:
-            teeth = per_mps * 2.0 * np.pi * USUAL_RADIUS_M
-            why = f"by the way and a rolling radius of {USUAL_RADIUS_M} m: replace both"
+            teeth = per_mps * 2.0 * np.pi * TYPICAL_RADIUS_M
+            why = f"by the way and a rolling radius of {TYPICAL_RADIUS_M} m: replace both"
             self._found.measures["teeth_per_rev"] = (float(np.round(teeth)), why)
 
     def _per_mps(
@@ -376,11 +376,11 @@ class _Guesser:
     def _measures(self, motion: by_value.GroundMotion | None) -> None:
         """Radius and tracks; the tracks by the difference of an axle's wheels over the course's rate."""
         measures, columns = self._found.measures, self._found.columns
-        radius = measures.get("wheel_radius_m", (USUAL_RADIUS_M, "a usual value: not measured"))
+        radius = measures.get("wheel_radius_m", (TYPICAL_RADIUS_M, "a usual value: not measured"))
         teeth = measures.pop("teeth_per_rev", None)
         measures["wheel_radius_m"] = radius
         for axle, left, right in (("front", "fl", "fr"), ("rear", "rl", "rr")):
-            value, why = USUAL_TRACK_M, "a usual value: not measured"
+            value, why = TYPICAL_TRACK_M, "a usual value: not measured"
             roles = [f"wheel_speed_{wheel}" for wheel in (left, right)]
             if motion is not None and all(role in columns for role in roles):
                 one, other = (self._road(role, radius[0]) for role in roles)
@@ -393,7 +393,7 @@ class _Guesser:
                     elif correlation > _LEAST_CORRELATION and 1.0 < track < 2.2:
                         value, why = round(track, 3), "by the wheels' difference in bends"
             measures[f"track_{axle}_m"] = (value, why)
-        measures["wheelbase_m"] = (USUAL_WHEELBASE_M, "a usual value: not measured")
+        measures["wheelbase_m"] = (TYPICAL_WHEELBASE_M, "a usual value: not measured")
         if teeth is not None:
             measures["teeth_per_rev"] = teeth
 

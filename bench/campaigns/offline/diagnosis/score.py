@@ -55,7 +55,7 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
         "wanted": [truth.effects[k].key for k in wanted],
         "gains": [round(truth.effects[k].gain, 1) for k in wanted],
         "margins": [round(truth.effects[k].margin, 1) for k in wanted],
-        "rivals": [truth.effects[k].rival for k in wanted],
+        "rivals": [truth.effects[k].alternative for k in wanted],
         "told": len(detectable),
         "told_found": sum(k in right for k in detectable),
         "first": first,

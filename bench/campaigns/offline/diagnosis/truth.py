@@ -25,8 +25,8 @@ from bench.worlds.origins import ORIGINS
 WHEELS = ("fl", "fr", "rl", "rr")
 ALL = list(WHEELS)
 TELLS_GAIN, TELLS_MARGIN = 16.0, 8.0
-"""Nats from which a drive is counted as able to tell: a shift of 5.7 standard deviations; and a rival that
-wins by chance in 2 of 100 drives.
+"""Nats from which a drive is counted as able to tell: a shift of 5.7 standard deviations; and an alternative
+that wins by chance in 2 of 100 drives.
 """
 GNSS = ["gnss_speed", "gnss_course", "gnss_position"]
 WHEEL = ["wheel", "wheel_ratio"]
@@ -44,7 +44,7 @@ class Concealed:
     parameters: dict[str, Any]
     gain: float
     margin: float
-    rival: str
+    alternative: str
     wheels: list[str]
     channels: list[str]
     covariates: list[str]
@@ -126,7 +126,7 @@ def nuisances(windows: Windows) -> Array:
     return np.stack(out, axis=2)
 
 
-def rivals(windows: Windows, base: Physics) -> list[tuple[str, Array]]:
+def alternatives(windows: Windows, base: Physics) -> list[tuple[str, Array]]:
     """Every effect of the public table with its free parameters linearised: name and columns (w, 9, k)."""
     start = windows.channels(base)
 
@@ -185,14 +185,14 @@ def truth_of(case: Case, windows: Windows) -> Truth:
         return out
     parts = [windows.channels(alone(case, key)) - own for key in case.wanted]
     fixed = nuisances(windows)
-    others = rivals(windows, rolling(case))
+    others = alternatives(windows, rolling(case))
     columns = np.concatenate([np.stack(parts, axis=2), fixed, *(each for _, each in others)], axis=2)
     count = len(parts)
     inner = without(gram(windows, columns), list(range(count, count + fixed.shape[2])))
     for k, key in enumerate(case.wanted):
         rest = without(inner, [other for other in range(count) if other != k])
         gain = 0.5 * float(rest[k, k])
-        best, rival, at = 0.0, "", count + fixed.shape[2]
+        best, alternative, at = 0.0, "", count + fixed.shape[2]
         for name, each in others:
             group = list(range(at, at + each.shape[2]))
             at += each.shape[2]
@@ -200,10 +200,10 @@ def truth_of(case: Case, windows: Windows) -> Truth:
                 continue
             share = explained(rest, k, group)
             if share > best:
-                best, rival = share, name
+                best, alternative = share, name
         if base_name(key) == "tone_ring_error":
             amplitude_rad = case.spec.physics["tone_ring_error"]["amplitude_rad"]
-            gain, best, rival = tooth_gain(windows, amplitude_rad), 0.0, ""
+            gain, best, alternative = tooth_gain(windows, amplitude_rad), 0.0, ""
         where = _where(case, key, windows, parts[k])
         out.effects.append(
             Concealed(
@@ -212,7 +212,7 @@ def truth_of(case: Case, windows: Windows) -> Truth:
                 parameters=dict(case.spec.physics[key]),
                 gain=gain,
                 margin=gain - best,
-                rival=rival,
+                alternative=alternative,
                 **where,
             )
         )
@@ -252,7 +252,7 @@ def _inherent(windows: Windows, injected: Sequence[str]) -> tuple[list[Concealed
     """
     rigid = windows.rigid()
     change = windows.channels({}) - rigid.channels({})
-    fixed, others = nuisances(windows), rivals(rigid, {})
+    fixed, others = nuisances(windows), alternatives(rigid, {})
     groups = [(name, each) for name, each in others if not name.startswith(("radius_change", "thermal"))]
     columns = np.concatenate([change[:, :, None], fixed, *(each for _, each in groups)], axis=2)
     inner = without(gram(windows, columns), list(range(1, 1 + fixed.shape[2])))
@@ -275,7 +275,7 @@ def _inherent(windows: Windows, injected: Sequence[str]) -> tuple[list[Concealed
                 parameters={},
                 gain=gain,
                 margin=gain,
-                rival="",
+                alternative="",
                 wheels=where[0],
                 channels=where[1],
                 covariates=["accel_long", "speed", "accel_lat"],

@@ -64,11 +64,12 @@ def page(rows: Sequence[Row], seed: int) -> str:
         " sealed before the diagnosis began, and opened after it: <code>sha256sum truth-1.json</code>"
         " gives what was printed first. An oracle, a best-case fit that"
         " knows motion, noise and the form of every effect, says which drives can tell theirs at all: those"
-        " with 64 nats, and 8 more than the best rival brings. Recordings do not count: of each one name is"
-        " known, from the road, from the driving or since it was injected, and a real car has others beside"
-        " it. Worlds: <i>kinematic</i> has a receiver with drawn errors, <i>receiver</i> one with errors of"
-        " recorded receivers, <i>mems</i> a drawn gyro, <i>latched</i> counts that are read in a rhythm of"
-        " their own.</p><p>Numbers after names are confidences. In sentences ± is one standard deviation, in"
+        " with 64 nats, and 8 more than the best alternative brings. Recordings do not count: of each one"
+        " name is known, from the road, from the driving or since it was injected, and a real car has others"
+        " beside it. Worlds: <i>kinematic</i> has a receiver with drawn errors, <i>receiver</i> one with"
+        " errors of recorded receivers, <i>mems</i> a drawn gyro, <i>latched</i> counts read in a"
+        " rhythm of their own.</p>"
+        "<p>Numbers after names are confidences. In sentences ± is one standard deviation, in"
         " the rows it is a 95 % interval. Residuals are over the size of the fitted noise: 1 is noise"
         f" alone. <code>make proof SEED={seed}</code></p>",
     ]

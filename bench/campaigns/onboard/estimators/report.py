@@ -193,9 +193,9 @@ def _ratios(rows: list[Row]) -> list[str]:
         for method in (DEFAULT, "mpf-pn"):
             ours = pick(rows, **cell, method=method)
             ours = [r for r in ours if r["particles"] in (0, USUAL)]
-            rivals = {TEXTBOOK: pick(rows, **cell, method=TEXTBOOK, particles=USUAL)}
-            rivals |= {kind: [r | r[kind] for r in limits] for kind in ("causal", "smoother")}
-            for name, theirs in rivals.items():
+            alternatives = {TEXTBOOK: pick(rows, **cell, method=TEXTBOOK, particles=USUAL)}
+            alternatives |= {kind: [r | r[kind] for r in limits] for kind in ("causal", "smoother")}
+            for name, theirs in alternatives.items():
                 cells = []
                 for what in ("difference", "radius"):
                     ratio, low, high = paired(ours, theirs, f"rmse_{what}_m")

@@ -171,10 +171,12 @@ def _smallest(receiver: str, book: dict[int, float], others: dict[str, dict[int,
     for number in NUMBERS:
         if number not in book:
             continue
-        rivals = {m: v.get(number, v.get(0, math.nan)) for m, v in others.items()}
-        best = min(rivals, key=lambda m: rivals[m] if math.isfinite(rivals[m]) else math.inf)
-        holds = holds and book[number] <= rivals[best]
-        parts.append(f"N={number}: {book[number]:.3f} mm, best other {best} {rivals[best]:.3f} mm")
+        alternatives = {m: v.get(number, v.get(0, math.nan)) for m, v in others.items()}
+        best = min(
+            alternatives, key=lambda m: alternatives[m] if math.isfinite(alternatives[m]) else math.inf
+        )
+        holds = holds and book[number] <= alternatives[best]
+        parts.append(f"N={number}: {book[number]:.3f} mm, best other {best} {alternatives[best]:.3f} mm")
     return Claim(f"MPF-PN has the smallest RMSE ({receiver})", holds, "; ".join(parts))
 
 

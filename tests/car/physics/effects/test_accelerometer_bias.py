@@ -15,4 +15,7 @@ def test_a_constant_is_added_whatever_the_motion() -> None:
 
     assert [0.4, -0.3] == error[0].tolist() == error[-1].tolist()
     assert not np.any(effect.radius_change_m(steady(), car()))
-    assert ["", True] == [type(effect).usual(0.4, 0.01, False), bool(type(effect).usual(-0.2, 0.01, False))]
+    assert ["", True] == [
+        type(effect).tolerance_note(0.4, 0.01, False),
+        bool(type(effect).tolerance_note(-0.2, 0.01, False)),
+    ]

@@ -42,5 +42,5 @@ def test_few_brakes_drag_and_none_pushes() -> None:
     """Odds of fifty against it, and of fifty more against a negative one."""
     cls = EFFECTS["brake_drag"]
 
-    assert (cls.against(1e-3), cls.against(-1e-3)) == (4.0, 8.0)
+    assert (cls.penalty(1e-3), cls.penalty(-1e-3)) == (4.0, 8.0)
     assert cls.identification.wheel_patterns == ("fl", "fr", "rl", "rr")

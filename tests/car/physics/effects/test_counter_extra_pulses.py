@@ -20,4 +20,4 @@ def test_extra_pulses_are_missed_ones_with_the_other_sign() -> None:
 def test_a_counter_in_order_makes_none_up() -> None:
     """Odds of fifty against a name that counters seldom deserve, and of fifty more against the other sign."""
     for name in ("counter_extra_pulses", "counter_missed_pulses"):
-        assert (4.0, 8.0) == (EFFECTS[name].against(3.0), EFFECTS[name].against(-3.0))
+        assert (4.0, 8.0) == (EFFECTS[name].penalty(3.0), EFFECTS[name].penalty(-3.0))

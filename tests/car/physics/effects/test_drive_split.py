@@ -52,9 +52,9 @@ def test_a_size_that_no_drive_has_is_less_likely() -> None:
     """Student's distribution of four degrees about 2e-3 s2/m; four nats more where load transfer is usual."""
     effect = EFFECTS["drive_split"]
 
-    assert effect.against(8e-3) == pytest.approx(2.5 * np.log1p(4.0**2 / 4.0))
-    assert effect.against(-1e-3) - effect.against(1e-3) == pytest.approx(4.0)
-    assert effect.against(-2e-3) == effect.against(2e-3)
+    assert effect.penalty(8e-3) == pytest.approx(2.5 * np.log1p(4.0**2 / 4.0))
+    assert effect.penalty(-1e-3) - effect.penalty(1e-3) == pytest.approx(4.0)
+    assert effect.penalty(-2e-3) == effect.penalty(2e-3)
 
 
 @pytest.mark.parametrize(("coefficient", "before"), [(6e-5, True), (1.5e-4, True), (2.9e-4, False)])
@@ -65,8 +65,8 @@ def test_a_load_transfer_beyond_what_cars_have_is_no_simpler_name(coefficient: f
     beyond = max(coefficient - 6e-5, 0.0) / 5e-5
 
     assert before is load.goes_before(coefficient)
-    assert load.against(coefficient) == pytest.approx(2.5 * np.log1p(beyond**2 / 4.0))
-    assert load.against(-1e-5) > load.against(1e-5)
+    assert load.penalty(coefficient) == pytest.approx(2.5 * np.log1p(beyond**2 / 4.0))
+    assert load.penalty(-1e-5) > load.penalty(1e-5)
 
 
 def test_a_small_split_and_a_large_load_transfer_share_the_confidence() -> None:

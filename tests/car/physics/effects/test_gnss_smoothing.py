@@ -25,8 +25,8 @@ def test_the_course_lags_in_a_bend_equally() -> None:
 
 
 def test_without_a_time_constant_nothing_is_smoothed() -> None:
-    """Zero seconds leave the speed as it is; a short one has the price of a better known name."""
+    """Zero seconds leave the speed as it is; a short one has the penalty of a better known name."""
     effect = make_effect("gnss_smoothing", time_constant_s=0.0)
 
     assert [0.0] == sorted(set(effect.gnss_speed_error_mps(accelerating(2.0), car()).tolist()))
-    assert type(effect).against(0.1) > type(effect).against(1.0)
+    assert type(effect).penalty(0.1) > type(effect).penalty(1.0)

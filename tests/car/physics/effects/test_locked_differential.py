@@ -37,8 +37,8 @@ def test_what_a_track_can_be_is_no_lock() -> None:
     """It costs odds of fifty more than a track error, which no fit takes beyond 0.25 m, c = 0.15."""
     cls, track = EFFECTS["locked_differential"], EFFECTS["track_width_error"]
 
-    assert cls.against(0.1) == track.against(-0.15) + 4.0
-    assert cls.rivals.limit == track.name
+    assert cls.penalty(0.1) == track.penalty(-0.15) + 4.0
+    assert cls.confounding.limit == track.name
     assert track.limits(car())["rear_m"] == (-0.25, 0.25)
     with pytest.raises(ConfigError, match="coefficient = 9 is outside"):
         make_effect("locked_differential", coefficient=9)

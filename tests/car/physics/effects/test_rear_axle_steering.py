@@ -43,7 +43,7 @@ def test_few_cars_have_it_and_none_the_other_sign() -> None:
     """Odds of fifty against it, and of fifty more against rear wheels that turn the wrong way."""
     cls = EFFECTS["rear_axle_steering"]
 
-    assert (cls.against(0.1), cls.against(-0.1)) == (4.0, 8.0)
+    assert (cls.penalty(0.1), cls.penalty(-0.1)) == (4.0, 8.0)
     assert not np.any(make_effect("rear_axle_steering", gain=0.2).axle_course_rad(steady(20.0)))
 
 

@@ -18,5 +18,5 @@ def test_one_wheel_is_smaller_from_the_start_to_the_end() -> None:
 def test_it_is_no_hypothesis_for_calibration_takes_it_up() -> None:
     """No fit has a column of it; what reads the same is named."""
     assert "spare_or_mixed_tyre" not in {probe.effect for probe in probes()}
-    for name in EFFECTS["spare_or_mixed_tyre"].rivals.confounded:
+    for name in EFFECTS["spare_or_mixed_tyre"].confounding.confounded:
         assert name in EFFECTS

@@ -30,8 +30,8 @@ def test_in_a_bend_each_wheel_is_shown_by_its_own_speed() -> None:
 
 def test_a_scale_that_no_bus_has_is_penalised() -> None:
     """Nats by Student's distribution: k of 5e-5 s/m costs half a nat, five times as much costs five."""
-    against = EFFECTS["speed_scale_nonlinearity"].against
-    usual, rare = against(5e-5) - against(0.0), against(-2.5e-4) - against(0.0)
+    penalty = EFFECTS["speed_scale_nonlinearity"].penalty
+    typical, rare = penalty(5e-5) - penalty(0.0), penalty(-2.5e-4) - penalty(0.0)
 
-    assert pytest.approx(2.5 * math.log(1.25)) == usual
+    assert pytest.approx(2.5 * math.log(1.25)) == typical
     assert pytest.approx(2.5 * math.log(7.25)) == rare

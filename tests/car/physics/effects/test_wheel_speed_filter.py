@@ -41,7 +41,7 @@ def test_a_short_one_is_usual_and_dear() -> None:
     """What control units do for themselves is a note; a dashboard's 0.3 s is a finding."""
     cls = EFFECTS["wheel_speed_filter"]
 
-    assert "0.03 +- 0.01 s" in cls.usual(0.03, 0.01, True)
-    assert cls.usual(0.3, 0.02, True) == ""
-    assert (cls.against(0.05), cls.against(0.3)) == (10.0, 4.0)
+    assert "0.03 +- 0.01 s" in cls.tolerance_note(0.03, 0.01, True)
+    assert cls.tolerance_note(0.3, 0.02, True) == ""
+    assert (cls.penalty(0.05), cls.penalty(0.3)) == (10.0, 4.0)
     assert {"speeds", "gnss"} == set(cls.identification.needs)

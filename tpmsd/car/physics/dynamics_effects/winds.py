@@ -23,7 +23,7 @@ SIDE_AREA_STD = 0.2
 LEVER_M = 0.25
 """Its centre of pressure ahead of the centre of gravity ([Gillespie 1992], ch. 4: a tenth of the
 wheelbase)."""
-USUAL_DRAG_M2 = 0.65
+TYPICAL_DRAG_M2 = 0.65
 """Drag area where the car has none configured."""
 
 
@@ -97,7 +97,7 @@ class DynamicsHeadWind(DynamicsEffect):
 
     def add_forces(self, frame: Frame) -> None:
         """Push backwards."""
-        area = np.where(np.asarray(frame.drag_area) > 0.0, frame.drag_area, USUAL_DRAG_M2)
+        area = np.where(np.asarray(frame.drag_area) > 0.0, frame.drag_area, TYPICAL_DRAG_M2)
         press = (frame.u + self.speed_mps) ** 2 - frame.u**2
         frame.force_x = frame.force_x - 0.5 * AIR_KGPM3 * area * press * _within(self, frame)
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_MPS2 = 0.25
+TOLERANCE_MPS2 = 0.25
 """Up to which a constant is usual: zero level of 10 mg, a crown of the road of 1.5 %."""
 
 
@@ -37,7 +37,7 @@ class AccelerometerBias(Effect):
         distinguished_by="drive the same road there and back: a bank and a slope change their signs",
     )
     identification = Identification(shows_in=("accel_lat", "time"), reads=("accel_long", "accel_lat"))
-    rivals = Rivals(confounded=("accelerometer_tilt", "road_bank"))
+    confounding = Confounding(confounded=("accelerometer_tilt", "road_bank"))
     stays = "no estimate depends on the accelerometers' zero"
     parameters = (
         Parameter(
@@ -65,9 +65,9 @@ class AccelerometerBias(Effect):
     lat_mps2: float = 0.0
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a small zero level is usual, as every sensor has one."""
-        if abs(value) - 2.0 * std > USUAL_MPS2:
+        if abs(value) - 2.0 * std > TOLERANCE_MPS2:
             return ""
         return f"an accelerometer reads {value:.2f} +- {std:.2f} m/s2 more than acts, as they do"
 

@@ -12,7 +12,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_RAD = 0.04
+TOLERANCE_RAD = 0.04
 """Up to which a turn in the mount is usual: two degrees."""
 
 
@@ -63,9 +63,9 @@ class AccelerometerTilt(Effect):
     roll_rad: float = 0.0
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """No bracket is square to a degree."""
-        if abs(value) - 2.0 * std > USUAL_RAD:
+        if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
         return f"the accelerometers are turned by {value:.3f} +- {std:.3f} rad, as brackets are"
 

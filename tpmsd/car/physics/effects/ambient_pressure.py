@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion, integrate
 from tpmsd.foundation.wheels import FloatArray
 
@@ -31,7 +31,7 @@ class AmbientPressure(Effect):
         distinguished_by="drive up and down a mountain of 500 m",
     )
     identification = Identification(shows_in=("wheel", "grade"), needs=("gnss", "slopes"))
-    rivals = Rivals(resembles=NoiseResemblance.COMMON)
+    confounding = Confounding(resembles=NoiseResemblance.COMMON)
     one_sign = True
     stays = "the height since the start is not kept"
     parameters = (

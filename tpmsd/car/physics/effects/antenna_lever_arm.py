@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import ANTENNA_FORWARD_M
 
@@ -35,7 +35,7 @@ class AntennaLeverArm(Effect):
         distinguished_by="drive full circles at walking pace, to both sides, then bends at speed",
     )
     identification = Identification(shows_in=("gnss_course", "yaw_rate"), needs=("gnss",))
-    rivals = Rivals(beside_value=("lateral_slip",))
+    confounding = Confounding(estimated_jointly_with=("lateral_slip",))
     in_calibration = (
         ("antenna_forward", "forward_m", "m"),
         ("antenna_left", "left_m", "m"),

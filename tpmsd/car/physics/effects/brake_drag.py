@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior, WheelParameter
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -40,7 +40,7 @@ class BrakeDrag(Effect):
         distinguished_by="roll fast for ten minutes and slowly for ten, without braking, twice",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"), wheel_patterns=("fl", "fr", "rl", "rr"))
-    rivals = Rivals(rare=True, resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(rare=True, resembles=NoiseResemblance.WHEEL)
     nonlinear = Nonlinear(
         # Discs and rims take two to ten minutes.
         grid=Grid(
@@ -48,7 +48,7 @@ class BrakeDrag(Effect):
             values=(120.0, 360.0),
             middle=360.0,
             range=(40.0, 1500.0),
-            price=lambda tau: 0.7 + 0.5 * (math.log(tau / 240.0) / 0.7) ** 2,
+            penalty=lambda tau: 0.7 + 0.5 * (math.log(tau / 240.0) / 0.7) ** 2,
             step=1.7,
         )
     )

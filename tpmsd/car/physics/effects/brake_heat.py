@@ -7,8 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import Beside, Effect, Grid, GroupParameter, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect import (
+    Effect,
+    Grid,
+    GroupParameter,
+    NoiseResemblance,
+    Parameter,
+    Prior,
+    SecondParameter,
+)
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -40,7 +48,7 @@ class BrakeHeat(Effect):
     identification = Identification(
         shows_in=("wheel_ratio", "time"), wheel_patterns=("front", "rear", "fl", "fr", "rl", "rr")
     )
-    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(resembles=NoiseResemblance.WHEEL)
     nonlinear = Nonlinear(
         # Discs and rims take two to ten minutes; how soon the tyre has it is known to a factor of three.
         grid=Grid(
@@ -48,12 +56,12 @@ class BrakeHeat(Effect):
             values=(80.0, 200.0, 500.0),
             middle=200.0,
             range=(30.0, 2000.0),
-            price=lambda tau: 1.1 + 0.5 * (math.log(tau / 200.0) / 0.7) ** 2,
+            penalty=lambda tau: 1.1 + 0.5 * (math.log(tau / 200.0) / 0.7) ** 2,
             step=1.5,
-            second=Beside(
+            second=SecondParameter(
                 "soak_s",
                 range=(0.3, 300.0),
-                price=lambda tau: 0.5 * (math.log(tau / 30.0) / 1.1) ** 2,
+                penalty=lambda tau: 0.5 * (math.log(tau / 30.0) / 1.1) ** 2,
                 step=4.0,
             ),
         )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
@@ -38,7 +38,7 @@ class BrakeSlip(Effect):
         distinguished_by="brake firmly and gently from the same speed on a straight, ten times",
     )
     identification = Identification(shows_in=("wheel_ratio", "accel_long"))
-    rivals = Rivals(common=True)
+    confounding = Confounding(common=True)
     nonlinear = Nonlinear(
         # No drag, and that at usual speeds.
         grid=Grid(
@@ -46,7 +46,7 @@ class BrakeSlip(Effect):
             values=(0.02, 0.2),
             middle=0.02,
             range=(0.01, 0.8),
-            price=lambda least: 0.7 + 0.5 * (math.log(least / 0.1) / 1.5) ** 2,
+            penalty=lambda least: 0.7 + 0.5 * (math.log(least / 0.1) / 1.5) ** 2,
             step=2.0,
         ),
         # The front brakes bear half to five sixths of the force.
@@ -91,7 +91,7 @@ class BrakeSlip(Effect):
     from_mps2: float = 0.0
 
     @classmethod
-    def completed_by(cls, car: Car) -> Mapping[str, str]:
+    def summed_with(cls, car: Car) -> Mapping[str, str]:
         """Slip per deceleration of a driven axle is that of drive and brakes together."""
         axles = {"front": IS_FRONT, "rear": ~IS_FRONT}
         return {name: "slip_per_accel" for name, axle in axles.items() if car.driven[axle].all()}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -30,7 +30,7 @@ class CentrifugalGrowth(Effect):
         distinguished_by="hold 30 m/s for two minutes, then coast to 15 m/s, twice",
     )
     identification = Identification(shows_in=("wheel", "speed"))
-    rivals = Rivals(resembles=NoiseResemblance.COMMON)
+    confounding = Confounding(resembles=NoiseResemblance.COMMON)
     in_calibration = (("growth", "coefficient", "s2/m"),)
     one_sign = True
     parameters = (

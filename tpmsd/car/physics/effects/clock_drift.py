@@ -10,7 +10,7 @@ from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_RATE = 1.5e-4
+TOLERANCE_RATE = 1.5e-4
 """Up to which a rate is usual: crystals, also cold ones."""
 
 
@@ -56,9 +56,9 @@ class ClockDrift(Effect):
     at_s: float = 0.0
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a rate is usual for a crystal."""
-        if abs(value) - 2.0 * std > USUAL_RATE:
+        if abs(value) - 2.0 * std > TOLERANCE_RATE:
             return ""
         return f"the host's clock gains {1e6 * value:.0f} +- {1e6 * std:.0f} ppm on UTC, as crystals do"
 

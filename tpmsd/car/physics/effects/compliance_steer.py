@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_RAD_S2PM = (-5e-4, 5e-3)
+TOLERANCE_RAD_S2PM = (-5e-4, 5e-3)
 """Between which it is every car's own: neutral to 3 degrees per g of understeer."""
 
 
@@ -51,9 +51,9 @@ class ComplianceSteer(Effect):
     coefficient: float
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Ordinary cars understeer."""
-        low, high = USUAL_RAD_S2PM
+        low, high = TOLERANCE_RAD_S2PM
         if value + 2.0 * std < low or value - 2.0 * std > high:
             return ""
         return f"the car understeers by {value:.4f} +- {std:.4f} rad per m/s2, as cars do"

@@ -24,6 +24,6 @@ class CounterExtraPulses(PulseRate):
         noun="added pulses",
         answers=("the counter of {wheel} adds {rate_per_s}",),
     )
-    rivals = replace(PulseRate.rivals, mirror_of="counter_missed_pulses")
+    confounding = replace(PulseRate.confounding, mirror_of="counter_missed_pulses")
     parameters = rate_per_s("pulses added per second")
     more = 1.0

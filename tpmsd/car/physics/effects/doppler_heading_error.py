@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -38,7 +38,7 @@ class DopplerHeadingError(Effect):
         distinguished_by="drive the same road there and back",
     )
     identification = Identification(shows_in=("gnss_speed", "time"), needs=("gnss_speed",))
-    rivals = Rivals(resembles=NoiseResemblance.VELOCITY)
+    confounding = Confounding(resembles=NoiseResemblance.VELOCITY)
     own_per_drive = True
     stays = "it belongs to the drive on which it was found"
     parameters = (

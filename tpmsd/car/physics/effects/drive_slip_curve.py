@@ -9,7 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
 from tpmsd.car.physics.effect import Grid, Parameter, Prior
-from tpmsd.car.physics.effect_records import Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -45,7 +45,7 @@ class DriveSlipCurve(DriveSlip):
         ),
         distinguished_by="accelerate gently and as firmly as the road allows, ten times each",
     )
-    rivals = Rivals(limit="longitudinal_slip")
+    confounding = Confounding(limit="longitudinal_slip")
     nonlinear = replace(
         DriveSlip.nonlinear,
         # Snow, a wet road, a dry one.
@@ -54,7 +54,7 @@ class DriveSlipCurve(DriveSlip):
             values=(1.3, 2.6, 5.2),
             middle=2.6,
             range=(0.8, 12.0),
-            price=lambda most: 2.0 + 0.5 * (math.log(most / 5.0) / 0.7) ** 2,
+            penalty=lambda most: 2.0 + 0.5 * (math.log(most / 5.0) / 0.7) ** 2,
             step=1.4,
         ),
     )

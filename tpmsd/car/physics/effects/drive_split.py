@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import IMPOSSIBLE_SIGN, Effect, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
-USUAL_RADIUS_M = 0.31
-USUAL = Prior(0.0, 2e-3, "half of a slip of 4e-3 s2/m")
+TYPICAL_RADIUS_M = 0.31
+TYPICAL = Prior(0.0, 2e-3, "half of a slip of 4e-3 s2/m")
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class DriveSplit(Effect):
         distinguished_by="accelerate firmly and coast at the same speeds on a straight, ten times",
     )
     identification = Identification(shows_in=("wheel_ratio", "accel_long"), contrast=True)
-    rivals = Rivals(limit="load_transfer_longitudinal")
+    confounding = Confounding(limit="load_transfer_longitudinal")
     parameters = (
         Parameter(
             "difference",
@@ -48,7 +48,7 @@ class DriveSplit(Effect):
             0.1,
             "d, slip per m/s2 of the front wheels minus that of the rear ones",
             probe=1e-5,
-            prior=USUAL,
+            prior=TYPICAL,
         ),
     )
     difference: float
@@ -59,10 +59,10 @@ class DriveSplit(Effect):
         return bool(car.driven.all())
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Nats against what load transfer may be, and against a size by Student's distribution."""
-        load = -2.0 * MOST_LOAD_LONGITUDINAL_S2 / USUAL_RADIUS_M < value < 0.0
-        return tail_nats(value, USUAL) + (IMPOSSIBLE_SIGN if load else 0.0)
+        load = -2.0 * MOST_LOAD_LONGITUDINAL_S2 / TYPICAL_RADIUS_M < value < 0.0
+        return tail_nats(value, TYPICAL) + (IMPOSSIBLE_SIGN if load else 0.0)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) half of d * a_x, with the sign of the axle."""

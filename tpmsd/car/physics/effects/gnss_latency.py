@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.priors import FIX_AGE_S
 
 FRAME_AGE_S = 0.04
@@ -31,7 +31,9 @@ class GnssLatency(Effect):
         distinguished_by="accelerate and brake firmly on a straight, ten times",
     )
     identification = Identification(shows_in=("gnss_speed", "accel_long"), needs=("gnss",))
-    rivals = Rivals(beside=("velocity_lag",), beside_value=("lateral_slip", "velocity_lag"))
+    confounding = Confounding(
+        tested_jointly_with=("velocity_lag",), estimated_jointly_with=("lateral_slip", "velocity_lag")
+    )
     in_calibration = (("latency", "latency_s", "s"),)
     one_sign = True
     parameters = (
@@ -53,7 +55,7 @@ class GnssLatency(Effect):
         return self.latency_s
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Wheel speeds are means over an interval before their stamp, which makes fixes look younger."""
         if speeds and -FRAME_AGE_S - 2.0 * std <= value < 0.0:
             return (

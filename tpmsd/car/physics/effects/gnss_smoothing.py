@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.first_order import low_passed
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_S, OWN = 0.25, 6.0
+TOLERANCE_S, OWN = 0.25, 6.0
 """Up to which time constant smoothing is the receiver's own, and the nats that such a one costs: it can
 hardly be told from a lag."""
 
@@ -34,7 +34,7 @@ class GnssSmoothing(Effect):
         distinguished_by="accelerate and brake as hard as the traffic allows, ten times",
     )
     identification = Identification(shows_in=("gnss_speed", "accel_long"), needs=("gnss_speed",))
-    rivals = Rivals(beside=("velocity_lag",))
+    confounding = Confounding(tested_jointly_with=("velocity_lag",))
     one_sign = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (
@@ -53,14 +53,14 @@ class GnssSmoothing(Effect):
     time_constant_s: float
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Return a penalty on a short constant: a lag has the better known name."""
-        return OWN if value < USUAL_S else 0.0
+        return OWN if value < TOLERANCE_S else 0.0
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a short low-pass is usual: the receiver has its own."""
-        if value - 2.0 * std > USUAL_S:
+        if value - 2.0 * std > TOLERANCE_S:
             return ""
         return f"the receiver smooths its speed over {value:.2f} +- {std:.2f} s; taken into account"
 

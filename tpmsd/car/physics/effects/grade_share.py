@@ -40,7 +40,7 @@ class GradeShare(Effect):
     share: float
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Always the receiver's own."""
         return (
             f"the wheels feel {1.0 + value:.2f} +- {std:.2f} of the slopes that the receiver's heights show;"

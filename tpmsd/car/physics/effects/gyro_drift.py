@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -30,7 +30,7 @@ class GyroDrift(Effect):
         distinguished_by="stand still for a minute at the beginning and at the end",
     )
     identification = Identification(shows_in=("yaw_rate", "time"), needs=("yaw_rate",))
-    rivals = Rivals(drifts_into="yaw_rate")
+    confounding = Confounding(drifts_into="yaw_rate")
     own_per_drive = True
     stays = "it belongs to the drive on which it was found"
     parameters = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -41,7 +41,7 @@ class HeadWind(Effect):
         distinguished_by="drive the same fast road there and back in the wind",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"), needs=("gnss", "both_axles"))
-    rivals = Rivals(rare=True, resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(rare=True, resembles=NoiseResemblance.WHEEL)
     own_per_drive = True
     stays = "it belongs to the drive on which it was found"
     parameters = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_LEFT, WHEELS, FloatArray
 
@@ -44,7 +44,7 @@ class InnerWheelSlip(Effect):
         distinguished_by="speed up and brake in bends to both sides, ten times each",
     )
     identification = Identification(shows_in=("wheel_ratio", "accel_lat"), contrast=True)
-    rivals = Rivals(common=True)
+    confounding = Confounding(common=True)
     one_sign = True
     parameters = (
         Parameter(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -28,7 +28,7 @@ class LateralSlip(Effect):
         distinguished_by="drive the same bend slowly and fast: slip grows with speed, a lever arm does not",
     )
     identification = Identification(shows_in=("gnss_course", "accel_lat"), needs=("gnss",))
-    rivals = Rivals(common=True)
+    confounding = Confounding(common=True)
     in_calibration = (("slip_lateral", "coefficient", "rad.s2/m"),)
     one_sign = True
     parameters = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
@@ -39,7 +39,7 @@ class LoadStatic(Effect):
         distinguished_by="drive the same road with the load and without, a stop of a minute between",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"))
-    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(resembles=NoiseResemblance.WHEEL)
     own_per_drive = True
     kind = Kind.PHYSICS
     stays = "it belongs to the drive on which it was found"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import LATERAL_LOAD_S2
 from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
@@ -37,7 +37,7 @@ class LoadTransferLateral(Effect):
         distinguished_by="drive the same bend slowly and fast, to both sides",
     )
     identification = Identification(shows_in=("wheel_ratio", "accel_lat"), contrast=True)
-    rivals = Rivals(common=True)
+    confounding = Confounding(common=True)
     nonlinear = Nonlinear(ratio_limits=(-0.7, 0.7))
     in_calibration = (("load_lateral", "coefficient", "s2"),)
     one_sign = True

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
-USUAL = Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N")
+TYPICAL = Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N")
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class LoadTransferLongitudinal(Effect):
         distinguished_by="brake and accelerate firmly on a straight, ten times",
     )
     identification = Identification(shows_in=("wheel_ratio", "accel_long"), contrast=True)
-    rivals = Rivals(common=True)
+    confounding = Confounding(common=True)
     one_sign = True
     parameters = (
         Parameter(
@@ -45,20 +45,20 @@ class LoadTransferLongitudinal(Effect):
             2e-3,
             "c, metres of radius per m/s2",
             probe=1e-6,
-            prior=USUAL,
+            prior=TYPICAL,
         ),
     )
     coefficient: float
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Beyond what usual cars have as their spread says, by Student's distribution."""
-        return super().against(value) + tail_nats(max(value - USUAL.mean, 0.0), USUAL)
+        return super().penalty(value) + tail_nats(max(value - TYPICAL.mean, 0.0), TYPICAL)
 
     @classmethod
     def goes_before(cls, value: float) -> bool:
         """Return whether 95 of 100 cars have this much or less."""
-        return value < USUAL.mean + 2.0 * USUAL.std
+        return value < TYPICAL.mean + 2.0 * TYPICAL.std
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) +c*a_x on the front pair, -c*a_x on the rear pair."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
@@ -36,7 +36,7 @@ class LockedDifferential(Effect):
         distinguished_by="drive full circles slowly, to both sides: load transfer is small there",
     )
     identification = Identification(shows_in=("wheel_ratio", "yaw_rate"), contrast=True)
-    rivals = Rivals(rare=True, limit="track_width_error")
+    confounding = Confounding(rare=True, limit="track_width_error")
     one_sign = True
     parameters = (
         Parameter(

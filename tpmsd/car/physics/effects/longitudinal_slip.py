@@ -8,7 +8,7 @@ import numpy as np
 
 from tpmsd.car.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
 from tpmsd.car.physics.effect import Parameter
-from tpmsd.car.physics.effect_records import Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.foundation.wheels import FloatArray
@@ -36,7 +36,7 @@ class LongitudinalSlip(DriveSlip):
         ),
         distinguished_by="accelerate firmly and coast at the same speeds on a straight, ten times",
     )
-    rivals = Rivals(common=True)
+    confounding = Confounding(common=True)
     in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
     parameters = (
         Parameter(

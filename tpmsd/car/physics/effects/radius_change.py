@@ -15,7 +15,7 @@ from tpmsd.car.physics.effect import (
     TextParameter,
     WheelParameter,
 )
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
 from tpmsd.foundation.errors import ConfigError
@@ -51,7 +51,7 @@ class RadiusChange(Effect):
         distinguished_by="repeat the drive: a tyre that lost air stays small, warm-up starts anew",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"))
-    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(resembles=NoiseResemblance.WHEEL)
     nonlinear = Nonlinear(ramp=True, courses=(RAMP, EXPONENTIAL))
     own_per_drive = True
     parameters = (

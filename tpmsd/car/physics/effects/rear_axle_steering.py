@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
@@ -43,7 +43,7 @@ class RearAxleSteering(Effect):
         distinguished_by="drive the same bends slowly and fast, to both sides",
     )
     identification = Identification(shows_in=("gnss_course", "accel_lat"), needs=("gnss",))
-    rivals = Rivals(rare=True)
+    confounding = Confounding(rare=True)
     nonlinear = Nonlinear(
         # 40 to 80 km/h.
         grid=Grid(
@@ -51,7 +51,7 @@ class RearAxleSteering(Effect):
             values=(10.0, 16.0),
             middle=16.0,
             range=(5.0, 30.0),
-            price=lambda speed: 0.7 + 0.5 * (math.log(speed / 15.0) / 0.3) ** 2,
+            penalty=lambda speed: 0.7 + 0.5 * (math.log(speed / 15.0) / 0.3) ** 2,
             step=1.4,
         )
     )

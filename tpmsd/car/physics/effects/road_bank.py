@@ -12,7 +12,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL = 0.12
+TOLERANCE = 0.12
 """Share of the lateral acceleration up to which it is usual: flat bends, and a body that rolls by 7 degrees
 per g outwards."""
 
@@ -66,9 +66,9 @@ class RoadBank(Effect):
     crown_rad: float = 0.0
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a share is usual: a body's roll or a scale may make it."""
-        if abs(value) - 2.0 * std > USUAL:
+        if abs(value) - 2.0 * std > TOLERANCE:
             return ""
         return f"a share of {value:.2f} +- {std:.2f} of the lateral acceleration is not read; bodies roll so"
 

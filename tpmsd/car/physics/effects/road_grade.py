@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -34,8 +34,8 @@ class RoadGrade(Effect):
         distinguished_by="drive up and down a long slope of 5 % or more at constant speed",
     )
     identification = Identification(shows_in=("wheel", "grade"), needs=("gnss", "slopes"))
-    rivals = Rivals(resembles=NoiseResemblance.COMMON)
-    alike_on_every_drive = True
+    confounding = Confounding(resembles=NoiseResemblance.COMMON)
+    common_to_all_drives = True
     shortens = True
     one_sign = True
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Parameter, Prior, WheelParameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
@@ -34,7 +34,7 @@ class SpareOrMixedTyre(Effect):
         distinguished_by="drive once with the spare and once without",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"))
-    rivals = Rivals(confounded=("radius_constant", "tone_ring_error"))
+    confounding = Confounding(confounded=("radius_constant", "tone_ring_error"))
     own_per_drive = True
     parameters = (
         WheelParameter(),

@@ -11,7 +11,7 @@ from tpmsd.car.physics.priors import tail_nats
 from tpmsd.car.physics.speed_signal import SpeedSignalFault
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL = Prior(0.0, 5e-5, "capture units are late by some microseconds")
+TYPICAL = Prior(0.0, 5e-5, "capture units are late by some microseconds")
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,15 @@ class SpeedScaleNonlinearity(SpeedSignalFault):
             2e-3,
             "k, relative error per speed",
             probe=1e-7,
-            prior=USUAL,
+            prior=TYPICAL,
         ),
     )
     per_mps: float
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Beyond what capture units are late by: growth with speed reads much the same."""
-        return super().against(value) + tail_nats(value, USUAL)
+        return super().penalty(value) + tail_nats(value, TYPICAL)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) k * v, v of each wheel."""

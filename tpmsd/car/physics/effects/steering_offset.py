@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_RAD = 0.05
+TOLERANCE_RAD = 0.05
 """Up to which an angle on the straight is usual: three degrees, by the crown of the road and the sensor."""
 
 
@@ -51,9 +51,9 @@ class SteeringOffset(Effect):
     offset_rad: float
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """No steering wheel stands quite straight."""
-        if abs(value) - 2.0 * std > USUAL_RAD:
+        if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
         return f"the steering wheel reads {value:.3f} +- {std:.3f} rad on the straight, as they do"
 

@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL = 0.06
+TOLERANCE = 0.06
 """Up to which a relative error is usual: racks of variable ratio, and front wheels that slip sideways."""
 
 
@@ -50,9 +50,9 @@ class SteeringRatioError(Effect):
     ratio: float
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a ratio is usual: racks vary by it; `value` is the difference from one."""
-        if abs(value) - 2.0 * std > USUAL:
+        if abs(value) - 2.0 * std > TOLERANCE:
             return ""
         return f"the steering's ratio is {1.0 + value:.3f} +- {std:.3f} of the configured one"
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_LEFT, FloatArray
@@ -38,7 +38,7 @@ class SunSide(Effect):
         distinguished_by="drive the same road there and back in the sun",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"), contrast=True)
-    rivals = Rivals(resembles=NoiseResemblance.WHEEL)
+    confounding = Confounding(resembles=NoiseResemblance.WHEEL)
     nonlinear = Nonlinear(
         # A flank alone answers within two minutes, tread and air within ten.
         grid=Grid(
@@ -46,7 +46,7 @@ class SunSide(Effect):
             values=(75.0, 150.0, 300.0, 600.0),
             middle=300.0,
             range=(30.0, 3000.0),
-            price=lambda lag: 1.4 + 0.5 * (math.log(lag / 300.0) / 0.7) ** 2,
+            penalty=lambda lag: 1.4 + 0.5 * (math.log(lag / 300.0) / 0.7) ** 2,
             step=1.5,
         )
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.priors import WARMTH_M
 from tpmsd.foundation.wheels import FloatArray
@@ -35,7 +35,7 @@ class ThermalGrowth(Effect):
         distinguished_by="after half an hour, hold the speed of the first minutes once more",
     )
     identification = Identification(shows_in=("wheel", "time"))
-    rivals = Rivals(resembles=NoiseResemblance.COMMON)
+    confounding = Confounding(resembles=NoiseResemblance.COMMON)
     nonlinear = Nonlinear(
         # Tyres take ten minutes, give or take a factor of two.
         grid=Grid(
@@ -43,7 +43,7 @@ class ThermalGrowth(Effect):
             values=(120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0),
             middle=450.0,
             range=(60.0, 6000.0),
-            price=lambda tau: 1.5 + 0.5 * (math.log(tau / 500.0) / 0.7) ** 2,
+            penalty=lambda tau: 1.5 + 0.5 * (math.log(tau / 500.0) / 0.7) ** 2,
             step=1.4,
         )
     )

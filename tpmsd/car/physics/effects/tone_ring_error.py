@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.rings.ring import harmonic_rad
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
-USUAL_RAD = 5e-4
+TOLERANCE_RAD = 5e-4
 """Amplitude up to which a ring is usual: 0.025 mm off centre on a ring of 50 mm. Workshop manuals allow a
 runout of 0.15 mm, three times that (Chrysler, tone wheel runout)."""
 
@@ -62,9 +62,9 @@ class ToneRingError(Effect):
     phase_rad: float = 0.0
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """No ring runs quite true; speeds that are timed from edge to edge show it."""
-        if abs(value) - 2.0 * std > USUAL_RAD:
+        if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
         return f"uneven by {value:.1e} +- {std:.1e} rad once per turn, as rings are"
 

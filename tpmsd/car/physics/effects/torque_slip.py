@@ -9,7 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.covariates import covariate
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Nonlinear, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
@@ -35,7 +35,7 @@ class TorqueSlip(Effect):
         ),
     )
     identification = Identification(shows_in=("wheel_ratio", "torque"), needs=("torque",))
-    rivals = Rivals(common=True, limit="longitudinal_slip")
+    confounding = Confounding(common=True, limit="longitudinal_slip")
     nonlinear = Nonlinear(
         # A filling manifold and a drive shaft take a tenth of a second or two.
         grid=Grid(
@@ -43,7 +43,7 @@ class TorqueSlip(Effect):
             values=(0.03, 0.15),
             middle=0.03,
             range=(0.005, 1.0),
-            price=lambda lag: 0.7 + 0.5 * (math.log(lag / 0.1) / 1.0) ** 2,
+            penalty=lambda lag: 0.7 + 0.5 * (math.log(lag / 0.1) / 1.0) ** 2,
             step=2.0,
         )
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import TRACK_M
 from tpmsd.foundation.wheels import WHEELS
@@ -32,7 +32,7 @@ class TrackWidthError(Effect):
         distinguished_by="drive full circles slowly, to both sides: load transfer is small there",
     )
     identification = Identification(shows_in=("wheel_ratio", "yaw_rate"), contrast=True)
-    rivals = Rivals(beside_value=("yaw_rate_scale",))
+    confounding = Confounding(estimated_jointly_with=("yaw_rate_scale",))
     in_calibration = (
         ("track_rear", "rear_relative", "1"),
         ("track_front", "front_relative", "1"),

@@ -8,7 +8,7 @@ from tpmsd.car.physics.effect import Effect, Kind, Parameter
 from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.priors import SPEED_AGE_S
 
-USUAL_S, UNUSUAL_S = 0.05, 0.08
+TOLERANCE_S, UNUSUAL_S = 0.05, 0.08
 """Up to the one a lag is usual (every real recording at hand has one of 0.03 to 0.06 s), from the other on it
 is not."""
 OWN = 6.0
@@ -56,13 +56,13 @@ class VelocityLag(Effect):
     lag_s: float
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Return a penalty that rises from the usual lag to an unusual one."""
-        beyond = (abs(value) - USUAL_S) / (UNUSUAL_S - USUAL_S)
+        beyond = (abs(value) - TOLERANCE_S) / (UNUSUAL_S - TOLERANCE_S)
         return OWN * (2.0 * min(max(beyond, 0.0), 1.0) - 1.0)
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a lag that is not surely unusual is the receiver's own."""
         if abs(value) - 2.0 * std > UNUSUAL_S:
             return ""

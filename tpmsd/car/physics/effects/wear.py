@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, NoiseResemblance, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
@@ -36,7 +36,7 @@ class Wear(Effect):
         distinguished_by="compare the radii of drives that lie thousands of kilometres apart",
     )
     identification = Identification(shows_in=("wheel", "distance"), needs=("gnss",))
-    rivals = Rivals(resembles=NoiseResemblance.COMMON)
+    confounding = Confounding(resembles=NoiseResemblance.COMMON)
     one_sign = True
     parameters = (
         Parameter(

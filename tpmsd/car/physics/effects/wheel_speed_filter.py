@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.first_order import low_passed
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
@@ -15,7 +15,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 LEAST_MPS = 1.0
 """Below, the share is that at this speed."""
-USUAL_S, OWN = 0.1, 6.0
+TOLERANCE_S, OWN = 0.1, 6.0
 """Up to which time constant smoothing is a control unit's own, and the nats that such a one costs: it can
 hardly be told from the age of a fix."""
 
@@ -41,7 +41,7 @@ class WheelSpeedFilter(Effect):
         distinguished_by="accelerate and brake as hard as the traffic allows, ten times",
     )
     identification = Identification(shows_in=("wheel", "accel_long"), needs=("speeds", "gnss"))
-    rivals = Rivals(rare=True, beside=("velocity_lag", "gnss_latency"))
+    confounding = Confounding(rare=True, tested_jointly_with=("velocity_lag", "gnss_latency"))
     one_sign = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (
@@ -60,14 +60,14 @@ class WheelSpeedFilter(Effect):
     time_constant_s: float
 
     @classmethod
-    def against(cls, value: float) -> float:
+    def penalty(cls, value: float) -> float:
         """Return a penalty on a short constant: a lag has the better known name."""
-        return super().against(value) + (OWN if value < USUAL_S else 0.0)
+        return super().penalty(value) + (OWN if value < TOLERANCE_S else 0.0)
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """Return the reason why a short low-pass is usual: the bus has its own."""
-        if value - 2.0 * std > USUAL_S:
+        if value - 2.0 * std > TOLERANCE_S:
             return ""
         return f"the bus smooths its wheel speeds over {value:.2f} +- {std:.2f} s; taken into account"
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.priors import GYRO_ZERO_RADPS
 from tpmsd.foundation.wheels import FloatArray
 
-USUAL_RADPS = 5e-4
+TOLERANCE_RADPS = 5e-4
 """Up to which a zero is usual: what a standstill leaves (1e-4), flicker noise, and a bus that rounds to
 0.01 to 0.05 degrees per second."""
 
@@ -31,7 +31,7 @@ class YawRateBias(Effect):
         distinguished_by="stand still for a minute with the ignition on",
     )
     identification = Identification(shows_in=("yaw_rate", "time"), needs=("yaw_rate",), everywhere=True)
-    rivals = Rivals(drifts_into="yaw_rate")
+    confounding = Confounding(drifts_into="yaw_rate")
     parameters = (
         Parameter(
             "bias",
@@ -47,9 +47,9 @@ class YawRateBias(Effect):
     bias: float
 
     @classmethod
-    def usual(cls, value: float, std: float, speeds: bool) -> str:
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
         """No gyro reads zero on the straight."""
-        if abs(value) - 2.0 * std > USUAL_RADPS:
+        if abs(value) - 2.0 * std > TOLERANCE_RADPS:
             return ""
         return f"the gyro reads {value:.1e} +- {std:.1e} rad/s on the straight, as they do"
 

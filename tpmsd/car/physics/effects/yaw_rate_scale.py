@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
-from tpmsd.car.physics.effect_records import Identification, Rivals, Wording
+from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.priors import GYRO_SCALE
 from tpmsd.foundation.wheels import FloatArray
 
@@ -27,7 +27,7 @@ class YawRateScale(Effect):
         distinguished_by="drive ten full circles to each side",
     )
     identification = Identification(shows_in=("yaw_rate", "yaw_rate"), needs=("yaw_rate",))
-    rivals = Rivals(beside_value=("track_width_error",))
+    confounding = Confounding(estimated_jointly_with=("track_width_error",))
     in_calibration = (("gyro_gain", "scale_minus_one", "1"),)
     parameters = (
         Parameter(

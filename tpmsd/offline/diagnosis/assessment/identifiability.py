@@ -45,7 +45,7 @@ def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
     bases = {name: _basis(term, gram) for name, term in terms.items()}
     out = []
     for name, term in terms.items():
-        size = np.array([usual_size(term.kind_of, parameter) for parameter in term.parameters])
+        size = np.array([prior_scale(term.kind_of, parameter) for parameter in term.parameters])
         gain = 0.5 * float(size @ term.design[1:].T @ gram @ term.design[1:] @ size)
         near = {other: _cosine(bases[name], bases[other], gram) for other in terms if other != name}
         similar = tuple(
@@ -70,7 +70,7 @@ def _one_each(catalogue: list[Term]) -> dict[str, Term]:
     return out
 
 
-def usual_size(effect: type[Effect], parameter: str) -> float:
+def prior_scale(effect: type[Effect], parameter: str) -> float:
     """Difference from neutral that is usual: the larger of the prior's mean and its standard deviation."""
     for one in effect.parameters:
         if isinstance(one, Parameter) and one.name == parameter:
@@ -96,10 +96,13 @@ def _cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
     return float(min(np.linalg.svd(one.T @ gram @ other, compute_uv=False)[0], 1.0))
 
 
-def advice(effect: str, rivals: tuple[str, ...]) -> str:
-    """Return the drive that would separate an effect from the first of its rivals; empty without rivals."""
-    if not rivals:
+def advice(effect: str, confounded_with: tuple[str, ...]) -> str:
+    """Return the drive that would separate an effect from the first effect that it is confounded with; empty
+    where there is none."""
+    if not confounded_with:
         return ""
-    known = (EFFECTS[name].wording.distinguished_by for name in (effect, rivals[0]) if name in EFFECTS)
+    known = (
+        EFFECTS[name].wording.distinguished_by for name in (effect, confounded_with[0]) if name in EFFECTS
+    )
     order = [drive for drive in known if drive]
-    return f"to tell {effect} from {rivals[0]}: " + "; and ".join(dict.fromkeys(order))
+    return f"to tell {effect} from {confounded_with[0]}: " + "; and ".join(dict.fromkeys(order))

@@ -112,7 +112,7 @@ class Finding:
     """Log-likelihood on held-out blocks, in nats."""
     indistinguishable_from: tuple[str, ...]
     advice: str = ""
-    """Recommended manoeuvre that would distinguish the rivals."""
+    """Recommended manoeuvre that would distinguish the alternatives."""
     identified_by: str = ""
     """Evidence that distinguishes it from its like, where that is not in the gains."""
     shape: tuple[tuple[float, float, float], ...] = ()

@@ -108,7 +108,7 @@ def _of_grid(
     gains, sizes = _profiled(study, selection, which, tangents, [(a, b) for a in firsts for b in seconds])
     gains = gains.reshape(len(firsts), len(seconds))
     if grid.second is not None and len(seconds) > 1:
-        gains = gains - np.array([grid.second.price(value) for value in seconds])
+        gains = gains - np.array([grid.second.penalty(value) for value in seconds])
     sizes = sizes.reshape(-1, len(firsts), len(seconds))
     # Along the first, the second fitted; then along the second, the first held: what is left of the variance.
     best = np.argmax(gains, axis=1)

@@ -63,7 +63,7 @@ def ordinary_ring_note(finding: Finding, speeds: bool) -> str:
     if finding.effect != TEETH.name or amplitude is None:
         return ""
     assert isinstance(amplitude.value, float)
-    note = TEETH.usual(amplitude.value, amplitude.std or 0.0, speeds)
+    note = TEETH.tolerance_note(amplitude.value, amplitude.std or 0.0, speeds)
     return note and f"the ring of {finding.parameters['wheel'].value}: {note}"
 
 

@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, CarLimits, Hypotheses, Name, Term, for_drive
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
-SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_every_drive)
+SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.common_to_all_drives)
 """Effects of which no drive has a value of its own."""
 
 
@@ -104,7 +104,7 @@ class JointHypotheses(Hypotheses):
         singles = [
             term.design
             for term in own
-            if term.design.shape[1] == 1 and term.typical and not term.kind_of.rivals.mirror_of
+            if term.design.shape[1] == 1 and term.typical and not term.kind_of.confounding.mirror_of
         ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.hypotheses.prices import RAMPED_PLACES, grid_price, ramp_price
+from tpmsd.offline.diagnosis.hypotheses.penalties import RAMPED_PLACES, grid_penalty, ramp_penalty
 from tpmsd.offline.diagnosis.hypotheses.terms import (
     ANY_CAR,
     PATTERNS,
@@ -71,11 +71,11 @@ class DriveHypotheses(Hypotheses):
             if any(probe.key not in self._place for probe in group):
                 continue
             name, place, at = group[0].effect, group[0].wheel_pattern, group[0].at
-            price = SETTINGS.hypotheses.per_value_nats * len(group) + grid_price(EFFECTS[name], at)
-            price += math.log(max(len(EFFECTS[name].identification.wheel_patterns), 1))
+            penalty = SETTINGS.hypotheses.per_value_nats * len(group) + grid_penalty(EFFECTS[name], at)
+            penalty += math.log(max(len(EFFECTS[name].identification.wheel_patterns), 1))
             design = self._unit([probe.key for probe in group])
             parameters = tuple(probe.parameter for probe in group)
-            out.append(Term(name, design, parameters, price, place=place, at=at))
+            out.append(Term(name, design, parameters, penalty, place=place, at=at))
         return out
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -141,7 +141,7 @@ class DriveHypotheses(Hypotheses):
         for wheel in wheels.split():
             design[self._ramp_columns(wheel)[a:b], 0] = 1.0 / (b - a)
         span = (float(self._knots_s[a]), float(self._knots_s[b]))
-        return Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheels, span_s=span)
+        return Term(FAULT.name, design, (RAMPED,), ramp_penalty(), wheel=wheels, span_s=span)
 
     def _ramp_columns(self, wheel: str) -> np.ndarray:
         """(knots,) places of a wheel's ramps in the common index."""

@@ -40,7 +40,7 @@ def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
     return {
         (name, parameter): other
         for name, effect in EFFECTS.items()
-        for parameter, other in effect.completed_by(car).items()
+        for parameter, other in effect.summed_with(car).items()
     }
 
 

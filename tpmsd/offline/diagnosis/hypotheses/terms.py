@@ -19,7 +19,7 @@ from tpmsd.car.physics.catalogue import EFFECTS, FAULT, FREE
 from tpmsd.car.physics.effect import Effect, Kind
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import gain_of_rows
-from tpmsd.offline.diagnosis.hypotheses.prices import grid_price, ramp_price, shape_price
+from tpmsd.offline.diagnosis.hypotheses.penalties import grid_penalty, ramp_penalty, spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import PLACES
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
@@ -93,9 +93,9 @@ class Term:
         """Log-likelihood that it brings, and its first value, as `group_gain`."""
         return gain_of_rows(*self.acting, gram, b)
 
-    def price(self, first: float) -> float:
+    def total_penalty(self, first: float) -> float:
         """Return the penalty, given the first value: rare values are penalised."""
-        return self.penalty + self.kind_of.against(first)
+        return self.penalty + self.kind_of.penalty(first)
 
     @property
     def kind_of(self) -> type[Effect]:
@@ -129,7 +129,8 @@ class Term:
 
     @property
     def key(self) -> tuple[str, ...]:
-        """Return what makes two terms rivals in the model: an effect may act once (per wheel, per place)."""
+        """Return what makes two terms alternatives in the model: an effect may act once (per wheel, per
+        place)."""
         drive = "" if self.drive is None else str(self.drive)
         return (self.effect, self.wheel, self.place, self.covariate, drive)
 
@@ -186,7 +187,7 @@ class Hypotheses(ABC):
             for term in self.catalogue
             if term.design.shape[1] == 1
             and term.typical
-            and not (term.kind_of.rivals.mirror_of or term.kind_of.rivals.rare)
+            and not (term.kind_of.confounding.mirror_of or term.kind_of.confounding.rare)
         ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 
@@ -206,18 +207,18 @@ class Hypotheses(ABC):
 
     def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int, course: str = "") -> None:
         """Add a ramp off the grid, whose response is that column."""
-        design, price = self._column(column), ramp_price(course)
-        term = Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s, course=course)
+        design, penalty = self._column(column), ramp_penalty(course)
+        term = Term(FAULT.name, design, (RAMPED,), penalty, wheel=wheel, span_s=span_s, course=course)
         self.catalogue.append(term)
 
     def add_off_grid(
         self, like: Term, at: float, columns: Sequence[int], second: float | None = None
     ) -> None:
         """Add a term whose nonlinear parameters lie off the grid, with the response to each of its values."""
-        price = like.penalty - grid_price(like.kind_of, like.at, like.second)
-        price += grid_price(like.kind_of, at, second)
+        penalty = like.penalty - grid_penalty(like.kind_of, like.at, like.second)
+        penalty += grid_penalty(like.kind_of, at, second)
         design = np.concatenate([self._column(column) for column in columns], axis=1)
-        moved = replace(like, design=design, penalty=price, at=at, second=second, drive=None)
+        moved = replace(like, design=design, penalty=penalty, at=at, second=second, drive=None)
         self.catalogue.append(moved)
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
@@ -245,13 +246,13 @@ class Hypotheses(ABC):
         """Return a pulse of the radii on some wheels, or the event that looks so: its value is then
         a slip.
         """
-        price = SETTINGS.hypotheses.per_value_nats + math.log(
+        penalty = SETTINGS.hypotheses.per_value_nats + math.log(
             len(PULSED) / 2 * SETTINGS.hypotheses.ramp_knots**2
         )
         if effect == FREE.name:
-            return Term(effect, design, ("height_m",), price, span_s=span_s, place=place, covariate="time")
+            return Term(effect, design, ("height_m",), penalty, span_s=span_s, place=place, covariate="time")
         slip = -design * self.mean_radius_m(place)
-        return Term(effect, slip, (SLIPPING,), price, span_s=span_s, place=place)
+        return Term(effect, slip, (SLIPPING,), penalty, span_s=span_s, place=place)
 
     def mean_radius_m(self, place: str) -> float:
         """Mean radius of the wheels of a place."""
@@ -279,7 +280,7 @@ class Hypotheses(ABC):
 def spline_term(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
     """Return a smooth term whose values (k,) are its heights at the knots."""
     values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
-    penalty = shape_price(design.shape[1])
+    penalty = spline_penalty(design.shape[1])
     return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
 
 

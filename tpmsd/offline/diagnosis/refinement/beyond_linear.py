@@ -1,7 +1,7 @@
 """Removes terms that only explain the linearisation error of the others.
 
 In: a `Study` and its `Selection`. Out: what is significant beside the exact response of the others, and how
-sure it is beside rivals that act exactly.
+sure it is beside alternatives that act exactly.
 
 A lag of 0.3 s is a shift, its linear response the slope: the error is the curvature, and a faint low-pass has
 the same. So each term is tested again with the linearisation error of the other terms subtracted from the
@@ -34,8 +34,8 @@ def needed_exactly(study: Study, selection: Selection, evidence: Evidence, last:
     """Return what was chosen, without terms that do not pay their penalty beside the exact response of the
     others.
 
-    The weakest is tested first, the strongest never. `last` as of `Selector`: rivals are then compared by
-    their exact responses, too.
+    The weakest is tested first, the strongest never. `last` as of `Selector`: alternatives are then compared
+    by their exact responses, too.
     """
     selector = Selector(evidence, study.hypotheses, last)
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:

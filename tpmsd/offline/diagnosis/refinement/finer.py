@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
+from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term
 from tpmsd.offline.diagnosis.prepared.drive_study import Hat, Refined
@@ -47,12 +47,12 @@ class Shape:
 
 
 def finest_shape(study: Study, term: Term) -> Shape:
-    """Return the finest shape in a term's place."""
+    """Return the finest shape instead of a term."""
     return _shape(study, term, _finest(study, term))
 
 
 def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
-    """Return the best shape in a term's place beside the others; None to leave it."""
+    """Return the best shape instead of a term beside the others; None to leave it."""
     selector = Selector(evidence, study.hypotheses)
     if len(_finest(study, term)) < 4:
         return None
@@ -68,7 +68,7 @@ class Knots:
     at: FloatArray
     """(k,)"""
     score: float
-    """Gain beyond the design, less the price of its heights (nats)."""
+    """Gain beyond the design, less the penalty of its heights (nats)."""
     without: float
     """Gain of the design alone."""
 
@@ -100,7 +100,7 @@ def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
         wide = np.zeros((len(gram), 1 + design.shape[1] + combined.shape[1]))
         wide[: 1 + design.shape[1], : 1 + design.shape[1]] = np.eye(1 + design.shape[1])
         wide[1 + design.shape[1] :, 1 + design.shape[1] :] = combined
-        score = gain_of(wide.T @ gram @ wide) - without - shape_price(combined.shape[1])
+        score = gain_of(wide.T @ gram @ wide) - without - spline_penalty(combined.shape[1])
         if score > best.score:
             best = Knots(fine[at], score, without)
     return best

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.catalogue import parameters_of
-from tpmsd.car.physics.effect import Beside, Parameter
+from tpmsd.car.physics.effect import Parameter, SecondParameter
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.prices import ramp_price
+from tpmsd.offline.diagnosis.hypotheses.penalties import ramp_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import ramp_knots
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, for_drive
 from tpmsd.offline.diagnosis.prepared.drive_study import Refined, refined
@@ -111,8 +111,10 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
         if not scores or max(scores) <= gain - term.penalty:
             if not (term.ramp or term.pulse):
                 return term
-            rivals = [one for _, one in found if one is not term and one.pulse and _same_span(one, term)]
-            return exact(study, evidence, design, term, rivals)
+            alternatives = [
+                one for _, one in found if one is not term and one.pulse and _same_span(one, term)
+            ]
+            return exact(study, evidence, design, term, alternatives)
         term = coarse[scores.index(max(scores))]
     shape = finest_shape(study, term)
     shape.add_to(study, study.append(shape.columns))
@@ -120,15 +122,15 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
 
 
 def exact(
-    study: Study, evidence: Evidence, design: FloatArray, term: Term, rivals: Sequence[Term] = ()
+    study: Study, evidence: Evidence, design: FloatArray, term: Term, alternatives: Sequence[Term] = ()
 ) -> Term:
-    """Return a ramp or pulse off its grid, and so are the rivals that act on the same wheels and span.
+    """Return a ramp or pulse off its grid, and so are the alternatives that act on the same wheels and span.
 
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
     point, columns = _best(study, evidence, design, term)
     places = study.append(columns)
-    for one in (*rivals, term):
+    for one in (*alternatives, term):
         _add(study, one, point, places)
     return study.hypotheses.catalogue[-1]
 
@@ -206,7 +208,7 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
     return [Point(one.first, float(np.clip(second, low, high))) for one in along for second in seconds]
 
 
-def _second(term: Term) -> Beside:
+def _second(term: Term) -> SecondParameter:
     """Return a term's second nonlinear parameter, which it has."""
     grid = term.kind_of.nonlinear.grid
     assert grid is not None
@@ -227,7 +229,7 @@ def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> t
             begin = Point(_onset(point), tau, course)
             other = _searched(study, evidence, design, term, begin, Point(tau, 2.0, course))
             long = other[0].second > SETTINGS.selection.step_s
-            if long and other[2] - ramp_price(course) > gain - ramp_price(point.course):
+            if long and other[2] - ramp_penalty(course) > gain - ramp_penalty(point.course):
                 point, columns, gain = other
     return point, columns
 
@@ -279,7 +281,7 @@ def _searched(
             size += np.einsum("nti,ntj->tij", rows, rows, optimize=True)
             trials[number] = trial
         gains = _gains(believed, cross, size)
-        best = int(np.argmax(gains - np.array([_price(term, point) for point in points])))
+        best = int(np.argmax(gains - np.array([_penalty(term, point) for point in points])))
         centre, gain = points[best], float(gains[best])
         columns = [
             (parts[k], {number: trial[:, :, k] for number, trial in trials.items()})
@@ -294,9 +296,9 @@ def _searched(
     return centre, columns, gain
 
 
-def _price(term: Term, point: Point) -> float:
+def _penalty(term: Term, point: Point) -> float:
     """Return what the values of a second nonlinear parameter cost more or less than others."""
-    return _second(term).price(point.second) if term.at is not None and point.second else 0.0
+    return _second(term).penalty(point.second) if term.at is not None and point.second else 0.0
 
 
 def _gains(believed: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ import numpy as np
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.assessment.result import NotDetectable
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -59,7 +59,7 @@ def _is_asked_for(effect: type[Effect]) -> bool:
     # These have searches of their own, and no column tells their sizes.
     how, change = effect.identification, effect.nonlinear
     searched_apart = (change.ramp, change.span, how.by_teeth, how.by_ripple, how.at_walking_pace, how.reads)
-    return not (any(searched_apart) or effect.rivals.mirror_of)
+    return not (any(searched_apart) or effect.confounding.mirror_of)
 
 
 def smallest_sizes(
@@ -81,7 +81,7 @@ def smallest_sizes(
     if not sizes:
         return {}, math.inf
     kind = terms[0].kind_of
-    share = min(size / usual_size(kind, name) for name, size in sizes.items())
+    share = min(size / prior_scale(kind, name) for name, size in sizes.items())
     units = {p.name: p.unit for p in kind.parameters}
     reported: Mapping[str, float] = {name: size for name, size in sizes.items() if name}
     return {
@@ -105,10 +105,10 @@ def smallest_size(
     size, least = 0.0, _least_gain(selector, chosen)
     for _ in range(SETTINGS.assessment.size_rounds):
         signs = (1.0,) if kind.one_sign else (1.0, -1.0)
-        against = max(0.0, *(kind.against(sign * size) for sign in signs))
+        against = max(0.0, *(kind.penalty(sign * size) for sign in signs))
         nats = least + term.penalty + against
         size = std * (math.sqrt(2.0 * nats) + SETTINGS.assessment.power_stds)
-    while size < SETTINGS.assessment.unthinkable_stds * std and kind.usual(size, std, study.speeds):
+    while size < SETTINGS.assessment.unthinkable_stds * std and kind.tolerance_note(size, std, study.speeds):
         size += std
     return size
 

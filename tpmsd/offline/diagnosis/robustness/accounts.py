@@ -87,7 +87,7 @@ def erring(found: Found) -> Found:
     chosen = {term.effect for term in terms}
     likely: list[Term] = []
     for term in study.hypotheses.catalogue:
-        if term.kind_of.rivals.resembles is NoiseResemblance.VELOCITY and term.effect not in chosen:
+        if term.kind_of.confounding.resembles is NoiseResemblance.VELOCITY and term.effect not in chosen:
             most = under_other_noise(study, selector.design([*terms, term]), design.shape[1], {0: calm})
             likely += [term] if most > term.penalty + SETTINGS.selection.admit_nats else []
     if not likely:

@@ -308,6 +308,6 @@ def _largest_gain(search: Candidates, rest: list[Term]) -> float:
     for net, (term, *_) in search.candidates(rest):
         if net <= largest:  # no ratio is below one
             break
-        if not term.calibrates and term.kind_of.against(0.0) >= 0.0:
+        if not term.calibrates and term.kind_of.penalty(0.0) >= 0.0:
             largest = max(largest, search.studentised(rest, term, net))
     return largest

@@ -34,7 +34,7 @@ def confirmed(found: Found) -> Found:
     """Take out the terms that slow noise explains as well."""
     study, selection, evidence = found
     for one in selection.chosen:
-        looks = one.term.kind_of.rivals.resembles
+        looks = one.term.kind_of.confounding.resembles
         common = looks is NoiseResemblance.COMMON or of_all_read(study, one.term)
         wheel = looks is NoiseResemblance.WHEEL or one.term.covariate in ("time", "distance")
         clear = SETTINGS.robustness.clear_of_drift_nats if wheel else 0.0
@@ -66,7 +66,7 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
     """Return what may as well be an instrument's usual making is that, and no finding."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
-        usual = one.term.kind_of.rivals.beside
+        usual = one.term.kind_of.confounding.tested_jointly_with
         if not usual or one.confidence >= SETTINGS.robustness.sure:
             continue
         same = [t for t in study.hypotheses.catalogue if t.effect in usual and t.drive == one.term.drive]

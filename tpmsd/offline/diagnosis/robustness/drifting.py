@@ -40,7 +40,7 @@ def drifting(found: Found) -> Found:
     if len(study.drives) > 1 or not measured or drive.noise.gyro_drift_radps < DRIFTS:
         return found
     terms = [one.term for one in selection.chosen]
-    others = [term for term in terms if term.kind_of.rivals.drifts_into != READING]
+    others = [term for term in terms if term.kind_of.confounding.drifts_into != READING]
     usual = drive.under(replace(drive.noise, gyro_drift_radps=USUAL))
     selector = Selector(study.trial([usual]).evidence(), study.hypotheses, last=True)
     shape = _best_shape(selector, others)

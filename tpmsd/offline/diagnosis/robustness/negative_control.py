@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
+from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, first_hat, hat_functions, response_at
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -55,7 +55,7 @@ def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
         at = 0
         for column in columns:
             X = white[:, at : at + column.shape[2]]
-            out.append(_gain(X, left) - shape_price(X.shape[1]))
+            out.append(_gain(X, left) - spline_penalty(X.shape[1]))
             at += X.shape[1]
     return out
 

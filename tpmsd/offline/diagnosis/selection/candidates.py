@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import usual_size
+from tpmsd.car.physics.catalogue import prior_rms
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
@@ -46,7 +46,7 @@ class Candidates:
 
         The values of the terms stand where they stand in their own fit.
         """
-        usual = set(of.kind_of.rivals.beside_value) - {term.effect for term in terms}
+        usual = set(of.kind_of.confounding.estimated_jointly_with) - {term.effect for term in terms}
         by_effect: dict[str, Term] = {}
         for t in self.hypotheses.catalogue:
             if t.effect in usual and t.drive is None:
@@ -54,7 +54,7 @@ class Candidates:
         more = list(by_effect.values())
         fit = self.evidence.fit(self.design([*terms, *more]))
         first = fit.design.shape[1] - sum(t.design.shape[1] for t in more)
-        stds = [usual_size(t.kind_of, name) for t in more for name in t.parameters]
+        stds = [prior_rms(t.kind_of, name) for t in more for name in t.parameters]
         for column, std in enumerate(stds, first):
             fit = fit.known(column, std)
         return fit
@@ -155,8 +155,8 @@ class Candidates:
         for i in range(len(at)):
             for j in range(i + 1, len(at)):
                 if single[i].key != single[j].key:
-                    price = single[i].penalty + single[j].penalty
-                    out.append((float(gain[i, j]) - price, [single[i], single[j]]))
+                    penalty = single[i].penalty + single[j].penalty
+                    out.append((float(gain[i, j]) - penalty, [single[i], single[j]]))
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs_over(self, covariate: str, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
@@ -192,22 +192,22 @@ class Candidates:
 
     @staticmethod
     def net(term: Term, gain: float, first: float) -> float:
-        """Return what a term's gain is worth against rivals for its place."""
+        """Return what a term's gain is worth against alternatives to it."""
         if not term.free:
-            return gain - likeliest_price(term, gain, first)
-        return (1.0 - handicap(term)) * gain - term.price(first)
+            return gain - likeliest_penalty(term, gain, first)
+        return (1.0 - handicap(term)) * gain - term.total_penalty(first)
 
 
-def likeliest_price(term: Term, gain: float, first: float) -> float:
+def likeliest_penalty(term: Term, gain: float, first: float) -> float:
     """Return what an effect pays at the likeliest value: a usual value may fit nearly as well as the best
     one.
 
     A value nearer to zero by a share u gains u^2 of the gain less, for the log-likelihood is a parabola.
     """
     if len(term.parameters) > 1:
-        return term.price(first)
+        return term.total_penalty(first)
     shares = SETTINGS.selection.nearer_shares
-    return min(term.price(first * (1.0 - u)) + gain * u**2 for u in shares)
+    return min(term.total_penalty(first * (1.0 - u)) + gain * u**2 for u in shares)
 
 
 def handicap(shape: Term) -> float:
@@ -217,6 +217,6 @@ def handicap(shape: Term) -> float:
 
 
 def resting(gain: float, kept: float) -> float:
-    """Share of a name that rests on what a rival replaces: by what is not kept of the gain, and from a half
-    on wholly."""
+    """Share of a name that rests on what an alternative replaces: by what is not kept of the gain, and from a
+    half on wholly."""
     return min(1.0, (1.0 - kept / gain) / SETTINGS.selection.independent_share)

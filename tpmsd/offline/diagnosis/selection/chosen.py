@@ -23,7 +23,7 @@ class Chosen:
     """Gain over the block-wise variance ratio, less the penalty."""
     heldout_gain: float
     confidence: float
-    rivals: tuple[str, ...]
+    confounded_with: tuple[str, ...]
     """Effects of the catalogue that would do as well in its place."""
     values: FloatArray
     """(k,)"""

@@ -27,7 +27,7 @@ def usual(one: Chosen, speeds: bool) -> str:
 
     `speeds` says that the bus has wheel speeds and no counts.
     """
-    return one.term.kind_of.usual(float(one.values[0]), float(one.stds[0]), speeds)
+    return one.term.kind_of.tolerance_note(float(one.values[0]), float(one.stds[0]), speeds)
 
 
 def words_of(term: Term) -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Chooses the terms that a drive demands.
 
 In: `Evidence` and `Hypotheses`. Out: `Selection`: the chosen terms, each with the log-likelihood that it
-brings in the presence of the others, in sample and held out, its rivals, and its confidence.
+brings in the presence of the others, in sample and held out, its alternatives, and its confidence.
 
 Forward, with pairs (two effects may hide one another), each step followed by exchanges and removals. A
 term pays a penalty for its free values, for the number of places looked at, and for errors whose slow drift
@@ -27,9 +27,9 @@ from tpmsd.offline.diagnosis.hypotheses.plausible import (
     with_completions,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.selection.alternatives import Alternative, confidence, confounded, same_statement
 from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.rivals import Rival, confidence, confounded, same_statement
 from tpmsd.offline.diagnosis.selection.sets import best_set
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
@@ -51,8 +51,8 @@ class Selector(Candidates):
     ) -> None:
         """With `last` it is the verdict that is asked for, and not what the noise is estimated beside.
 
-        `beyond` tells what terms bring beyond their linear responses, nats: rivals are compared with it.
-        `barred` are keys of terms that are no candidates.
+        `beyond` tells what terms bring beyond their linear responses, nats: alternatives are compared with
+        it. `barred` are keys of terms that are no candidates.
         """
         super().__init__(evidence, hypotheses, barred)
         self.last = last
@@ -153,14 +153,14 @@ class Selector(Candidates):
             return -math.inf
         if min(self._spare(now, k) for k in at) < 0.0:
             return -math.inf
-        price = sum(term.penalty for term in terms)
+        penalty = sum(term.penalty for term in terms)
         ratio = max(self.ratio(now, k) for k in at)
         more = SETTINGS.selection.admit_nats if len(terms) == 2 else 0.0
-        return (net + price) / ratio - price - more
+        return (net + penalty) / ratio - penalty - more
 
     def _sane(self, terms: list[Term]) -> bool:
         """Return whether the terms can be told apart at all, and their values are physically thinkable."""
-        if {term.kind_of.rivals.limit for term in terms} & {term.effect for term in terms}:
+        if {term.kind_of.confounding.limit for term in terms} & {term.effect for term in terms}:
             return False
         design = self.design(terms)
         rows = np.flatnonzero(np.any(design != 0.0, axis=1))
@@ -270,7 +270,7 @@ class Selector(Candidates):
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
         out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
-        similar = set(terms[which].kind_of.rivals.beside) - {term.effect for term in terms}
+        similar = set(terms[which].kind_of.confounding.tested_jointly_with) - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in similar]
 
     def _replaced(self, term: Term, shape: Term) -> float:
@@ -286,7 +286,7 @@ class Selector(Candidates):
         return self._shares[both]
 
     def _exchange(self, chosen: list[Term]) -> list[Term]:
-        """Replace terms by better rivals until none is left."""
+        """Replace terms by better alternatives until none is left."""
         for _ in range(3 * SETTINGS.selection.most_terms):
             improved = False
             for k in range(len(chosen)):
@@ -383,7 +383,7 @@ class Selector(Candidates):
         beside it among the `others`; empty where the model with the shape is `worth` more (nats)."""
         if shape.covariate in ("time", "distance") or shape.drive is not None:
             return []
-        rest = [term for term in others if not term.kind_of.rivals.common]
+        rest = [term for term in others if not term.kind_of.confounding.common]
         gram, b = self.evidence.projected(self.design(rest))
         found = max((best_set(usual, gram, b) for usual in self._usual(rest)), key=lambda one: one.log_bayes)
         named = [*rest, *found.terms]
@@ -394,13 +394,15 @@ class Selector(Candidates):
         """Return the catalogue's terms of effects that every car has, which may stand beside others; once for
         each effect of which one is the limit.
         """
-        limits = {term.kind_of.rivals.limit for term in beside}
+        limits = {term.kind_of.confounding.limit for term in beside}
         every = [
             term
             for term in self.hypotheses.catalogue
-            if term.kind_of.rivals.common and term.drive is None and term.effect not in limits
+            if term.kind_of.confounding.common and term.drive is None and term.effect not in limits
         ]
-        limited = {term.effect: term.kind_of.rivals.limit for term in every if term.kind_of.rivals.limit}
+        limited = {
+            term.effect: term.kind_of.confounding.limit for term in every if term.kind_of.confounding.limit
+        }
         return [
             [term for term in every if term.effect not in limited],
             *(
@@ -410,8 +412,8 @@ class Selector(Candidates):
         ]
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
-        """Return whether a term brings most of its gain beside its rival too: then they explain different
-        things.
+        """Return whether a term brings most of its gain beside its alternative too: then they explain
+        different things.
         """
         return self.gain([*terms, term]) - self.gain(terms) > SETTINGS.selection.independent_share * gain
 
@@ -441,14 +443,14 @@ class Selector(Candidates):
         ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, SETTINGS.selection.most_overdispersion)
         gain = fit.gain - self.gain(rest)
         sure = gain / float(ratios.max()) - term.penalty
-        rivals = self._rivals(rest, term, gain, float(fit.values[start]), float(ratios.max()))
+        alternatives = self._alternatives(rest, term, gain, float(fit.values[start]), float(ratios.max()))
         return Chosen(
             term=term,
             gain=gain,
             admitted_by=sure,
             heldout_gain=self._heldout_gain(chosen, which),
-            confidence=confidence(term.effect, sure, rivals),
-            rivals=confounded(rivals),
+            confidence=confidence(term.effect, sure, alternatives),
+            confounded_with=confounded(alternatives),
             values=beside.values[at],
             stds=np.sqrt(
                 np.diag(beside.covariance)[at] * ratios
@@ -456,12 +458,14 @@ class Selector(Candidates):
             ),
         )
 
-    def _rivals(self, rest: list[Term], term: Term, gain: float, first: float, ratio: float) -> list[Rival]:
-        """Return the rivals of a term that gains so much beside the rest, with its first value and its
+    def _alternatives(
+        self, rest: list[Term], term: Term, gain: float, first: float, ratio: float
+    ) -> list[Alternative]:
+        """Return the alternatives of a term that gains so much beside the rest, with its first value and its
         variance ratio, the best first.
         """
         similar = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
-        # Both of two values are needed: where one does alone, no rival takes the other one's place.
+        # Both of two values are needed: where one does alone, no alternative replaces the other one.
         alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
         divided = len(alone) == 2 and float(alone.max()) <= gain - similar
         doubt = ratio + SETTINGS.selection.confounded_share * gain
@@ -472,13 +476,15 @@ class Selector(Candidates):
             weight = math.exp(min(better / doubt, 0.0))
             if same_statement(other, term, first) or not self._in_place_of(rest, other, term, gain, raw):
                 continue
-            if weight > SETTINGS.selection.rival_weight or raw > gain - similar:
+            if weight > SETTINGS.selection.alternative_weight or raw > gain - similar:
                 if not self._within_limits([*rest, other], other):
                     continue
                 more = self._beyond_of(rest, other, term)
                 raw, better = raw + more, better + more
                 weight = math.exp(min(better / doubt, 0.0))
-            one = Rival(f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight)
+            one = Alternative(
+                f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight
+            )
             if not (other.free or other.effect == term.effect or other.calibrates):
                 if divided and raw < gain - similar:
                     one = self._of_part(rest, other, term, gain, alone, better - raw, doubt, one)
@@ -487,39 +493,40 @@ class Selector(Candidates):
             out.append(one)
         return out
 
-    def _beyond_of(self, rest: list[Term], rival: Term, term: Term) -> float:
-        """Return what the exact response of a rival in a term's place brings more than that of the term,
-        beyond what their linear responses bring, nats; nothing of a description, which is as linear as it is
-        told.
+    def _beyond_of(self, rest: list[Term], alternative: Term, term: Term) -> float:
+        """Return what the exact response of an alternative instead of a term brings more than that of the
+        term, beyond what their linear responses bring, nats; nothing of a description, which is as linear as
+        it is told.
         """
-        if rival.free or term.free:
+        if alternative.free or term.free:
             return 0.0
-        return self.beyond([*rest, rival]) - self.beyond([*rest, term])
+        return self.beyond([*rest, alternative]) - self.beyond([*rest, term])
 
-    def _in_place_of(self, rest: list[Term], rival: Term, term: Term, gain: float, raw: float) -> bool:
-        """Return whether a rival explains what a term does, and not something else, with possible values."""
+    def _in_place_of(self, rest: list[Term], alternative: Term, term: Term, gain: float, raw: float) -> bool:
+        """Return whether an alternative explains what a term does, and not something else, with possible
+        values."""
         elsewhere = raw > SETTINGS.selection.independent_share * gain and self._independent(
-            [*rest, rival], term, gain
+            [*rest, alternative], term, gain
         )
-        return not elsewhere and self._possible([*rest, rival])
+        return not elsewhere and self._possible([*rest, alternative])
 
     def _of_part(
         self,
         rest: list[Term],
-        rival: Term,
+        alternative: Term,
         term: Term,
         gain: float,
         alone: FloatArray,
         penalties: float,
         doubt: float,
-        one: Rival,
-    ) -> Rival:
-        """Return the rival of one of a term's two values: the other one may stay beside it, and the name hold
-        for that alone. `penalties` (nats) are the difference of both penalties and handicaps.
+        one: Alternative,
+    ) -> Alternative:
+        """Return the alternative of one of a term's two values: the other one may stay beside it, and the
+        name hold for that alone. `penalties` (nats) are the difference of both penalties and handicaps.
         """
         similar = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
-        parts = self.gains_of_parts([*rest, rival], term)
-        both = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)
+        parts = self.gains_of_parts([*rest, alternative], term)
+        both = float(parts.max()) + self.gain([*rest, alternative]) - self.gain(rest)
         if both <= gain - similar:
             return one
         rests = resting(gain, float(alone[np.argmax(parts)]))

@@ -1,7 +1,7 @@
 """Errors of the sensors that are larger than sensors in order have, as findings.
 
 In: the drives' `SensorError`s. Out: `Finding`s. All errors are fitted, and every sensor has some: what is
-told is an error beyond the usual size that its effect states (`Effect.usual`).
+told is an error beyond the usual size that its effect states (`Effect.tolerance_note`).
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Fin
 def deviations_beyond(one: SensorError, speeds: bool) -> float:
     """Return how many standard deviations a value lies beyond its usual size; 0 if within."""
     effect = EFFECTS[one.probe.effect]
-    if effect.usual(one.value, 0.0, speeds):
+    if effect.tolerance_note(one.value, 0.0, speeds):
         return 0.0
     low, high = 0.0, abs(one.value)
     for _ in range(40):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if effect.usual(one.value, middle, speeds) else (middle, high)
+        low, high = (low, middle) if effect.tolerance_note(one.value, middle, speeds) else (middle, high)
     return 2.0 * low / one.std  # an effect calls unusual what is so by two standard deviations
 
 
@@ -70,7 +70,7 @@ def _finding(
         gain=gain,
         indistinguishable_from=tuple(
             name
-            for name in effect.rivals.confounded
+            for name in effect.confounding.confounded
             if not EFFECTS[name].identification.reads or shown & set(EFFECTS[name].identification.reads)
         ),
         advice=effect.wording.distinguished_by,

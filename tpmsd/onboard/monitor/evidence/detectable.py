@@ -8,9 +8,9 @@ these. Its log-likelihood ratio to none is normal about d^2 / 2 with the standar
 drives it must outweigh its prior odds and those asked for. And the loss must be known to exceed the
 threshold as surely, wherever in these nine of ten the estimate lies.
 
-What another load or a trailer may do rivals a loss of all alike. With d_r by the drive model r, which has the
-probability w_r beside a loss, none is left with the sum of w_r exp(-d_r^2 / 2): so a model of small w_r in
-which d_r is small decides on large losses.
+What another load or a trailer may do is confounded with a loss of all alike. With d_r by the drive model r,
+which has the probability w_r beside a loss, none is left with the sum of w_r exp(-d_r^2 / 2): so a model of
+small w_r in which d_r is small decides on large losses.
 """
 
 from __future__ import annotations

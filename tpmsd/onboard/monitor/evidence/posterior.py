@@ -14,8 +14,8 @@ the prior (the windows that have a row for S share it evenly):
 
 so a size hides no loss, nothing is counted twice, and minutes that say which of two tyres has changed are not
 overruled by the present.
-A size may also have come in a young window: a row of its own there, and a rival of losses of the other wheel
-of its axle.
+A size may also have come in a young window: a row of its own there, and an alternative of losses of the other
+wheel of its axle.
 
 What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
 have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An alarm that stands is not

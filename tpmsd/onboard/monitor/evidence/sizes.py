@@ -6,7 +6,7 @@ change under each of them.
 Other tyres, chains, or a receiver that scales make the radii of one wheel, an axle or all larger by the share
 x; after wheels were changed front to rear x has one sign in front and the other behind. x is normal with mean
 and variance of its row. So a row adds x's covariance to that of the change and takes its mean off; what is
-left is held against the losses. A row and a loss are no rivals: both can be true at once.
+left is held against the losses. A row and a loss are no alternatives: both can be true at once.
 """
 
 from __future__ import annotations

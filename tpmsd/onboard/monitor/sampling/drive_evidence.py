@@ -1,8 +1,8 @@
 """Evidence of a drive as a whole under each drive model: as learned, another load, a trailer, low grip.
 
 In: the `RadiusReference` as the drive began and a sample every 20 s. Out: `ChangeHypotheses`: change
-hypotheses with their covariances and log weights, for the comparison of hypotheses. A drive model is a rival
-of every loss: what it explains better is no loss.
+hypotheses with their covariances and log weights, for the comparison of hypotheses. A drive model is an
+alternative of every loss: what it explains better is no loss.
 
 Wheels of another size since before the drive are a row of every bank. Where the radii jump on the way, a
 second set of banks begins with the reference that the first began with. Of it the rows of another size count,

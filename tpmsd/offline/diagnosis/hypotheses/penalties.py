@@ -15,15 +15,17 @@ RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
 """Wheels, axles and sides whose radii may change alike."""
 
 
-def grid_price(effect: type[Effect], at: float | None, second: float | None = None) -> float:
+def grid_penalty(effect: type[Effect], at: float | None, second: float | None = None) -> float:
     """Penalty of values of the parameters that enter nonlinearly."""
     if effect.nonlinear.grid is None or at is None:
         return 0.0
     more = effect.nonlinear.grid.second
-    return effect.nonlinear.grid.price(at) + (0.0 if more is None or second is None else more.price(second))
+    return effect.nonlinear.grid.penalty(at) + (
+        0.0 if more is None or second is None else more.penalty(second)
+    )
 
 
-def ramp_price(course: str = "") -> float:
+def ramp_penalty(course: str = "") -> float:
     """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
     which takes no choice, less than of others."""
     choices = len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots
@@ -32,6 +34,6 @@ def ramp_price(course: str = "") -> float:
     return SETTINGS.hypotheses.per_value_nats + math.log(choices)
 
 
-def shape_price(hats: int) -> float:
+def spline_penalty(hats: int) -> float:
     """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
     return SETTINGS.hypotheses.per_value_nats * hats + math.log(SETTINGS.hypotheses.shapes)
