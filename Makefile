@@ -77,7 +77,7 @@ lint: $(DEV)  ## style and types only
 	$(PY) -m ruff format --check .
 	$(PY) -m mypy
 
-format: $(DEV)  ## put the sources into the house style
+format: $(DEV)  ## format the sources
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
 

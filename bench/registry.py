@@ -50,9 +50,9 @@ class Campaign:
         return import_module(self.module).report  # type: ignore[no-any-return]
 
 
-def _campaign(wing: str, name: str, summary: str, module: str | None = None, page: str = "") -> Campaign:
-    """A row; `wing` is the folder of the module, empty for one that measures the whole program."""
-    folder = f"bench.campaigns.{wing}." if wing else "bench.campaigns."
+def _campaign(layer: str, name: str, summary: str, module: str | None = None, page: str = "") -> Campaign:
+    """A row; `layer` is the folder of the module, empty for one that measures the whole program."""
+    folder = f"bench.campaigns.{layer}." if layer else "bench.campaigns."
     return Campaign(name, summary, folder + (module or name.replace("-", "_")), page)
 
 

@@ -22,12 +22,12 @@ PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
 TESTS = REPO / "tests"
 
-WINGS = ("interfaces", "offline", "onboard", "car", "foundation")
-"""From the top down: a wing may import those after it."""
+LAYERS = ("interfaces", "offline", "onboard", "car", "foundation")
+"""From the top down: a layer may import those after it."""
 _CORE_FLOW = ("sources", "timeline", "estimators", "monitor", "sinks")
 """The direction of flow in the car: each imports only what lies before it."""
 WITHIN: dict[str, set[str]] = {
-    room: set(_CORE_FLOW[:position]) for position, room in enumerate(_CORE_FLOW)
+    package: set(_CORE_FLOW[:position]) for position, package in enumerate(_CORE_FLOW)
 } | {
     # interfaces
     "cli": {"api", "bridges", "web"},
@@ -44,7 +44,7 @@ WITHIN: dict[str, set[str]] = {
     "calibration": {"inference"},
     "inference": set(),
     "discovery": {"rings"},
-    "rings": {"inference"},  # that of offline; the room of this name in car imports none
+    "rings": {"inference"},  # that of offline; the package of this name in car imports none
     "signals": {"dynamics", "tables"},
     "dynamics": {"diagnosis"},
     "simulator": {"inference"},
@@ -59,11 +59,11 @@ WITHIN: dict[str, set[str]] = {
     "config": set(),
     "cars": set(),
 }
-"""What a room may import within its wing; modules of `foundation` may import each other."""
-for _room in ("monitor", "sinks"):
-    WITHIN[_room].add("resonance")
+"""What a package may import within its layer; modules of `foundation` may import each other."""
+for _package in ("monitor", "sinks"):
+    WITHIN[_package].add("resonance")
 
-PURE_ROOMS = {
+PURE_PACKAGES = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),
     *(
         "physics",
@@ -85,7 +85,7 @@ SHELLS = {
     *(f"tpmsd.onboard.sources.gnss.{name}" for name in ("net_live", "nmea_log", "serial_live")),
     *("tpmsd.car.physics.model_file", "tpmsd.car.physics.own_effects"),
 }
-"""Modules of these rooms that open files and devices; the others only work on what those read."""
+"""Modules of these packages that open files and devices; the others only work on what those read."""
 SEEDS = {"pipeline"}
 """Where generators are made, from the configured seed."""
 # pathlib is no offence: a path is a name, which a pure module may carry in an error; opening it is below.
@@ -175,14 +175,14 @@ def read(path: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def wing_of(dotted: str) -> str:
+def layer_of(dotted: str) -> str:
     """`tpmsd.onboard.sources.events` -> `onboard`; the package itself -> ``."""
     parts = dotted.split(".")
     return parts[1] if len(parts) > 1 and parts[1] not in ("__init__", "__main__") else ""
 
 
-def room_of(dotted: str) -> str:
-    """`tpmsd.onboard.sources.events` -> `sources`; a wing, and the package itself -> `__init__`."""
+def package_of(dotted: str) -> str:
+    """`tpmsd.onboard.sources.events` -> `sources`; a layer, and the package itself -> `__init__`."""
     parts = dotted.split(".")
     return parts[2] if len(parts) > 2 else "__init__"
 
@@ -212,25 +212,27 @@ def imported(tree: Iterable[ast.AST]) -> Iterator[tuple[int, str]]:
 
 def direction_faults(module: str, source: str) -> list[str]:
     """What a module imports against the direction of flow, one line each."""
-    wing, room = wing_of(module), room_of(module)
-    if not wing:
+    layer, package = layer_of(module), package_of(module)
+    if not layer:
         return []  # `tpmsd/__init__.py` hands out public names, `__main__` runs the command
-    if wing not in WINGS:
-        return [f"{module}: there is no wing {wing}; the wings are {', '.join(WINGS)}"]
-    if wing != "foundation" and room not in {"__init__", *WITHIN}:
-        return [f"{module}: the room {room} is not in the table of tests/test_house.py"]
+    if layer not in LAYERS:
+        return [f"{module}: there is no layer {layer}; the layers are {', '.join(LAYERS)}"]
+    if layer != "foundation" and package not in {"__init__", *WITHIN}:
+        return [f"{module}: the package {package} is not in the table of tests/test_house.py"]
     faults = []
     for line, name in imports(source):
         if name.startswith("."):
             faults.append(f"{module}:{line}: relative import {name}; the house writes them in full")
         elif name.split(".")[0] == "tpmsd":
-            target, inner = wing_of(name), room_of(name)
-            if target not in WINGS:
-                faults.append(f"{module}:{line}: {name} is imported from the wing that has it")
-            elif WINGS.index(target) < WINGS.index(wing):
-                faults.append(f"{module}:{line}: {wing} must not import {target}, which is above it ({name})")
-            elif target == wing != "foundation" and inner not in {room, *WITHIN.get(room, set())}:
-                faults.append(f"{module}:{line}: {room} must not import {inner} ({name})")
+            target, inner = layer_of(name), package_of(name)
+            if target not in LAYERS:
+                faults.append(f"{module}:{line}: {name} is imported from the layer that has it")
+            elif LAYERS.index(target) < LAYERS.index(layer):
+                faults.append(
+                    f"{module}:{line}: {layer} must not import {target}, which is above it ({name})"
+                )
+            elif target == layer != "foundation" and inner not in {package, *WITHIN.get(package, set())}:
+                faults.append(f"{module}:{line}: {package} must not import {inner} ({name})")
     return faults
 
 
@@ -249,7 +251,7 @@ def bench_faults(module: str, source: str) -> list[str]:
 
 def is_pure(module: str) -> bool:
     """Whether a module belongs to the core that does no I/O and reads no clock."""
-    return room_of(module) in PURE_ROOMS and module not in SHELLS
+    return package_of(module) in PURE_PACKAGES and module not in SHELLS
 
 
 def purity_faults(module: str, source: str) -> list[str]:
@@ -258,7 +260,7 @@ def purity_faults(module: str, source: str) -> list[str]:
     seeded = {
         id(node.func)
         for node in ast.walk(tree)
-        if isinstance(node, ast.Call) and node.args and room_of(module) in SEEDS
+        if isinstance(node, ast.Call) and node.args and package_of(module) in SEEDS
     }
     faults = [f"{module}:{line}: {fault}" for line, name in imports(source) for fault in impure_import(name)]
     for node in ast.walk(tree):
@@ -299,7 +301,7 @@ def tracked_files() -> list[Path]:
 
 
 def test_imports_follow_the_flow() -> None:
-    """No room imports a room that lies further down the flow."""
+    """No package imports a package that lies further down the flow."""
     assert [] == [fault for path in modules() for fault in direction_faults(dotted_name(path), read(path))]
 
 
@@ -386,7 +388,7 @@ def test_imports_are_written_in_full() -> None:
 
 
 def test_no_modules_import_each_other_in_a_ring() -> None:
-    """Nested rooms included: program and benchmarks can be read from the bottom up."""
+    """Nested packages included: program and benchmarks can be read from the bottom up."""
     assert [] == rings(needs_of(with_bench()))
 
 
@@ -474,24 +476,24 @@ def test_modules_say_what_they_are_for() -> None:
 
 TERMS_DONE = (
     "tpmsd/foundation",
-    *(f"tpmsd/car/{room}" for room in ("config", "cars", "physics", "rings", "vehicle_state")),
+    *(f"tpmsd/car/{package}" for package in ("config", "cars", "physics", "rings", "vehicle_state")),
     *(
-        f"tpmsd/onboard/{room}"
-        for room in ("daemon", "estimators", "monitor", "resonance", "sinks", "sources", "timeline")
+        f"tpmsd/onboard/{package}"
+        for package in ("daemon", "estimators", "monitor", "resonance", "sinks", "sources", "timeline")
     ),
     *(
-        f"tpmsd/offline/{room}"
-        for room in ("calibration", "discovery", "drive_checks", "drives", "fleet", "inference", "rings")
+        f"tpmsd/offline/{package}"
+        for package in ("calibration", "discovery", "drive_checks", "drives", "fleet", "inference", "rings")
     ),
-    *(f"tpmsd/offline/{room}" for room in ("dynamics", "planning", "signals", "simulator", "tables")),
+    *(f"tpmsd/offline/{package}" for package in ("dynamics", "planning", "signals", "simulator", "tables")),
     "tpmsd/offline/report",
     *("tpmsd/interfaces/bridges", "tpmsd/interfaces/cli"),
 )
-"""Rooms whose docstrings and identifiers are in terms of the field; grows until it holds every room."""
+"""Packages whose docstrings and identifiers are in terms of the field; grows until it holds every package."""
 TERMS_OPEN = {
     *("tpmsd/offline/inference/noise.py", "tpmsd/offline/inference/noise_fit.py"),
 }
-"""Modules of these rooms that are not in these terms yet; shrinks."""
+"""Modules of these packages that are not in these terms yet; shrinks."""
 _FRAGMENT = re.compile(r"(What|Whether|Of|Which|Why|How|As|By|Where|The same|An? `[^`]+` that is)\b")
 """Opening words of a docstring that is no sentence and no noun phrase."""
 _NO_VERB = re.compile(r"(The|An?|All|One|Its?|Up|Back)\b")
@@ -579,11 +581,11 @@ def test_docstrings_are_sentences() -> None:
     assert [] == faults
 
 
-def test_finished_rooms_are_in_terms_of_the_field() -> None:
-    """No docstring of the rooms of `TERMS_DONE` opens as a fragment, and no name has a word of `TERMS`."""
+def test_finished_packages_are_in_terms_of_the_field() -> None:
+    """No docstring of the packages of `TERMS_DONE` opens as a fragment, and no name has a word of `TERMS`."""
     faults = []
-    for room in TERMS_DONE:
-        for path in sorted((REPO / room).rglob("*.py")):
+    for package in TERMS_DONE:
+        for path in sorted((REPO / package).rglob("*.py")):
             name = path.relative_to(REPO).as_posix()
             if name not in TERMS_OPEN:
                 faults += [*docstring_fragments(name, read(path)), *unclear_identifiers(name, read(path))]
@@ -617,12 +619,12 @@ def test_the_watch_over_terms_sees(source: str, faults: int) -> None:
     assert faults == len(docstring_fragments("m.py", source) + unclear_identifiers("m.py", source))
 
 
-def test_the_architecture_names_every_room() -> None:
-    """docs/explanation/architecture.md has a line for each room that exists."""
+def test_the_architecture_names_every_package() -> None:
+    """docs/explanation/architecture.md has a line for each package that exists."""
     text = read(REPO / "docs" / "explanation" / "architecture.md")
-    rooms = {room_of(dotted_name(path)) for path in modules()} - {"__init__"}
+    packages = {package_of(dotted_name(path)) for path in modules()} - {"__init__"}
 
-    assert [] == sorted(room for room in {*WINGS, *rooms} if f"`{room}`" not in text)
+    assert [] == sorted(package for package in {*LAYERS, *packages} if f"`{package}`" not in text)
 
 
 # The patterns are put together from pieces so that this file does not hold what it looks for.

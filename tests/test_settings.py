@@ -11,8 +11,8 @@ import pytest
 from tests.offline.diagnosis.test_settings import has_number
 
 PACKAGE = Path(__file__).resolve().parents[1] / "tpmsd"
-ROOMS = {path.parent.name: path.parent for path in PACKAGE.glob("*/*/__init__.py")}
-"""Every package of every wing."""
+PACKAGES = {path.parent.name: path.parent for path in PACKAGE.glob("*/*/__init__.py")}
+"""Every package of every layer."""
 SETTLED = ("diagnosis", "fleet", "monitor")
 """Packages whose numbers are all in their settings."""
 STRUCTURE = {
@@ -53,10 +53,10 @@ STRUCTURE = {
 def numbers_of(package: str) -> list[str]:
     """Names of module constants with a number, outside the package's settings."""
     out = []
-    for path in sorted(ROOMS[package].rglob("*.py")):
+    for path in sorted(PACKAGES[package].rglob("*.py")):
         if path.name == "settings.py":
             continue
-        module = ".".join(path.relative_to(ROOMS[package].parent).with_suffix("").parts)
+        module = ".".join(path.relative_to(PACKAGES[package].parent).with_suffix("").parts)
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
             if value is not None and has_number(value):

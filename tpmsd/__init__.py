@@ -7,7 +7,7 @@
     tpmsd.calibrate(drive).radii_m
 
 Each name is imported on first use, so that `import tpmsd` itself takes milliseconds. The package has five
-wings, each with a docstring of its own; a wing imports those after it alone:
+layers, each with a docstring of its own; a layer imports those after it alone:
 
     interfaces    what people and programs touch
     offline       at the desk, on whole drives

@@ -1,8 +1,8 @@
 """Which tests run which lines: those that can notice a mutant there, the quickest first.
 
-In: one run of a room's tests, recorded by coverage.py with a context of its own for each test. Out: for a
+In: one run of a package's tests, recorded by coverage.py with a context of its own for each test. Out: for a
 changed line, the tests that ran its statement. A line that runs while its module is imported is judged by all
-tests of the room, those that run anything of its module first.
+tests of the package, those that run anything of its module first.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def statement_lines(source: str, line: int) -> range:
 
 @dataclass(frozen=True)
 class Covering:
-    """The tests of a room, by the lines that they run."""
+    """The tests of a package, by the lines that they run."""
 
     taken_s: dict[str, float]
     lines: dict[str, dict[int, list[str]]]

@@ -1,9 +1,9 @@
 """Are the tests tested? Changes the program in one place at a time and sees whether a test fails.
 
-In: rooms, and how many places of each (`tests/mutation/table.py`). Out: a line per mutant that no test
+In: packages, and how many places of each (`tests/mutation/table.py`). Out: a line per mutant that no test
 killed, and the share killed. Exit code 1 if a mutation by name survived or the share of the sample is below
-the bar. A mutant of the sample meets the room's tests that run its line (`covering`), the quickest first, up
-to the first that fails. Works on a copy below build/mutation. Needs the extra `mutation`: cosmic-ray's
+the bar. A mutant of the sample meets the package's tests that run its line (`covering`), the quickest first,
+up to the first that fails. Works on a copy below build/mutation. Needs the extra `mutation`: cosmic-ray's
 operators make the sample. `make mutation` runs it.
 
     python -m tests.mutation.run --named
@@ -33,7 +33,7 @@ import numpy as np
 
 from tests.mutation.covering import Covering, Recorder
 from tests.mutation.reasons import REASONS
-from tests.mutation.table import NAMED, ROOMS, Room
+from tests.mutation.table import NAMED, PACKAGES, Package
 
 REPO = Path(__file__).resolve().parents[2]
 TREE = REPO / "build" / "mutation"
@@ -232,18 +232,18 @@ def changed_line(module: str, text: str) -> int:
     return next((low + 1 for tag, low, *_ in changes if tag != "equal"), 1)
 
 
-def seen_lines(name: str, room: Room) -> Covering:
-    """Run the tests of a room without a mutation, and keep which lines each of them runs."""
+def seen_lines(name: str, package: Package) -> Covering:
+    """Run the tests of a package without a mutation, and keep which lines each of them runs."""
     file = TREE.parent / f"mutation-{name}.json"
-    modules = tuple(str(TREE / module) for module in room.modules)
-    if fails(room.tests, room.left_out, 3600.0, (modules, file)):
-        raise SystemExit(f"{' '.join(room.tests)} fail without a mutation; see {TREE / 'build.log'}")
+    modules = tuple(str(TREE / module) for module in package.modules)
+    if fails(package.tests, package.left_out, 3600.0, (modules, file)):
+        raise SystemExit(f"{' '.join(package.tests)} fail without a mutation; see {TREE / 'build.log'}")
     return Covering.load(file, TREE)
 
 
 @dataclass
 class Judged:
-    """What came of the sample of a room."""
+    """What came of the sample of a package."""
 
     name: str
     seen: int = 0
@@ -256,10 +256,10 @@ class Judged:
 
 
 def judge(name: str, sample: int, seed: int, until_s: float, every: bool) -> Judged:
-    """Judge a sample of the room; ends early when the clock passes `until_s`."""
-    room, rng = ROOMS[name], np.random.default_rng([seed, *name.encode("ascii")])
-    covering, judged = seen_lines(name, room), Judged(name)
-    for module, text in sampled(room.modules, sample, rng):
+    """Judge a sample of the package; ends early when the clock passes `until_s`."""
+    package, rng = PACKAGES[name], np.random.default_rng([seed, *name.encode("ascii")])
+    covering, judged = seen_lines(name, package), Judged(name)
+    for module, text in sampled(package.modules, sample, rng):
         if time.monotonic() > until_s:
             break
         tests = covering.tests(module, (REPO / module).read_text("utf-8"), changed_line(module, text))
@@ -279,26 +279,26 @@ def reason(change: str) -> str:
     return next((why for piece, why in REASONS.items() if piece in change), "")
 
 
-def page(rooms: list[Judged], sample: int, seed: int) -> str:
+def page(packages: list[Judged], sample: int, seed: int) -> str:
     """The tables of bench/results/mutation.md."""
-    lines = ["| room | mutants | killed | without those that change nothing |", "| --- " * 4 + "|"]
-    for room in rooms:
-        same = sum(reason(change).startswith("same") for _, change in room.survivors)
-        share = f"{room.dead} of {room.seen - same}"
-        lines.append(f"| {room.name} | {room.seen} | {room.dead} | {share} |")
-    names = " ".join(room.name for room in rooms)
+    lines = ["| package | mutants | killed | without those that change nothing |", "| --- " * 4 + "|"]
+    for package in packages:
+        same = sum(reason(change).startswith("same") for _, change in package.survivors)
+        share = f"{package.dead} of {package.seen - same}"
+        lines.append(f"| {package.name} | {package.seen} | {package.dead} | {share} |")
+    names = " ".join(package.name for package in packages)
     lines += ["", f"`python -m tests.mutation.run --sample {sample} --seed {seed} {names}`"]
     lines += ["", "| survivor | mutation | reason |", "| --- | --- | --- |"]
     tested = 0
-    for room in rooms:
-        for _, change in room.survivors:
+    for package in packages:
+        for _, change in package.survivors:
             if reason(change).startswith(("has a test", "held by")):
                 tested += 1
             elif not reason(change).startswith("same"):
                 place, edit = abridged(change)
                 lines.append(f"| `{place}` | {edit} | {reason(change) or 'missed'} |")
     return "\n".join(
-        [*lines, "", f"{tested} other survivors have a test, or one outside the room holds them."]
+        [*lines, "", f"{tested} other survivors have a test, or one outside the package holds them."]
     )
 
 
@@ -319,16 +319,16 @@ def abridged(change: str) -> tuple[str, str]:
 
 
 def printed(text: str) -> list[Judged]:
-    """Return the rooms of which an earlier run printed survivors and their number."""
-    rooms, survivors = [], []
+    """Return the packages of which an earlier run printed survivors and their number."""
+    packages, survivors = [], []
     for line in text.splitlines():
         if line.startswith("  survived: "):
             change = line.removeprefix("  survived: ")
             survivors.append((change.partition(":")[0], change))
         elif found := re.fullmatch(r"(\w+) +(\d+) of +(\d+) killed", line):
-            rooms.append(Judged(found[1], int(found[3]), survivors))
+            packages.append(Judged(found[1], int(found[3]), survivors))
             survivors = []
-    return rooms
+    return packages
 
 
 def judge_named() -> int:
@@ -350,19 +350,21 @@ def judge_named() -> int:
 
 
 def main() -> int:
-    """Run the mutations by name, or the sample of the rooms."""
+    """Run the mutations by name, or the sample of the packages."""
     parser = argparse.ArgumentParser(description="mutation testing")
     parser.add_argument("--named", action="store_true", help="only the mutations by name")
-    parser.add_argument("--sample", type=int, default=25, help="places of each room")
+    parser.add_argument("--sample", type=int, default=25, help="places of each package")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--all", action="store_true", help="a line for killed mutants, too")
     parser.add_argument("--page", action="store_true", help="print tables for bench/results/mutation.md")
-    parser.add_argument("--minutes", type=float, default=1e6, help="for each room; it ends early after these")
+    parser.add_argument(
+        "--minutes", type=float, default=1e6, help="for each package; it ends early after these"
+    )
     parser.add_argument("--of", type=Path, metavar="FILE", help="print these tables of an earlier run's text")
-    parser.add_argument("rooms", nargs="*", help=f"default: all of {' '.join(ROOMS)}")
+    parser.add_argument("packages", nargs="*", help=f"default: all of {' '.join(PACKAGES)}")
     args = parser.parse_args()
-    if unknown := sorted(set(args.rooms) - set(ROOMS)):
-        parser.error(f"no such room: {' '.join(unknown)}")
+    if unknown := sorted(set(args.packages) - set(PACKAGES)):
+        parser.error(f"no such package: {' '.join(unknown)}")
     if args.of is not None:
         print(page(printed(args.of.read_text("utf-8")), args.sample, args.seed))
         return 0
@@ -372,13 +374,13 @@ def main() -> int:
         importlib.import_module(name)
     if args.named:
         return judge_named()
-    rooms = [
+    packages = [
         judge(name, args.sample, args.seed, time.monotonic() + 60.0 * args.minutes, args.all)
-        for name in args.rooms or ROOMS
+        for name in args.packages or PACKAGES
     ]
     if args.page:
-        print(f"\n{page(rooms, args.sample, args.seed)}\n")
-    dead, total = sum(room.dead for room in rooms), sum(room.seen for room in rooms)
+        print(f"\n{page(packages, args.sample, args.seed)}\n")
+    dead, total = sum(package.dead for package in packages), sum(package.seen for package in packages)
     print(f"{dead} of {total} killed, {100.0 * dead / max(total, 1):.0f} %")
     return 0 if dead >= BAR * total else 1
 

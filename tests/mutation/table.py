@@ -1,4 +1,4 @@
-"""What is mutated and which tests have to notice: rooms for the sampled run, and mutations by name.
+"""What is mutated and which tests have to notice: packages for the sampled run, and mutations by name.
 
 A mutation by name is one that tests once missed. It stays here with the tests that kill it now.
 """
@@ -12,7 +12,7 @@ REPO = Path(__file__).resolve().parents[2]
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class Package:
     """Modules, and the tests that judge their mutants."""
 
     modules: tuple[str, ...]
@@ -32,7 +32,7 @@ class Named:
 
 
 def _modules(folder: str, *left_out: str) -> tuple[str, ...]:
-    """The modules of a room and of the rooms in it, without those that hold numbers alone."""
+    """The modules of a package and of the packages in it, without those that hold numbers alone."""
     skipped = {"__init__", *left_out}
     found = sorted(path for path in (REPO / folder).rglob("*.py") if path.stem not in skipped)
     return tuple(str(path.relative_to(REPO)) for path in found)
@@ -48,14 +48,14 @@ def _daemon_tests() -> tuple[str, ...]:
     return (*own, "tests/car/config/test_signal_table.py")
 
 
-ROOMS = {
-    "monitor": Room(
+PACKAGES = {
+    "monitor": Package(
         _modules("tpmsd/onboard/monitor", "settings", "drive_settings", "encoder_settings"),
         ("tests/onboard/monitor",),
         "TestLife or a_leak_is_noticed_over_restarts or what_a_drive_taught_counts or a_leak_of_half_an_hour"
         " or no_history_of_radii_flaps or reset_away_minute",
     ),
-    "timeline": Room(
+    "timeline": Package(
         _modules("tpmsd/onboard/timeline"),
         (
             "tests/onboard/timeline",
@@ -64,19 +64,19 @@ ROOMS = {
         ),
         "test_any_stamps or test_faulty_lines or test_faulty_buses",
     ),
-    "daemon": Room(_modules("tpmsd/onboard/daemon"), _daemon_tests()),
-    "wheel_counter": Room(
+    "daemon": Package(_modules("tpmsd/onboard/daemon"), _daemon_tests()),
+    "wheel_counter": Package(
         ("tpmsd/onboard/sources/wheel_counter.py",),
         tuple(
             f"tests/onboard/sources_can/test_{name}.py"
             for name in ("wheel_reach", "wheel_counter", "can_decoder", "regular_readings")
         ),
     ),
-    "epochs": Room(
+    "epochs": Package(
         ("tpmsd/onboard/sources/gnss/nmea_epoch.py", "tpmsd/onboard/sources/gnss/nmea_checks.py"),
         ("tests/onboard/gnss/test_nmea_epoch.py", "tests/onboard/gnss/test_nmea_checks.py"),
     ),
-    "state_file": Room(
+    "state_file": Package(
         (
             "tpmsd/onboard/sinks/state_file.py",
             "tpmsd/onboard/daemon/state_keeper.py",
@@ -84,11 +84,11 @@ ROOMS = {
         ),
         ("tests/onboard/sinks/test_state_file.py", "tests/onboard/daemon/test_state_keeper.py"),
     ),
-    "health": Room(
+    "health": Package(
         ("tpmsd/onboard/daemon/health.py",),
         ("tests/onboard/daemon/test_health.py", "tests/onboard/daemon/test_loop.py"),
     ),
-    "links": Room(
+    "links": Package(
         tuple(f"tpmsd/onboard/daemon/{name}.py" for name in ("link", "bus_link", "receiver_link")),
         ("tests/onboard/daemon/test_links.py", "tests/onboard/daemon/test_link_ends.py"),
     ),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from tests.mutation.run import REPO, behaviour, named, page, printed
-from tests.mutation.table import NAMED, ROOMS
+from tests.mutation.table import NAMED, PACKAGES
 
 
-def test_modules_and_tests_of_the_rooms_exist() -> None:
+def test_modules_and_tests_of_the_packages_exist() -> None:
     """Every path that the table names is there."""
-    paths = [path for room in ROOMS.values() for path in (*room.modules, *room.tests)]
+    paths = [path for package in PACKAGES.values() for path in (*package.modules, *package.tests)]
     paths += [path.partition("::")[0] for one in NAMED for path in one.tests]
     assert [] == [path for path in paths if not (REPO / path).exists()]
 
@@ -31,7 +31,8 @@ def test_what_is_no_behaviour_makes_no_mutant() -> None:
 
 
 def test_a_printed_run_gives_its_tables() -> None:
-    """Survivors belong to the room whose number follows them; a cell of the table holds no bar of its own."""
+    """Survivors belong to the package whose number follows them; a cell of the table holds no bar of its
+    own."""
     text = "  survived: a.py:3  - x | y   + x & y\nepochs          39 of  40 killed\nlinks 2 of 2 killed\n"
     epochs, links = printed(text)
     assert (("epochs", 40, 39), ("links", 2, 2)) == tuple((r.name, r.seen, r.dead) for r in (epochs, links))

@@ -1,4 +1,4 @@
-"""The daemon needs the wings `onboard`, `car` and `foundation`, and nothing above them."""
+"""The daemon needs the layers `onboard`, `car` and `foundation`, and nothing above them."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ for item in FolderStream(folder):
         steps = pipeline.on_sentence(item.time_s, item.line)
     alarms += [event for step in steps for event in step.report.events]
 alarms += [event for step in pipeline.finish() for event in step.report.events]
-wings = sorted({name.split(".")[1] for name in sys.modules if name.startswith("tpmsd.")})
+layers = sorted({name.split(".")[1] for name in sys.modules if name.startswith("tpmsd.")})
 found = [[alarm.kind.value, alarm.wheel] for alarm in alarms]
-print(json.dumps({"wings": wings, "alarms": found, "home": tpmsd.__file__}))
+print(json.dumps({"layers": layers, "alarms": found, "home": tpmsd.__file__}))
 """
 
 
-def test_the_daemon_needs_three_wings(tmp_path: Path) -> None:
-    """Without the wings of desk and interfaces every onboard module loads, and a loss is found."""
+def test_the_daemon_needs_three_layers(tmp_path: Path) -> None:
+    """Without the layers of desk and interfaces every onboard module loads, and a loss is found."""
     box, drive = tmp_path / "box", tmp_path / "drive"
     source = Path(tpmsd.__file__).parent
-    for wing in IN_THE_CAR:
+    for layer in IN_THE_CAR:
         ignored = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(source / wing, box / "tpmsd" / wing, ignore=ignored)
+        shutil.copytree(source / layer, box / "tpmsd" / layer, ignore=ignored)
     shutil.copy(source / "__init__.py", box / "tpmsd")
     fault = Fault("step", 1.0, wheel="rl", onset_s=120.0)
     write_drive(drive, simulate_drive(DriveSpec(duration_s=200.0, seed=5, route="motorway", faults=(fault,))))
@@ -68,7 +68,7 @@ def test_the_daemon_needs_three_wings(tmp_path: Path) -> None:
     assert "" == done.stderr
     found = json.loads(done.stdout)
     assert str(box / "tpmsd" / "__init__.py") == found["home"]
-    assert sorted(IN_THE_CAR) == found["wings"]
+    assert sorted(IN_THE_CAR) == found["layers"]
     there = [[alarm.kind.value, alarm.wheel] for alarm in replay(drive).alarms]
     assert ["deflation", "rl"] in there
     assert there == found["alarms"]

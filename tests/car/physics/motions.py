@@ -1,4 +1,4 @@
-"""Motions with closed forms, for the tests of this room."""
+"""Motions with closed forms, for the tests of this package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drives that several tests of this room share, made once."""
+"""Drives that several tests of this package share, made once."""
 
 from __future__ import annotations
 

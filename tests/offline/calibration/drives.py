@@ -1,4 +1,4 @@
-"""Simulated drives for the tests of this room.
+"""Simulated drives for the tests of this package.
 
 `recorded` reads a drive of the program's own simulator through the whole path from files; `recording_of` lays
 out one of the independent worlds without files.

@@ -1,4 +1,5 @@
-"""Synthetic drives for the tests of the report room: ticks, estimates and reports by hand, without a filter.
+"""Synthetic drives for the tests of the report package: ticks, estimates and reports by hand, without a
+filter.
 
 In: what shall happen. Out: a filled `ReplayRecorder`, whose numbers the tests know in closed form.
 """

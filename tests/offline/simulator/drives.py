@@ -1,4 +1,4 @@
-"""Small drives for the tests of this room."""
+"""Small drives for the tests of this package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Priors that several rooms share: of what an effect, the daemon's filter and the calibration all estimate.
+"""Priors that several packages share: of what an effect, the daemon's filter and the calibration all
+estimate.
 
 In: nothing (plain records). Out: one `Prior` each, and nats against a size in a prior's tail. They stand
 apart from the effects because the daemon's filter needs the numbers and not the catalogue, whose import costs

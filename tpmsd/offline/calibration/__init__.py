@@ -1,1 +1,1 @@
-"""The calibration room: recorded drives in, radii and tracks with their uncertainty out."""
+"""Calibration: recorded drives in, radii and tracks with their uncertainty out."""

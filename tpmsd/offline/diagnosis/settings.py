@@ -1,7 +1,7 @@
 """The settings of the diagnosis, with their units and reasons.
 
-In: nothing. Out: `SETTINGS`, with one record per room. All log-likelihoods are in nats. What decides between
-findings was fixed on the benchmark's development seeds (`python -m bench run diagnosis`, `origins`).
+In: nothing. Out: `SETTINGS`, with one record per package. All log-likelihoods are in nats. What decides
+between findings was fixed on the benchmark's development seeds (`python -m bench run diagnosis`, `origins`).
 """
 
 from __future__ import annotations
@@ -326,7 +326,7 @@ class ReportSettings:
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisSettings:
-    """All of them, by room."""
+    """All of them, by package."""
 
     hypotheses: HypothesisSettings = HypothesisSettings()
     counters: CounterSettings = COUNTERS

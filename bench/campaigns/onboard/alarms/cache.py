@@ -144,7 +144,7 @@ def code_state(*roots: str) -> str:
 def code_of(roots: list[str]) -> list[Path]:
     """Files of these modules and all of ours that they import, in the order of their names.
 
-    The configuration's room is left out, for what comes of it is in the key.
+    The package of the configuration is left out, for what comes of it is in the key.
     """
     seen: dict[str, Path] = {}
     todo = list(roots)

@@ -1,4 +1,4 @@
-"""The rooms of the diagnosis: which may import which, and that all of them are tested."""
+"""The packages of the diagnosis: which may import which, and that all of them are tested."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tpmsd.offline.diagnosis.stages import STAGES, choose, down_weight, first_no
 
 REPO = Path(__file__).resolve().parents[3]
 HOME = REPO / "tpmsd" / "offline" / "diagnosis"
-FLOORS = 6
+LEVELS = 6
 
 
 def imported(path: Path) -> set[str]:
@@ -21,7 +21,7 @@ def imported(path: Path) -> set[str]:
     return whole | {f"{node.module}.{alias.name}" for node in found for alias in node.names}
 
 
-def room_of(module: str) -> str:
+def package_of(module: str) -> str:
     """`tpmsd.offline.diagnosis.selection.chosen` -> `selection`; `...diagnosis.stages` -> `stages`."""
     return module.split(".")[3]
 
@@ -32,22 +32,22 @@ def modules() -> dict[str, Path]:
     return {".".join(path.relative_to(REPO).with_suffix("").parts): path for path in paths}
 
 
-def test_rooms_stand_on_at_most_six_floors() -> None:
-    """A room imports rooms of lower floors alone, so that there is no way round in a circle; the settings are
+def test_packages_form_at_most_six_levels() -> None:
+    """A package imports packages of lower levels alone, so that there is no cycle; the settings are
     below them all."""
     below: dict[str, set[str]] = {}
     for name, path in modules().items():
         others = {
-            room_of(module) for module in imported(path) if module.startswith("tpmsd.offline.diagnosis.")
+            package_of(module) for module in imported(path) if module.startswith("tpmsd.offline.diagnosis.")
         }
-        below.setdefault(room_of(name), set()).update(others - {room_of(name), "settings"})
+        below.setdefault(package_of(name), set()).update(others - {package_of(name), "settings"})
 
     @cache
-    def floor(room: str, depth: int = 0) -> int:
-        assert depth <= len(below), f"{room} is imported in a circle"
-        return 1 + max((floor(other, depth + 1) for other in below[room]), default=0)
+    def level(package: str, depth: int = 0) -> int:
+        assert depth <= len(below), f"{package} is imported in a cycle"
+        return 1 + max((level(other, depth + 1) for other in below[package]), default=0)
 
-    assert max(floor(room) for room in below) <= FLOORS
+    assert max(level(package) for package in below) <= LEVELS
 
 
 def test_every_module_is_imported_by_a_test() -> None:
