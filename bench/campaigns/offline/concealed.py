@@ -76,7 +76,7 @@ def line_of(row: dict[str, Any]) -> str:
             for name, value in one["parameters"].items()
             if isinstance(value["concealed"], float) and value["concealed"] != 0.0
         )
-        place = f"place {one['rank']}" if one["named"] else "missed"
+        place = f"rank {one['rank']}" if one["named"] else "missed"
         parts.append(f"{one['effect']} ({values}): {place}")
     wrong = [one["effect"] for one in row["others"] if one["wrong"]]
     own = f" (of the recording: {' '.join(row['of_the_recording'])})" if row["of_the_recording"] else ""

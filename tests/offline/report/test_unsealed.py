@@ -118,7 +118,7 @@ def test_people_read_what_was_concealed_beside_what_was_found(
     lines = capsys.readouterr().out.splitlines()[1:]
     assert lines.pop().endswith("diagnose it untouched, and give that report with --untouched")
     assert [
-        "  gnss_latency: named, place 1, confidence 1",
+        "  gnss_latency: named, rank 1, confidence 1",
         "      latency_s = 0.15, found 0.2 +- 0.01: outside of the 95 % interval",
         "  radius_change: missed",
         "      wheel = rl",

@@ -70,7 +70,7 @@ def test_a_device_alone_is_a_serial_source() -> None:
     [
         ('source = "tcp://localhost"', "[gnss] source: no port"),
         ('source = "can"', "[gnss] source: no signal of gnss_latitude gnss_longitude"),
-        ('device = "/dev/ttyS1"\nsource = "gpsd://localhost"', "[gnss] source: stands beside device"),
+        ('device = "/dev/ttyS1"\nsource = "gpsd://localhost"', "[gnss] source: given as well as device"),
         ("source = 3", "[gnss] source: not a text"),
     ],
 )

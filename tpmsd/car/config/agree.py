@@ -173,11 +173,12 @@ def receiver(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
 
 
 def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
-    """Report two sources of fixes, or one on CAN without signals of the position."""
+    """Report contradictions in [gnss]: two sources of fixes, or fixes on CAN without signals of a
+    position."""
     if settings.source is None:
         return
     if settings.device is not None:
-        both = BadValueError("stands beside device", show(settings.source), "one of the two")
+        both = BadValueError("given as well as device", show(settings.source), "one of the two")
         report(both, "gnss", "source")
     missing = [role for role in _POSITION_ROLES if role not in roles]
     if settings.source == "can" and missing:

@@ -79,8 +79,8 @@ class _Checker:
             self._check_obd(parsed.config)
         return CheckResult(
             parsed.document.file,
-            tuple(sorted(self._problems, key=_by_line)),
-            tuple(sorted(self._warnings, key=_by_line)),
+            tuple(sorted(self._problems, key=_file_and_line)),
+            tuple(sorted(self._warnings, key=_file_and_line)),
             plan,
         )
 
@@ -259,5 +259,6 @@ def _noted(path: Path, database: NotedDatabase) -> list[Problem]:
     return shown
 
 
-def _by_line(problem: Problem) -> tuple[str, int]:
+def _file_and_line(problem: Problem) -> tuple[str, int]:
+    """Return the key by which problems are sorted."""
     return problem.file, problem.line or 0

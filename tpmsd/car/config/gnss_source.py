@@ -66,10 +66,11 @@ def parse_source(text: str) -> GnssSource:
         what = "no host and port" if known else "not a source of fixes"
         suggestion = f"serial:{text}" if text.startswith("/") else None
         raise BadValueError(what, show(text), ALLOWED, suggestion)
-    return _network(text, match)
+    return _network_source(text, match)
 
 
-def _network(text: str, match: re.Match[str]) -> GnssSource:
+def _network_source(text: str, match: re.Match[str]) -> GnssSource:
+    """Return the source of a URL such as gpsd://localhost:2947; BadValueError for a wrong host or port."""
     kind, host, port_text = match["kind"], match["host"], match["port"]
     example = f"{kind}://localhost:{GPSD_PORT if kind == 'gpsd' else 10110}"
     if match["rest"]:

@@ -255,7 +255,7 @@ class Effect:
         return true_radps
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) what the gyro reads more than `read_yaw_rate` says, by the motion."""
+        """(n,) error of the gyro that depends on the motion, on top of `read_yaw_rate`."""
         return np.zeros(len(motion))
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:

@@ -215,7 +215,7 @@ def _try_out(effect: type[Effect], where: str) -> None:
     time_s: FloatArray = np.arange(SAMPLES, dtype=np.float64) * 0.1
     motion = Motion.from_profiles(time_s, 10.0 + time_s, 0.1 * np.sin(time_s), wheelbase_m=2.6)
     car = Car(np.full(4, 0.3), WheelPositions(1.5, 1.5, 2.6), driven_mask("front"))
-    values = {one.name: value for one in effect.parameters if (value := _typical(one)) is not None}
+    values = {one.name: value for one in effect.parameters if (value := _trial_value(one)) is not None}
     hook = "its values"
     try:
         made = effect(**values)
@@ -231,8 +231,8 @@ def _try_out(effect: type[Effect], where: str) -> None:
         raise ConfigError(f"{where}: {hook}: {reason_of(error)}") from None
 
 
-def _typical(one: object) -> object:
-    """Return a value for a trial; None leaves the field to its default."""
+def _trial_value(one: object) -> object:
+    """Return the value of a parameter with which a class is tried out; None leaves the field its default."""
     if isinstance(one, Parameter):
         return one.typical
     if isinstance(one, WheelParameter):

@@ -41,7 +41,7 @@ class StatusCollector:
         return []
 
     def collect(self) -> Iterator[Any]:
-        """Yield the families of the moment."""
+        """Yield the metric families of the latest status document."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
         for family in families(self._document()):

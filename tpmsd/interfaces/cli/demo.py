@@ -79,7 +79,7 @@ def demonstrate(
         "This is what an instrument panel hears on the bus:",
     )
     for line in introduction:
-        print(_fitting(line, out), file=out)
+        print(_wrapped(line, out), file=out)
     print(file=out, flush=True)
     show = _Show(drive, out)
     with tempfile.TemporaryDirectory(prefix="tpmsd-demo-") as folder, show.listening():
@@ -162,13 +162,14 @@ class _Show:
         if panel.damaged:
             verdict += f" {panel.damaged} frames had a wrong checksum."
         print("\n\n" if self._out.isatty() else "\n", end="", file=self._out)
-        print(panel.paint(_fitting(verdict, self._out), GREEN if good else RED), file=self._out, flush=True)
+        print(panel.paint(_wrapped(verdict, self._out), GREEN if good else RED), file=self._out, flush=True)
         if good:
-            print(_fitting(_NEXT, self._out), file=self._out, flush=True)
+            print(_wrapped(_NEXT, self._out), file=self._out, flush=True)
         return 0 if good else 1
 
 
-def _fitting(text: str, out: IO[str]) -> str:
+def _wrapped(text: str, out: IO[str]) -> str:
+    """Return the text in lines that fit the terminal; as it is where `out` is none."""
     width = terminal_width(out)
     return text if width is None else textwrap.fill(text, width - 1)
 

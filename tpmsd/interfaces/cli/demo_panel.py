@@ -154,7 +154,7 @@ class Panel:
 
 
 def listen(bus: can.BusABC, panel: Panel, stop: threading.Event) -> None:
-    """Give the panel what comes, and have it show itself once a second, until told to stop."""
+    """Pass frames of the bus to the panel and redraw it once a second, until `stop` is set."""
     shown_s = time.monotonic()
     while not stop.is_set():
         frame = bus.recv(0.05)

@@ -288,6 +288,7 @@ def _counts(faults: Mapping[str, Any]) -> str:
 
 
 def _loop_line(document: Mapping[str, Any]) -> str:
+    """Return the line about the daemon's loop: its ticks, and those that missed their deadline."""
     ticks, missed = _number(document, "ticks"), _number(document, "missed_deadlines")
     if ticks is None or missed is None:
         return f"{'loop':<9} unknown"

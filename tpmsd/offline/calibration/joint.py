@@ -111,8 +111,8 @@ class JointFit:
     rows: list[WhitenedEquations] = field(repr=False)
 
     def of_drive(self, drive: int) -> tuple[FloatArray, FloatArray]:
-        """Return (p,) what stands between a drive's last linearisation and the final values; their covariance
-        (p, p)."""
+        """Return (p,) the final values of a drive's parameters less those of its last linearisation, and
+        their covariance (p, p)."""
         columns = _columns(self.names, drive)
         return (self.values - self.linearised)[columns], self.covariance[np.ix_(columns, columns)]
 

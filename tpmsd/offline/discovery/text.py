@@ -138,7 +138,7 @@ def dbc_text(found: BusDiscovery, bus: int | None = None) -> str:
     for key, roles in sorted(by_key.items()):
         number = (key & ~EXTENDED) | (1 << 31 if key & EXTENDED else 0)
         lines.append(f"BO_ {number} {roles[0].field.message}: {_length(roles)} CAR")
-        lines += [_signal_line(one) for one in roles]
+        lines += [_dbc_signal_line(one) for one in roles]
         lines.append("")
     return "\n".join(lines)
 
@@ -147,7 +147,8 @@ def _length(roles: Sequence[FoundRole]) -> int:
     return next(size for size in _LENGTHS if size >= max(one.field.layout.min_bytes for one in roles))
 
 
-def _signal_line(one: FoundRole) -> str:
+def _dbc_signal_line(one: FoundRole) -> str:
+    """Return the SG_ line of a DBC file for a signal that was found."""
     field: MessageField = one.field
     bits = field.layout
     scale = one.scale if one.scale is not None else field.scale

@@ -53,6 +53,7 @@ def best_offset(
 
 
 def _resampled(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, float]:
+    """Return finite values interpolated on a regular grid of time, and the grid's first instant."""
     known = np.isfinite(value) & np.isfinite(time_s)
     t, x = time_s[known], value[known]
     if len(t) < 2:

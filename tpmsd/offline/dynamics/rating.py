@@ -42,7 +42,7 @@ class Rating:
 def rating(reference: FloatArray, simulated: FloatArray, dt_s: float = 1e-4) -> Rating:
     """Return the rating of a curve against the reference, both (n,), n at least 10."""
     shift = _best_shift(reference, simulated)
-    moved_reference, moved = _shifted(reference, simulated, shift)
+    moved_reference, moved = _aligned(reference, simulated, shift)
     allowed = MOST_SHIFT * len(reference)
     phase = 0.0 if abs(shift) >= allowed else (allowed - abs(shift)) / allowed
     return Rating(
@@ -82,7 +82,8 @@ def _correlation(a: FloatArray, b: FloatArray) -> float:
     return float(a @ b) / size if size > 0.0 else -np.inf
 
 
-def _shifted(reference: FloatArray, simulated: FloatArray, shift: int) -> tuple[FloatArray, FloatArray]:
+def _aligned(reference: FloatArray, simulated: FloatArray, shift: int) -> tuple[FloatArray, FloatArray]:
+    """Return the overlapping parts of both series, the simulated one moved by `shift` samples."""
     if shift > 0:
         return reference[:-shift], simulated[shift:]
     if shift < 0:

@@ -55,17 +55,17 @@ class StateBlock(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the parameters of the noise that rule this block."""
+        """Return the names of the noise parameters that this block depends on."""
 
     @property
     def turning(self) -> tuple[int, ...]:
-        """States that turn the way, and so move the position."""
+        """States that turn the heading, and so move the position."""
 
-    def rows(self, windows: Linearised) -> FloatArray:
-        """(w, 9, n) what the channels see of the states."""
+    def observation_matrix(self, windows: Linearised) -> FloatArray:
+        """(w, 9, n) observation matrix H of each window: the channels' response to the block's states."""
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Factors of fading (w, n), variances that come in (w, n) and those before the first window (n,)."""
+        """Decay factors (w, n), process-noise variances (w, n) and variances before the first window (n,)."""
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ class Readings:
     parameters = ("stamp_s",)
     turning = ()
 
-    def rows(self, windows: Linearised) -> FloatArray:
-        """Return what `StateBlock.rows` returns."""
+    def observation_matrix(self, windows: Linearised) -> FloatArray:
+        """Return the observation matrix, as `StateBlock` says."""
         out = np.zeros((len(windows), CHANNELS, 8))
         wheels = np.arange(4)
         out[:, wheels, wheels] = 1.0
@@ -102,8 +102,8 @@ class MotionErrors:
     parameters = ()
     turning = (PSI - V,)
 
-    def rows(self, windows: Linearised) -> FloatArray:
-        """Return what `StateBlock.rows` returns."""
+    def observation_matrix(self, windows: Linearised) -> FloatArray:
+        """Return the observation matrix, as `StateBlock` says."""
         out = np.zeros((len(windows), CHANNELS, 5))
         out[:, :, :3] = windows.design
         late = windows.after_fixes
@@ -159,8 +159,8 @@ class GaussMarkov:
         """All states where they turn with the distance, else none."""
         return tuple(range(len(self.names))) if self.turns else ()
 
-    def rows(self, windows: Linearised) -> FloatArray:
-        """Return what `StateBlock.rows` returns."""
+    def observation_matrix(self, windows: Linearised) -> FloatArray:
+        """Return the observation matrix, as `StateBlock` says."""
         return self.seen(windows)
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -198,8 +198,8 @@ class RandomWalk:
         """Its growth."""
         return (self.size,)
 
-    def rows(self, windows: Linearised) -> FloatArray:
-        """Return what `StateBlock.rows` returns."""
+    def observation_matrix(self, windows: Linearised) -> FloatArray:
+        """Return the observation matrix, as `StateBlock` says."""
         return self.seen(windows)
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -244,9 +244,9 @@ class Layout:
         """Return the parameters of the noise that matter."""
         return frozenset(name for block in self.blocks for name in block.parameters) | WHITE
 
-    def rows(self, windows: Linearised) -> FloatArray:
-        """(w, 9, s) H."""
-        return np.concatenate([block.rows(windows) for block in self.blocks], axis=2)
+    def observation_matrix(self, windows: Linearised) -> FloatArray:
+        """(w, 9, s) observation matrix H of all blocks together."""
+        return np.concatenate([block.observation_matrix(windows) for block in self.blocks], axis=2)
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Factors of fading (w, s), variances that come in (w, s) and those before the first window (s,)."""

@@ -91,8 +91,9 @@ class Geometry:
         return np.ascontiguousarray(self.joint[:, :, came_to])
 
     @cached_property
-    def from_motion(self) -> FloatArray:
-        """(w, c + 9, c + 9) covariance that the new errors of the motion give these."""
+    def motion_covariance(self) -> FloatArray:
+        """(w, c + 9, c + 9) covariance of carried states and channels by the motion's errors of each
+        window."""
         seen = self.joint[:, :, V : PN + 1]
         return np.asarray(seen @ self.motion @ seen.transpose(0, 2, 1))
 
@@ -150,7 +151,7 @@ def geometry(windows: Linearised, here: np.ndarray, layout: Layout = DRIFTING_RA
     return Geometry(
         layout=layout,
         here=here,
-        rows=layout.rows(windows) * here[:, :, None],
+        rows=layout.observation_matrix(windows) * here[:, :, None],
         turn=windows.to_east_north[:, :, 2],
         motion=_motion_variances(windows),
         speed_mps=v,

@@ -268,7 +268,7 @@ def _heading(
 
 
 def _drift(time_s: FloatArray, off_rad: FloatArray) -> float:
-    """(rad/s) at which the receiver's course leaves the integrated yaw rate, in the median of neighbours.
+    """Median rate of the receiver's course against the integrated yaw rate, rad/s: the gyro's bias.
 
     The gyro's zero was taken from wheels whose radii may differ: over a minute without fixes that is more
     than half a turn.

@@ -71,6 +71,7 @@ class Whitener:
 
     @cached_property
     def _step(self) -> FloatArray:
+        """(w, c, c) transition of the carried states under the filter."""
         return steps(self._moved, self._found)
 
     @classmethod
@@ -181,7 +182,7 @@ def _fresh(space: Geometry, diagonal: Diagonals) -> FloatArray:
     """(w, c + 9, c + 9) covariance of process and measurement noise that a window adds."""
     joint, carry = space.joint, len(space.layout.carried)
     out = (joint * diagonal.fresh[:, None]) @ joint.transpose(0, 2, 1)
-    out += space.from_motion
+    out += space.motion_covariance
     at = np.arange(carry, carry + CHANNELS)
     out[:, at, at] += np.where(space.here, diagonal.variance, 1.0)
     return np.asarray(out)

@@ -55,6 +55,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
 
 
 def _wheel(outcome: WheelOutcome, result: ReplayResult) -> dict[str, Any]:
+    """Return the JSON entry of a wheel at the end of a replay."""
     nominal = float(result.nominal_m[WHEELS.index(outcome.wheel)])
     return {
         "deviation_mm": millimetres(outcome.deviation_m),

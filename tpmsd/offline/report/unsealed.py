@@ -183,7 +183,7 @@ def unsealed_summary(document: Mapping[str, Any], untouched_known: bool = True) 
     """
     lines = [f"sealed truth {document['sha256']}"]
     for one in document["concealed"]:
-        lines.append(f"  {one['effect']}: " + (_named(one) if one["named"] else "missed"))
+        lines.append(f"  {one['effect']}: " + (_found_words(one) if one["named"] else "missed"))
         lines += [f"      {_compared(name, value)}" for name, value in one["parameters"].items()]
     for one in document["others"]:
         why = "in the untouched recording, too" if one["untouched"] else "was not concealed"
@@ -202,9 +202,10 @@ def unsealed_summary(document: Mapping[str, Any], untouched_known: bool = True) 
     return "\n".join(lines)
 
 
-def _named(one: Mapping[str, Any]) -> str:
+def _found_words(one: Mapping[str, Any]) -> str:
+    """Return how a hidden effect was found: its rank among the findings and its confidence."""
     status = "" if one["status"] in (None, "finding") else f", a {one['status']}"
-    return f"named, place {one['rank']}, confidence {_short(one['confidence'])}{status}"
+    return f"named, rank {one['rank']}, confidence {_short(one['confidence'])}{status}"
 
 
 def _compared(name: str, value: Mapping[str, Any]) -> str:

@@ -147,8 +147,8 @@ def requantised(readings: FloatArray, more: FloatArray) -> FloatArray:
 
 
 def _smoothed(values: FloatArray, sigma: float) -> FloatArray:
-    """Return (m,) by a Gaussian, carried on at the ends by reflection in their points: what rises goes on
-    rising."""
+    """Return (m,) the values smoothed by a Gaussian kernel of `sigma` samples. They are continued at both
+    ends by reflection in the end point, which keeps a slope."""
     from scipy.ndimage import gaussian_filter1d
 
     width = min(int(4.0 * sigma + 1.0), len(values) - 1)

@@ -150,6 +150,7 @@ class _Guesser:
         return self._values[name]
 
     def _time(self, name: str) -> FloatArray | None:
+        """Return the time stamps of a column, its own or the table's, s; None where the table has none."""
         own = self._table.own_time(name)
         if own is not None:
             return own

@@ -104,10 +104,10 @@ class _Reader:
                 )
         config = self._config(data.get("vehicle"))
         car = {name: dict(data[name]) for name in cars if isinstance(data.get(name), dict)}
-        table = self._table(data.get("table", {}), "table", _TABLE_KEYS)
+        table = self._checked_table(data.get("table", {}), "table", _TABLE_KEYS)
         time = self._text(table.get("time"), "table", "time")
         unit = self._time_unit(table.get("time_unit", "s"), "table", "time_unit")
-        columns = self._columns(data["columns"]) if "columns" in data else None
+        columns = self._checked_columns(data["columns"]) if "columns" in data else None
         line = self._document.line("table", "time")
         named = tuple(self._named)
         found = TableMap(self._document.file, time, unit, line, columns, car, config, named)
@@ -123,9 +123,10 @@ class _Reader:
             self._report(BadValueError("not a path nor a table", show(vehicle)), "vehicle")
         return None
 
-    def _columns(self, given: object) -> dict[str, ColumnMap]:
+    def _checked_columns(self, given: object) -> dict[str, ColumnMap]:
+        """Return [columns] by role, its faults reported."""
         found: dict[str, ColumnMap] = {}
-        for role, value in self._table(given, "columns", ()).items():
+        for role, value in self._checked_table(given, "columns", ()).items():
             self._note_names(role, value)
             if role not in ROLES:
                 near = nearest(role, ROLES)
@@ -153,7 +154,7 @@ class _Reader:
 
     def _column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
         before = len(self._problems)
-        self._table(entry, f"columns.{role}", _COLUMN_KEYS, ("columns", role))
+        self._checked_table(entry, f"columns.{role}", _COLUMN_KEYS, ("columns", role))
         where = ("columns", role)
         column = self._text(entry.get("column"), *where, "column")
         if column is None:
@@ -192,10 +193,10 @@ class _Reader:
             column, unit, numbers["scale"], numbers["offset"], modulus, bits, time, time_unit, line
         )
 
-    def _table(
+    def _checked_table(
         self, given: object, name: str, keys: tuple[str, ...], where: tuple[str, ...] | None = None
     ) -> dict[str, Any]:
-        """Return the table, its unknown keys told; empty if it is none."""
+        """Return a table of the map, its unknown keys reported; empty where it is no table."""
         location = where or (name,)
         if not isinstance(given, dict):
             self._report(BadValueError("must be a table", show(given)), *location)

@@ -77,7 +77,8 @@ def build_filter(
     )
 
 
-def _made(rng: Randomness) -> np.random.Generator:
+def _generator(rng: Randomness) -> np.random.Generator:
+    """Return the generator itself, made now where a function that makes it was given."""
     return rng() if callable(rng) else rng
 
 
@@ -103,7 +104,7 @@ def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: Randomne
     if isinstance(pieces, MarginalPieces):
         weighed = replace(pieces.mixture, fix_weights=FIX_WEIGHTS[settings.fix_weights])
         count = settings.particles or SETTINGS.marginal_particles
-        return MarginalBelief(car, replace(pieces, mixture=weighed), count, _made(rng))
+        return MarginalBelief(car, replace(pieces, mixture=weighed), count, _generator(rng))
     forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
     rear: Belief
     if isinstance(pieces, GaussianPieces):
@@ -115,5 +116,5 @@ def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: Randomne
             radii=pieces.radii.remembering(forgetting),
             position_noise=None if noise is None else noise.remembering(settings.window_s),
         )
-        rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, _made(rng))
+        rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, _generator(rng))
     return FourWheelBelief(rear, car, forgetting) if len(car.order) == 4 else rear

@@ -92,7 +92,7 @@ class BrakeSlip(Effect):
 
     @classmethod
     def summed_with(cls, car: Car) -> Mapping[str, str]:
-        """Slip per deceleration of a driven axle is that of drive and brakes together."""
+        """Return the slip of drive torque, which adds to that of the brakes on a driven axle."""
         axles = {"front": IS_FRONT, "rear": ~IS_FRONT}
         return {name: "slip_per_accel" for name, axle in axles.items() if car.driven[axle].all()}
 

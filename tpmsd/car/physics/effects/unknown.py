@@ -112,7 +112,7 @@ class Unknown(Effect):
         return self.height(motion, car)[:, None] * self.signs
 
     def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
-        """(n,) the shape, if it acts on the receiver's speed."""
+        """(n,) value of the spline where it acts on the receiver's speed; else zeros."""
         return self._if("gnss_speed", motion, car)
 
     def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:

@@ -63,7 +63,7 @@ class VelocityLag(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a lag that is not surely unusual is the receiver's own."""
+        """Return the note on a lag within the tolerance of receivers (`UNUSUAL_S`); empty beyond it."""
         if abs(value) - 2.0 * std > UNUSUAL_S:
             return ""
         return (

@@ -51,7 +51,7 @@ def numbers_of(wheels: str) -> tuple[int, ...]:
 
 
 def wheels_of(place: str) -> tuple[int, ...]:
-    """Numbers of the wheels of a place."""
+    """Numbers of the wheels of a wheel pattern."""
     return tuple(WHEELS.index(wheel) for wheel in PATTERNS[place])
 
 

@@ -58,7 +58,9 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
             if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= study.grid:
                 continue
             others = [other for j, other in enumerate(terms) if j != k]
-            point, best = _best(study, evidence, Selector(evidence, study.hypotheses).design(others), term)
+            point, best = _likeliest_point(
+                study, evidence, Selector(evidence, study.hypotheses).design(others), term
+            )
             added.append((term, point))
             columns += best
     shapes = [] if study.simulation else _shapes(study, evidence, terms)
@@ -128,7 +130,7 @@ def exact(
 
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
-    point, columns = _best(study, evidence, design, term)
+    point, columns = _likeliest_point(study, evidence, design, term)
     places = study.append(columns)
     for one in (*alternatives, term):
         _add(study, one, point, places)
@@ -216,9 +218,11 @@ def _second(term: Term) -> SecondParameter:
     return grid.second
 
 
-def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> tuple[Point, list[ByDrive]]:
-    """Return the likeliest point, as `_searched`: a ramp also on its other courses, if one is likelier by
-    more than its choice costs.
+def _likeliest_point(
+    study: Study, evidence: Evidence, design: FloatArray, term: Term
+) -> tuple[Point, list[ByDrive]]:
+    """Return the point of maximum likelihood of a term's nonlinear values, with its columns. A ramp is also
+    fitted with its other courses, and takes one whose gain exceeds its larger penalty.
     """
     centre, width = _begin(study, term)
     point, columns, gain = _searched(study, evidence, design, term, centre, width)

@@ -302,8 +302,8 @@ def _of_term(
 
 
 def _largest_gain(search: Candidates, rest: list[Term]) -> float:
-    """Studentised, of what could be a finding: no calibration, and nothing whose small values every
-    instrument has."""
+    """Return the largest studentised gain of a term that could be a finding. Calibration is left out, and so
+    are effects of which every instrument has small values."""
     largest = -math.inf
     for net, (term, *_) in search.candidates(rest):
         if net <= largest:  # no ratio is below one

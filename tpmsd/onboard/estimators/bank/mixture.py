@@ -332,8 +332,8 @@ class MixtureBelief:
         }
 
     def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
-        """Restore radii that may have changed meanwhile, and after a night the receiver may be another: the
-        saved covariances are widened by what that time can do, to those of the prior at most.
+        """Restore a saved belief. Covariances are widened by the drift of `since_s` seconds, to those of the
+        prior at most: radii may have changed meanwhile, and the receiver may be another one.
         """
         mean, covariance = saved_radii(saved, self._car.nominal_m)
         size = MU - LAT

@@ -109,8 +109,8 @@ class Judgement:
 
     @property
     def least_hold_s(self) -> float:
-        """For how long an alarm has to last: what rests on the receiver's speed alone until that was held
-        against its own positions."""
+        """Time for which an alarm must last before it is sent, s. One of all wheels rests on the receiver's
+        speed alone, and waits until that speed was compared with the receiver's own positions."""
         return JUDGE.all_hold_s if self.all_monitored else 0.0
 
     @property

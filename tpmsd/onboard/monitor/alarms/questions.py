@@ -105,7 +105,7 @@ class Questions:
     def _of_bank(
         self, bank: Posterior, found: Judgement, elapsed_s: float
     ) -> list[tuple[tuple[str, ...], str, float]]:
-        """Return what the bank leaves open: the wheels, the question, the probability."""
+        """Return the questions that a judgement by the drive leaves: wheels, text and probability of each."""
         self._of_tyres.update(bank.changed, elapsed_s)
         self._of_load.update(found.unusual, elapsed_s)
         if self._of_tyres.active:

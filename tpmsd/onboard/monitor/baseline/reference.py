@@ -215,14 +215,15 @@ class RadiusReference:
 
     def _of_driven(self, std: float) -> FloatArray:
         driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
-        return np.asarray(np.where(driven[:, None], self._of_axles(std), 0.0))
+        return np.asarray(np.where(driven[:, None], self._axle_covariance(std), 0.0))
 
-    def _of_axles(self, std: float) -> FloatArray:
+    def _axle_covariance(self, std: float) -> FloatArray:
+        """(4, 4) covariance of changes that both wheels of an axle have in common."""
         return np.where(IS_FRONT[:, None] == IS_FRONT[None, :], std**2, 0.0)
 
     def scatter(self, model: DriveModel) -> FloatArray:
         """(4, 4) relative covariance of what `model` adds to every sample."""
-        return self._of_axles(model.axle_scatter) + np.eye(4) * model.own_scatter**2
+        return self._axle_covariance(model.axle_scatter) + np.eye(4) * model.own_scatter**2
 
     def forget_drive(self, load_only: bool) -> None:
         """Widen by what a stop may change: the load is another, and unless `load_only` so is the day."""

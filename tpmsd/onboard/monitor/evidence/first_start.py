@@ -217,6 +217,7 @@ class FirstStart:
         return turned
 
     def _reason(self, kind: AlarmKind, k: int, state: str, verdict: FirstVerdict) -> str:
+        """Return the sentence that an alarm about wheel k gives as its reason."""
         by = float(verdict.smaller_share[k])
         if state == "cleared":
             return "no longer outside of what tyres of one set have"

@@ -109,6 +109,7 @@ class GpsdReports:
         return None
 
     def _sky(self, report: dict[str, Any]) -> None:
+        """Keep dilutions of precision and the number of satellites of a SKY report."""
         self._hdop, self._pdop = reading(report, "hdop"), reading(report, "pdop")
         satellites = report.get("satellites")
         if isinstance(satellites, list):
