@@ -61,16 +61,16 @@ def test_effects_that_differ_by_less_than_any_model_is_right_are_rivals(angle: f
 
 
 @pytest.mark.parametrize(
-    ("place", "covariate", "share"),
+    ("pattern", "covariate", "share"),
     [
         ("all", "time", SETTINGS.selection.drift_handicap),
         ("all", "speed", SETTINGS.selection.spline_handicap),
         ("rl", "time", SETTINGS.selection.spline_handicap),
     ],
 )
-def test_a_spline_gives_away_a_share_of_its_gain(place: str, covariate: str, share: float) -> None:
+def test_a_spline_gives_away_a_share_of_its_gain(pattern: str, covariate: str, share: float) -> None:
     """More where the receiver's slow error looks alike: over time, on all wheels."""
-    term = Term("unknown", np.eye(3)[:, :1], ("at_1",), 5.0, place=place, covariate=covariate)
+    term = Term("unknown", np.eye(3)[:, :1], ("at_1",), 5.0, pattern=pattern, covariate=covariate)
 
     assert pytest.approx((1.0 - share) * 100.0 - 5.0) == Candidates.net(term, 100.0, 1e-3)
 

@@ -47,10 +47,10 @@ def columns(*numbers: int, width: int) -> FloatArray:
     return np.eye(width)[:, list(numbers)]
 
 
-def shape(place: str, covariate: str, design: FloatArray) -> Term:
+def shape(pattern: str, covariate: str, design: FloatArray) -> Term:
     """A spline term."""
     names = tuple(f"at_{k}" for k in range(design.shape[1]))
-    return Term("unknown", design, names, spline_penalty(len(names)), place=place, covariate=covariate)
+    return Term("unknown", design, names, spline_penalty(len(names)), pattern=pattern, covariate=covariate)
 
 
 def directions(count: int) -> FloatArray:
@@ -95,7 +95,7 @@ def test_an_old_fix_is_distinguished_from_slip_of_the_other_axle(
     chosen = selector.select().chosen
 
     assert selector.gain([rear, lag]) - selector.gain([rear]) > 50.0
-    assert found == {(one.term.effect, one.term.place) for one in chosen}
+    assert found == {(one.term.effect, one.term.pattern) for one in chosen}
     for one in chosen:
         if one.term.effect == "gnss_latency":
             assert one.values[0] == pytest.approx(COMMON / PER_SECOND, abs=3.0 * one.stds[0])

@@ -18,7 +18,7 @@ from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 from tpmsd.interfaces.cli.main import main
 from tpmsd.interfaces.cli.replay import replay
 from tpmsd.offline.diagnosis.hypotheses.response import first_hat, smooth_columns, smooth_knots
-from tpmsd.offline.diagnosis.selection.empirical import place_of
+from tpmsd.offline.diagnosis.selection.empirical import pattern_text
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
 
@@ -31,7 +31,7 @@ def reader() -> Reader:
 
 
 @pytest.mark.parametrize(
-    ("place", "covariate", "size"),
+    ("pattern", "covariate", "size"),
     [
         ("rear", "speed", 1e-3),
         ("left minus right", "accel_lat", 1e-3),
@@ -43,7 +43,7 @@ def reader() -> Reader:
     ],
 )
 def test_the_effect_is_the_shape_that_was_fitted(
-    reader: Reader, place: str, covariate: str, size: float
+    reader: Reader, pattern: str, covariate: str, size: float
 ) -> None:
     """The forward model with the effect moves the channels as the columns of the fit do: by 10 % in all.
 
@@ -51,7 +51,7 @@ def test_the_effect_is_the_shape_that_was_fitted(
     """
     knots = {covariate: smooth_knots(reader.windows.covariates)[covariate]}
     columns = smooth_columns(reader, knots)
-    on = place_of(place)
+    on = pattern_text(pattern)
     heights = size * np.maximum(np.arange(len(knots[covariate])) / 2.0 - 1.0, -0.5)
     first = first_hat(on.split()[0].removeprefix("-"))
     heights[:first] = 0.0

@@ -51,7 +51,12 @@ def test_one_threshold_holds_for_all_names(probe: FittedParameter) -> None:
     """A gain of a nat above penalty and threshold is chosen, of a nat below is not, whatever the name."""
     value = probe.value - probe.neutral
     term = Term(
-        probe.effect, columns(1, width=2), (probe.parameter,), PENALTY, place=probe.wheel_pattern, at=probe.at
+        probe.effect,
+        columns(1, width=2),
+        (probe.parameter,),
+        PENALTY,
+        pattern=probe.wheel_pattern,
+        at=probe.at,
     )
     threshold = term.total_penalty(value) + SETTINGS.selection.admit_nats
     response = directions(1)

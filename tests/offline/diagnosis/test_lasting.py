@@ -62,7 +62,7 @@ def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Study, Evidenc
     study = study.under({0: usual.drives[0].noise})
     evidence = study.evidence()
     gram, b = evidence.projected(study.hypotheses.nuisance)
-    events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].place == "rear"]
+    events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].pattern == "rear"]
     gain, event = max(events, key=lambda entry: entry[0])
     assert gain > 40.0
     return study, evidence, event

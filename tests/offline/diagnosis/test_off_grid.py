@@ -68,5 +68,5 @@ def test_a_spline_over_time_keeps_its_knots() -> None:
     term = plainest_shape(study, study.evidence(), study.hypotheses.nuisance)
 
     assert term is not None
-    assert ("rl", False, False) == (term.place, term.ramp, term.pulse)
+    assert ("rl", False, False) == (term.pattern, term.ramp, term.pulse)
     assert term.covariate in ("time", "distance")

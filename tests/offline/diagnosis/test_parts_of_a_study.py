@@ -21,7 +21,7 @@ from tpmsd.offline.diagnosis.refinement.finer import best_knots, finest_shape
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.reporting.findings import evidence_gain, report
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
-from tpmsd.offline.diagnosis.reporting.where import place_of, where_of, whole_range
+from tpmsd.offline.diagnosis.reporting.where import location_of, where_of, whole_range
 from tpmsd.offline.diagnosis.robustness.drifting import DRIFTS, drifting
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
@@ -56,11 +56,11 @@ def chosen(study: Study, *terms: Term) -> Selection:
     return Selector(study.evidence(), study.hypotheses).judged(list(terms))
 
 
-def shape(study: Study, place: str, covariate: str) -> Term:
+def shape(study: Study, pattern: str, covariate: str) -> Term:
     """The smooth term of a place on its usual knots."""
     gram, b = study.evidence().projected(study.hypotheses.nuisance)
     found = [term for _, term in study.hypotheses.smooth_gains(gram, b)]
-    return next(term for term in found if (term.place, term.covariate) == (place, covariate))
+    return next(term for term in found if (term.pattern, term.covariate) == (pattern, covariate))
 
 
 def rows(study: Study, columns: FloatArray) -> FloatArray:
@@ -110,7 +110,7 @@ def test_the_hats_of_a_reading_add_up_to_a_constant(studied: Study) -> None:
     expected = np.zeros((len(studied.drives[0].reader.windows), len(CHANNEL_NAMES)))
     expected[:, GYRO] = 1.0
 
-    assert ("yaw_rate",) == finest.places
+    assert ("yaw_rate",) == finest.patterns
     assert len(finest.knots) == len(finest.columns)
     assert np.allclose(expected, total)
 
@@ -159,8 +159,8 @@ def test_a_term_is_placed_where_its_response_has_its_energy(studied: Study) -> N
     assert knots[1] < low < knots[2] < high < knots[3]
     assert inside > 0.9
     assert (speed.min(), speed.max()) == whole_range(studied, term).range
-    assert ((), "yaw_rate", "speed") == place_of(studied, term)
-    assert (("rl", "rr"), "wheel_ratio", "speed") == place_of(studied, shape(studied, "rear", "speed"))
+    assert ((), "yaw_rate", "speed") == location_of(studied, term)
+    assert (("rl", "rr"), "wheel_ratio", "speed") == location_of(studied, shape(studied, "rear", "speed"))
 
 
 def test_a_trace_ends_without_a_mean_and_begins_with_the_response(studied: Study) -> None:

@@ -43,8 +43,8 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     drive = study.drives[0]
     windows = drive.reader.windows
     step = ramp_column(drive.reader, 2, (122.0, 0.0))
-    place = study.append([(_step(122.0), {0: step})])[0]
-    study.hypotheses.add_ramp("rl", (122.0, 122.0), place)
+    pattern = study.append([(_step(122.0), {0: step})])[0]
+    study.hypotheses.add_ramp("rl", (122.0, 122.0), pattern)
     term = study.hypotheses.catalogue[-1]
     plain = drive.believed(Selector(study.evidence(), study.hypotheses).design([term]))
     noise = refit_wander(windows, plain, replace(drive.noise, wander=1e-3), None)

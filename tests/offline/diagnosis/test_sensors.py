@@ -106,10 +106,10 @@ def test_a_report_can_say_where(sound: Drive) -> None:
     off = replace(steered(sound, 1.0, 0.1, 0.0), accel_lat=sound.accel_lat + 0.5)
     recording = recording_of(replace(off, accel_long=sound.accel_long + 0.5))
     drifting = replace(recording, host_minus_utc_s=5e-4 * recording.fix_time_s)
-    places = [location_text(one.where) for one in unusual([reader_of(drifting)], 400.0, False)]
+    texts = [location_text(one.where) for one in unusual([reader_of(drifting)], 400.0, False)]
 
-    assert 3 == len(places)
-    assert any(text.startswith("the host's clock against UTC") for text in places)
+    assert 3 == len(texts)
+    assert any(text.startswith("the host's clock against UTC") for text in texts)
     assert {*ROLES, CLOCK} <= set(CHANNELS)
 
 

@@ -84,7 +84,7 @@ def test_a_term_becomes_the_effect_with_its_values_within_bounds() -> None:
 
 def test_a_term_says_where_and_when_it_acts() -> None:
     """Groups of wheels are written out; a ramp shorter than a window is a step in its middle."""
-    lock = term("wheel_lock", "slip", place="rear", span_s=(10.0, 14.0))
+    lock = term("wheel_lock", "slip", pattern="rear", span_s=(10.0, 14.0))
     step = term("radius_change", "deviation_m", wheel="rl", span_s=(100.0, 102.0))
 
     assert {"wheels": "rl rr"} == words_of(lock)
@@ -107,7 +107,7 @@ def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
 
 
 @pytest.mark.parametrize(
-    ("effect", "place", "gain", "doubtful"),
+    ("effect", "pattern", "gain", "doubtful"),
     [
         ("message_delay", "front", 400.0, True),
         ("message_delay", "front", 600.0, False),
@@ -116,11 +116,11 @@ def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
     ],
 )
 def test_an_instruments_effect_must_gain_more_than_a_spline_on_its_wheels(
-    effect: str, place: str, gain: float, doubtful: bool
+    effect: str, pattern: str, gain: float, doubtful: bool
 ) -> None:
     """What its form leaves looks like a delay of messages; the car's own physics keeps its name."""
-    one = term(effect, "front_s", place=place)
-    shape = term("unknown", "at_1", place="front", covariate="grade")
+    one = term(effect, "front_s", pattern=pattern)
+    shape = term("unknown", "at_1", pattern="front", covariate="grade")
 
     def chosen(of: Term, brings: float) -> Chosen:
         return Chosen(of, brings, brings, brings, 1.0, (), np.ones(1), np.ones(1))

@@ -25,19 +25,19 @@ SIZE = 1e4
 def shapes() -> list[Term]:
     """Over time, on each wheel and on each group of wheels."""
     out = []
-    for place in (*WHEELS, "front", "rear", "left", "right", "all"):
+    for pattern in (*WHEELS, "front", "rear", "left", "right", "all"):
         design = np.zeros((1 + 4 * HATS, HATS))
-        for wheel in PATTERNS[place]:
+        for wheel in PATTERNS[pattern]:
             design += columns(
                 *range(1 + WHEELS.index(wheel) * HATS, 1 + (WHEELS.index(wheel) + 1) * HATS),
                 width=len(design),
             )
-        out.append(shape(place, "time", design))
+        out.append(shape(pattern, "time", design))
     return out
 
 
 @pytest.mark.parametrize(
-    ("heights_mm", "place"),
+    ("heights_mm", "pattern"),
     [
         ({"fl": 1, "fr": 1}, "front"),
         ({"fr": 1, "rr": 1}, "right"),
@@ -49,7 +49,7 @@ def shapes() -> list[Term]:
     ],
 )
 def test_a_shape_is_reported_only_where_one_group_has_it_to_itself(
-    heights_mm: dict[str, int], place: str | None
+    heights_mm: dict[str, int], pattern: str | None
 ) -> None:
     """An axle, a side, one wheel; not two that go each their own way, not all, as the receiver makes it."""
     u = directions(4 * HATS)
@@ -64,7 +64,7 @@ def test_a_shape_is_reported_only_where_one_group_has_it_to_itself(
     selector = Selector(evidence(data, responses), Given(1 + 4 * HATS, [], shapes()), last=True)
     found = _common_shape(selector, [])
 
-    assert place == (None if found is None else found.place)
+    assert pattern == (None if found is None else found.pattern)
 
 
 @pytest.mark.parametrize(("loses_air", "effect"), [(True, "radius_change"), (False, "unknown")])

@@ -37,7 +37,9 @@ def terms_of(study: Study) -> list[Term]:
         for _, term in gains(gram, b)
     ]
     every = [*hypotheses.catalogue, *hypotheses.splines, *scanned]
-    kinds = {(term.effect, term.place, term.wheel, term.pulse): term for term in every if not term.calibrates}
+    kinds = {
+        (term.effect, term.pattern, term.wheel, term.pulse): term for term in every if not term.calibrates
+    }
     return list(kinds.values())
 
 
@@ -52,7 +54,7 @@ def test_all_patterns_of_the_hypotheses_are_walked(studies: tuple[Study, Study])
     names = {name for name, _ in patterns()}
 
     for study in studies:
-        assert names <= {term.place for term in terms_of(study)}
+        assert names <= {term.pattern for term in terms_of(study)}
 
 
 @pytest.mark.parametrize("number", [0, 1])
@@ -61,13 +63,13 @@ def test_every_pattern_is_held_against_an_effect_on_the_same_wheels(
 ) -> None:
     """An instrument's effect on fl loses to a stronger spline on any pattern with fl, and to no other."""
     terms = terms_of(studies[number])
-    missed = next(t for t in terms if (t.effect, t.place) == ("counter_missed_pulses", "fl"))
+    missed = next(t for t in terms if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
     selection = Selector(studies[number].evidence(), studies[number].hypotheses).judged([])
     found = {}
     for term in terms:
         if term.free and not term.pulse:
             both = replace(selection, chosen=(chosen(missed, 9.0), chosen(term, 10.0)))
-            found[term.place] = outweighed(both.chosen[0], both)
+            found[term.pattern] = outweighed(both.chosen[0], both)
 
     assert {name: "fl" in dict(signed) for name, signed in patterns()} == found
 
@@ -91,8 +93,8 @@ def test_every_pattern_is_reported(studies: tuple[Study, Study], number: int) ->
     covariates = sorted({term.covariate for term in common})
     # Over a covariate of its own each, for all, front and rear over one are not told apart.
     wanted = {name: covariates[k % len(covariates)] for k, (name, _) in enumerate(patterns())}
-    splines = [term for term in common if wanted[term.place] == term.covariate]
-    missed = next(t for t in terms_of(study) if (t.effect, t.place) == ("counter_missed_pulses", "fl"))
+    splines = [term for term in common if wanted[term.pattern] == term.covariate]
+    missed = next(t for t in terms_of(study) if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
     selection = replace(
         selector.judged([]),
         chosen=(chosen(missed, 9.0), *(chosen(term, 10.0) for term in splines)),
@@ -101,4 +103,4 @@ def test_every_pattern_is_reported(studies: tuple[Study, Study], number: int) ->
     findings = [one for one in report(study, selection, evidence).findings if one.effect == "unknown"]
 
     assert len(wanted) == len(splines)
-    assert [set(wheels_acted_on(term.place)) for term in splines] == [set(f.where.wheels) for f in findings]
+    assert [set(wheels_acted_on(term.pattern)) for term in splines] == [set(f.where.wheels) for f in findings]

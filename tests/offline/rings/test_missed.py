@@ -113,7 +113,7 @@ def test_the_ripple_limits_what_a_counter_may_lose_or_add(changed_m: float, shar
     assert high - low < 2e-3 * counts_per_s
     bounds = counter_bounds([{"rl": (low, high)}])
     for effect, sign in (("counter_missed_pulses", 1.0), ("counter_extra_pulses", -1.0)):
-        term = Term(effect, np.zeros((2, 1)), ("rate_per_s",), 3.5, place="rl")
+        term = Term(effect, np.zeros((2, 1)), ("rate_per_s",), 3.5, pattern="rl")
         for offset, possible in ((0.0, True), (2e-3, False), (-2e-3, False)):
             value = sign * (share + offset) * counts_per_s
             assert possible == thinkable(term, np.array([value]), bounds)

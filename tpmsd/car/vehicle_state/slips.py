@@ -66,7 +66,7 @@ def angle_for_force(
 ) -> FloatArray:
     """Slip angle under which a tyre without longitudinal slip gives this side force; same shape.
 
-    Dugoff's law turned round: linear up to half the limit L = friction * load, then
+    Inverse of Dugoff's law: linear up to half the limit L = friction * load, then
     |F| = L (1 - L / (4 C tan alpha)). Forces beyond `max_use` of the limit give that one's angle.
     """
     limit = np.maximum(friction * load_n, 1.0)
@@ -111,6 +111,6 @@ def wheel_slips(
 
 
 def _slip(ratio: FloatArray) -> FloatArray:
-    """sigma of sigma / (1 + sigma) = F_x / C_sigma, within what makes sense."""
+    """sigma of sigma / (1 + sigma) = F_x / C_sigma, limited to `max_slip` in size."""
     held = np.clip(ratio, -SETTINGS.max_slip, SETTINGS.max_slip)
     return np.asarray(np.clip(held / (1.0 - held), -SETTINGS.max_slip, SETTINGS.max_slip))

@@ -202,7 +202,7 @@ class _Stop(Exception):  # noqa: N818 -- no error
 
 @contextlib.contextmanager
 def _until_signalled(stopped: threading.Event | None) -> Iterator[None]:
-    """Within it SIGTERM and SIGINT set the event, or raise where there is none."""
+    """Let SIGTERM and SIGINT set the event, or raise `_Stop` where there is none."""
 
     def handle(number: int, _: object) -> None:
         if stopped is None:
@@ -256,7 +256,7 @@ def _check_period(period_s: float) -> None:
 
 def _refuse_in_the_clear(what: str, host: str, options: str) -> None:
     if host not in ("localhost", "127.0.0.1", "::1"):
-        raise ConfigError(f"{what} to {host} without TLS: everybody on the way could read it ({options})")
+        raise ConfigError(f"{what} to {host} without TLS: others on the network could read it ({options})")
 
 
 def _address(option: str, text: str, default_port: int) -> tuple[str, int]:

@@ -62,14 +62,14 @@ class Series:
     """True if roll-overs showed the modulus; else it is the field's width."""
     period_s: float = 0.0
     no_value: frozenset[int] = frozenset()
-    """Raw numbers that stand for no value, beside those that the DBC names."""
+    """Raw values that mean 'no value', other than those that the DBC names."""
     step_rms: float = 0.0
     """Root mean square of a value's steps from frame to frame, in raw units; 0 for counters."""
 
 
 def as_value(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
-    """Return the field as a number (signed and float as the field says); what stands for no value is left
-    out."""
+    """Return the field as a number (signed and float as the field says); raw values that mean 'no value'
+    are left out."""
     layout = field.layout
     plain = not layout.is_float and not layout.signed and not field.invalid
     no_value = _no_value(raw) if plain else frozenset()
@@ -143,8 +143,8 @@ def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | Non
     long = gap > SETTINGS.long_gap_periods * log.period_s
     if long.any():
         # How often it rolled over in a gap follows from the speed before and after.
-        usual = np.interp(time_s[:-1], time_s[:-1][~long], (step / np.maximum(gap, 1e-6))[~long])
-        step = step + np.where(long, modulus * np.rint((usual * gap - step) / modulus), 0.0)
+        typical = np.interp(time_s[:-1], time_s[:-1][~long], (step / np.maximum(gap, 1e-6))[~long])
+        step = step + np.where(long, modulus * np.rint((typical * gap - step) / modulus), 0.0)
     counts = np.concatenate([[0.0], np.cumsum(step)])
     return Counter(time_s, counts, round(modulus), seen)
 

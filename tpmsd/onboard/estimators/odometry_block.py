@@ -1,7 +1,7 @@
-"""The wheels' rotation over about a second, ready to be held against the receiver and against each other.
+"""The wheels' rotation over about a second, to be compared with the receiver and among the wheels.
 
 In: ticks and fixes. Out: a `Block` when one is complete. Over a block the counters' quantisation is small,
-and Doppler speeds at both ends and between give the way by the trapezoid rule.
+and Doppler speeds at both ends and between give the distance by the trapezoid rule.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 
 @dataclass(frozen=True, slots=True)
 class FrontResidual:
-    """One front wheel's hub path, predicted from the rear pair, minus what its own rotation says."""
+    """One front wheel's hub path, predicted from the rear pair, minus the path by its own rotation."""
 
     residual_m: float
     by_rear: FloatArray
@@ -49,7 +49,7 @@ class Block:
     speed_change_mps: float
     """Doppler speed at the end minus that at the start."""
     speed_noise: float
-    """Error of the Doppler speeds over the usual one."""
+    """Standard deviation of the Doppler speeds over the typical one."""
     speed_swing_mps: float
     """Largest step between Doppler speeds, plus the change: what jitter of the time stamps acts on."""
     reading_distance_m: float
@@ -57,7 +57,7 @@ class Block:
     at_radii: FloatArray
     """(d,) radius errors at which turn and front residuals were formed."""
     gyro_turn_rad: float
-    """The yaw rate signal integrated over the block; NaN where it was missing."""
+    """Integral of the yaw rate signal over the block; NaN where it was missing."""
     load_per_turn: float
     """Derivative of the wheels' turn by the lateral load transfer (`error_state.ProcessModel.load_turn`), per
     turn."""
@@ -68,14 +68,14 @@ class Block:
 
 
 class BlockBuilder:
-    """Adds ticks up; a block ends at a fix with speed, or by time where there are none."""
+    """Collects ticks; a block ends at a fix with speed, or by time where there are none."""
 
     def __init__(self, order: list[int], nominal: FloatArray, geometry: WheelPositions) -> None:
         self._order, self._nominal, self._geometry = order, nominal, geometry
         self.reset()
 
     def reset(self) -> None:
-        """Drop what was gathered."""
+        """Discard the collected ticks and fixes."""
         self._ticks: list[tuple[Tick, bool, float]] = []
         self._fixes: list[tuple[int, Fix]] = []
 
@@ -85,7 +85,8 @@ class BlockBuilder:
             self._fixes.append((tick.index, fix))
 
     def add(self, tick: Tick, informative: bool, radii: FloatArray, accel_mps2: float) -> Block | None:
-        """Take a tick; the block it completes, if any. `radii` are the present radius errors (d,)."""
+        """Add a tick and return the block that it completes, if any. `radii` are the present radius errors
+        (d,)."""
         left, right = self._order[:2]
         if not (math.isfinite(tick.rotation_rad[left]) and math.isfinite(tick.rotation_rad[right])):
             self.reset()

@@ -40,13 +40,13 @@ def explanatory(study: Study, found: Sequence[Term], evidence: Evidence) -> tupl
 
 def _columns(study: Study, name: str) -> FloatArray:
     """(1 + p, k) the columns of a slip, common to all drives that have them."""
-    places: dict[tuple[str, ...], int] = {}
+    indices: dict[tuple[str, ...], int] = {}
     for drive in study.drives:
         for at, local in zip(drive.here, drive.local, strict=True):
             if local < len(drive.names) and drive.names[local][0] == name:
-                places.setdefault(drive.names[local], int(at))
-    design = np.zeros((study.width, len(places)))
-    design[list(places.values()), np.arange(len(places))] = 1.0
+                indices.setdefault(drive.names[local], int(at))
+    design = np.zeros((study.width, len(indices)))
+    design[list(indices.values()), np.arange(len(indices))] = 1.0
     return design
 
 

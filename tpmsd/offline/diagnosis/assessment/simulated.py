@@ -90,7 +90,7 @@ class Differences(Hypotheses):
 
 def key_of(term: Term) -> tuple[str, ...]:
     """Return what a term is, wherever it acts."""
-    return (term.effect, term.wheel, term.place, term.covariate)
+    return (term.effect, term.wheel, term.pattern, term.covariate)
 
 
 def floored(noise: Noise, recorded: Noise) -> Noise:
@@ -248,7 +248,7 @@ def _take(
     for part in (part for term in wanted for part in exact[term]):
         by_drive = {k: part.column(drive.reader, drive.base) for k, drive in enumerate(study.drives)}
         columns += [(part, by_drive), (part, {0: by_drive[0]})]
-    places = iter(study.append(columns))
+    indices = iter(study.append(columns))
     if columns:
         evidence = study.evidence()
         for k, one in enumerate(common):
@@ -258,7 +258,7 @@ def _take(
             term,
             study,
             joint,
-            [[evidence.unit(next(places)) for _ in ("tied", "alone")] for _ in exact[term]],
+            [[evidence.unit(next(indices)) for _ in ("tied", "alone")] for _ in exact[term]],
         )
         if (
             design is None

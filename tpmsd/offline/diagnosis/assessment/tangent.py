@@ -172,9 +172,9 @@ def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray) -> tuple[fl
         crossing(gains[order], lowest, int(inside[0]), -1),
         crossing(gains[order], lowest, int(inside[-1]), 1),
     ]
-    places = np.arange(len(trials), dtype=np.float64)
-    reach = float(np.abs(np.interp(ends, places, trials[order]) - trials[0]).max())
-    spread = [float(np.abs(np.interp(ends, places, size[order]) - size[0]).max()) for size in sizes]
+    grid = np.arange(len(trials), dtype=np.float64)
+    reach = float(np.abs(np.interp(ends, grid, trials[order]) - trials[0]).max())
+    spread = [float(np.abs(np.interp(ends, grid, size[order]) - size[0]).max()) for size in sizes]
     return reach, np.array(spread)
 
 
@@ -217,7 +217,7 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
 
     def column(at: float, long: float) -> FloatArray:
         if event:
-            what = Refined(wheels_of(term.place), at, at + max(long, 0.0), pulse=True)
+            what = Refined(wheels_of(term.pattern), at, at + max(long, 0.0), pulse=True)
             radius = float(drive.reader.reference.car.radius_m[what.wheels[0]])
             return -radius * what.column(drive.reader, drive.base)
         what = Refined(numbers_of(term.wheel), at, max(long, 0.0), course=term.course)

@@ -77,12 +77,12 @@ class JointHypotheses(Hypotheses):
             np.concatenate([[0], one.first + np.arange(len(one.names) - 1)]).astype(int) for one in drives
         ]
         self._names = [
-            {int(at): name for at, name in zip(places[1:], one.names[1:], strict=True)}
-            for places, one in zip(self._at, drives, strict=True)
+            {int(at): name for at, name in zip(indices[1:], one.names[1:], strict=True)}
+            for indices, one in zip(self._at, drives, strict=True)
         ]
         self._own_splines: dict[tuple[int, str, int], list[Term]] = {}
-        self._places = [{name: at for at, name in names.items()} for names in self._names]
-        calibration = [self._placed(number, one.nuisance, width) for number, one in enumerate(self._drives)]
+        self._indices = [{name: at for at, name in names.items()} for names in self._names]
+        calibration = [self._embedded(number, one.nuisance, width) for number, one in enumerate(self._drives)]
         super().__init__(
             nuisance=np.concatenate(calibration, axis=1),
             catalogue=[replace(term, design=_wide(term.design, width)) for term in common.catalogue]
@@ -113,7 +113,7 @@ class JointHypotheses(Hypotheses):
         out = np.zeros_like(design)
         for row in np.flatnonzero(np.any(design != 0.0, axis=1)):
             name = self._names[drive].get(int(row))
-            at = self._places[other].get(name) if name is not None else None
+            at = self._indices[other].get(name) if name is not None else None
             if at is None:
                 return None
             out[at] = design[row]
@@ -163,10 +163,10 @@ class JointHypotheses(Hypotheses):
         return self._own_splines[which]
 
     def _of(self, drive: int, term: Term, width: int) -> Term:
-        placed = replace(term, design=self._placed(drive, term.design, width))
-        return for_drive(placed, drive, len(self._drives))
+        embedded = replace(term, design=self._embedded(drive, term.design, width))
+        return for_drive(embedded, drive, len(self._drives))
 
-    def _placed(self, drive: int, design: FloatArray, width: int) -> FloatArray:
+    def _embedded(self, drive: int, design: FloatArray, width: int) -> FloatArray:
         """(width, k) one drive's own design in the common index."""
         out = np.zeros((width, design.shape[1]))
         out[self._at[drive]] = design

@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.diagnosis.hypotheses.penalties import RAMPED_PLACES, grid_penalty, ramp_penalty
+from tpmsd.offline.diagnosis.hypotheses.penalties import RAMPED_PATTERNS, grid_penalty, ramp_penalty
 from tpmsd.offline.diagnosis.hypotheses.terms import (
     ANY_CAR,
     PATTERNS,
@@ -41,9 +41,9 @@ class DriveHypotheses(Hypotheses):
         car: CarLimits = ANY_CAR,
     ) -> None:
         """`names` are those of the columns, the data's own first; `unusable` effects are left out."""
-        self._place = {name: k for k, name in enumerate(names)}
+        self._column_of = {name: k for k, name in enumerate(names)}
         self._knots_s = ramp_knots_s
-        self._wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self._place]
+        self._wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self._column_of]
         self._pairs = [
             (a, b)
             for a in range(SETTINGS.hypotheses.ramp_knots)
@@ -60,22 +60,22 @@ class DriveHypotheses(Hypotheses):
         )
 
     def _unit(self, names: list[Name]) -> FloatArray:
-        out = np.zeros((len(self._place), len(names)))
+        out = np.zeros((len(self._column_of), len(names)))
         for k, name in enumerate(names):
-            out[self._place[name], k] = 1.0
+            out[self._column_of[name], k] = 1.0
         return out
 
     def _catalogue(self) -> list[Term]:
         out = []
         for group in groups():
-            if any(probe.key not in self._place for probe in group):
+            if any(probe.key not in self._column_of for probe in group):
                 continue
-            name, place, at = group[0].effect, group[0].wheel_pattern, group[0].at
+            name, pattern, at = group[0].effect, group[0].wheel_pattern, group[0].at
             penalty = SETTINGS.hypotheses.per_value_nats * len(group) + grid_penalty(EFFECTS[name], at)
             penalty += math.log(max(len(EFFECTS[name].identification.wheel_patterns), 1))
             design = self._unit([probe.key for probe in group])
             parameters = tuple(probe.parameter for probe in group)
-            out.append(Term(name, design, parameters, penalty, place=place, at=at))
+            out.append(Term(name, design, parameters, penalty, pattern=pattern, at=at))
         return out
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -85,8 +85,8 @@ class DriveHypotheses(Hypotheses):
         out = []
         middle = 0.5 * (self._knots_s[1:] + self._knots_s[:-1])
         columns = {wheel: self._ramp_columns(wheel) - 1 for wheel in self._wheels}
-        for place in PULSED:
-            wheels = PATTERNS[place]
+        for pattern in PULSED:
+            wheels = PATTERNS[pattern]
             if any(wheel not in columns for wheel in wheels):
                 continue
             at = [columns[wheel] for wheel in wheels]
@@ -102,16 +102,16 @@ class DriveHypotheses(Hypotheses):
             for a in at:
                 design[a[i] + 1, 0], design[a[j] + 1, 0] = 1.0, -1.0
             span = (float(middle[i]), float(middle[j]))
-            slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(place)
+            slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(pattern)
             # Of an axle, events alone: a shape over what both wheels share is told better by its covariate.
             free = (FREE.name,) if len(wheels) == 1 else ()
-            for effect in (*free, *self._events(place, slip, span[1] - span[0])):
-                out.append((float(gain[i, j]), self._pulse(effect, place, span, design)))
+            for effect in (*free, *self._events(pattern, slip, span[1] - span[0])):
+                out.append((float(gain[i, j]), self._pulse(effect, pattern, span, design)))
         return out
 
-    def _events(self, place: str, slip: float, duration_s: float) -> list[str]:
+    def _events(self, pattern: str, slip: float, duration_s: float) -> list[str]:
         """Events that make these wheels slip so for so long."""
-        wheels = list(wheels_of(place))
+        wheels = list(wheels_of(pattern))
         driven, axle = bool(self.car.driven[wheels].all()), len(wheels) == 2
         return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven, axle)]
 
@@ -121,7 +121,7 @@ class DriveHypotheses(Hypotheses):
         All wheels that are read would show against the receiver alone, whose slow error looks alike.
         """
         out = []
-        for wheels in (PATTERNS[place] for place in RAMPED_PLACES):
+        for wheels in (PATTERNS[pattern] for pattern in RAMPED_PATTERNS):
             if not set(wheels) <= set(self._wheels) or (len(wheels) > 1 and set(wheels) == set(self._wheels)):
                 continue
             at = [self._ramp_columns(wheel) - 1 for wheel in wheels]
@@ -145,23 +145,25 @@ class DriveHypotheses(Hypotheses):
 
     def _ramp_columns(self, wheel: str) -> np.ndarray:
         """(knots,) places of a wheel's ramps in the common index."""
-        return np.array([self._place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)])
+        return np.array(
+            [self._column_of[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)]
+        )
 
     def _splines(self) -> list[Term]:
         number: dict[tuple[str, str], int] = {}
-        for name in self._place:
+        for name in self._column_of:
             if name[0] == "smooth":
                 at = (name[1], name[2])
                 number[at] = max(number.get(at, 0), int(name[3]) + 1)
         out = []
         for covariate in sorted({covariate for _, covariate in number}):
-            for pattern, places in patterns():
-                if any(("smooth", place, covariate, "0") not in self._place for place, _ in places):
+            for pattern, members in patterns():
+                if any(("smooth", member, covariate, "0") not in self._column_of for member, _ in members):
                     continue
-                hats = number[places[0][0], covariate]
-                design = np.zeros((len(self._place), hats))
-                for place, sign in places:
+                hats = number[members[0][0], covariate]
+                design = np.zeros((len(self._column_of), hats))
+                for member, sign in members:
                     for k in range(hats):
-                        design[self._place[("smooth", place, covariate, str(k))], k] = sign
+                        design[self._column_of[("smooth", member, covariate, str(k))], k] = sign
                 out.append(spline_term(pattern, covariate, design))
         return out

@@ -11,7 +11,7 @@ from tpmsd.car.physics.catalogue import FAULT
 from tpmsd.car.physics.effect import Effect
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
-RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
+RAMPED_PATTERNS = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
 """Wheels, axles and sides whose radii may change alike."""
 
 
@@ -28,7 +28,7 @@ def grid_penalty(effect: type[Effect], at: float | None, second: float | None = 
 def ramp_penalty(course: str = "") -> float:
     """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
     which takes no choice, less than of others."""
-    choices = len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots
+    choices = len(RAMPED_PATTERNS) * SETTINGS.hypotheses.ramp_knots
     if course not in ("", FAULT.nonlinear.courses[0]):
         choices *= len(FAULT.nonlinear.courses)
     return SETTINGS.hypotheses.per_value_nats + math.log(choices)

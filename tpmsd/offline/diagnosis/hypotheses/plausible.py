@@ -79,7 +79,7 @@ def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
     if term.on_radii and float(np.abs(values).max()) < SETTINGS.hypotheses.smallest_radius_m:
         return False
     for name, value in zip(term.parameters, values, strict=False):
-        for key in ((term.effect, name), (term.effect, name, term.wheel or term.place)):
+        for key in ((term.effect, name), (term.effect, name, term.wheel or term.pattern)):
             low, high = bounds.get(key, (-np.inf, np.inf))
             if not low <= value <= high:
                 return False

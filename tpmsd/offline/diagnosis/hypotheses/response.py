@@ -26,7 +26,7 @@ from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED,
 
 ROLLING = ExtendedModel()
 READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
-PLACES = ("fl", "fr", "rl", "rr", *READINGS)
+SINGLE_PATTERNS = ("fl", "fr", "rl", "rr", *READINGS)
 """Channels and wheel patterns on which a smooth term may act."""
 
 
@@ -256,41 +256,41 @@ def smooth_columns(
     gyro's of its reading (rad/s).
     """
     out = Columns()
-    places = [WHEELS[wheel] for wheel in reader.recording.wheels]
-    for place, channel in READINGS.items():
+    patterns = [WHEELS[wheel] for wheel in reader.recording.wheels]
+    for pattern, channel in READINGS.items():
         if np.isfinite(reader.windows.measured[:, channel]).sum() > 60:
-            places.append(place)
-    responses = {place: response_at(reader, place) for place in places}
+            patterns.append(pattern)
+    responses = {pattern: response_at(reader, pattern) for pattern in patterns}
     for covariate, at in knots.items():
         hats = hat_functions(expected(reader.windows.covariates[covariate], stds.get(covariate, 0.0)), at)
-        for place, response in responses.items():
-            channel = channel_of(place)
-            mine = hats[:, first_hat(place) :]
-            names = [("smooth", place, covariate, str(k)) for k in range(mine.shape[1])]
+        for pattern, response in responses.items():
+            channel = channel_of(pattern)
+            mine = hats[:, first_hat(pattern) :]
+            names = [("smooth", pattern, covariate, str(k)) for k in range(mine.shape[1])]
             out.add_of_channel(names, channel, response[:, channel, None] * mine)
     return out
 
 
-def channel_of(place: str) -> int:
+def channel_of(pattern: str) -> int:
     """Return the channel of a wheel or a reading."""
-    return WHEELS.index(place) if place in WHEELS else READINGS[place]
+    return WHEELS.index(pattern) if pattern in WHEELS else READINGS[pattern]
 
 
-def first_hat(place: str) -> int:
+def first_hat(pattern: str) -> int:
     """Number of the first hat that a shape at a place needs.
 
     All hats together are a constant. Calibration holds that of a wheel, so its first is left out. A reading
     has none: without its own, a shape of the gyro would need a bias beside it.
     """
-    return 0 if place in READINGS else 1
+    return 0 if pattern in READINGS else 1
 
 
-def response_at(reader: Reader, place: str) -> FloatArray:
+def response_at(reader: Reader, pattern: str) -> FloatArray:
     """(w, 9) response to a wheel's radius (m) or to a reading (m/s, rad, rad/s)."""
-    if place in WHEELS:
-        return _of_radius(reader, WHEELS.index(place))
+    if pattern in WHEELS:
+        return _of_radius(reader, WHEELS.index(pattern))
     out = np.zeros((len(reader.windows), CHANNELS))
-    out[:, READINGS[place]] = 1.0
+    out[:, READINGS[pattern]] = 1.0
     return out
 
 

@@ -20,11 +20,11 @@ from tpmsd.car.physics.effect import Effect, Kind
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import gain_of_rows
 from tpmsd.offline.diagnosis.hypotheses.penalties import grid_penalty, ramp_penalty, spline_penalty
-from tpmsd.offline.diagnosis.hypotheses.response import PLACES
+from tpmsd.offline.diagnosis.hypotheses.response import SINGLE_PATTERNS
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 PATTERNS: dict[str, tuple[str, ...]] = {
-    **{place: (place,) for place in PLACES},
+    **{pattern: (pattern,) for pattern in SINGLE_PATTERNS},
     "front": ("fl", "fr"),
     "rear": ("rl", "rr"),
     "left": ("fl", "rl"),
@@ -50,9 +50,9 @@ def numbers_of(wheels: str) -> tuple[int, ...]:
     return tuple(WHEELS.index(wheel) for wheel in wheels.split())
 
 
-def wheels_of(place: str) -> tuple[int, ...]:
+def wheels_of(pattern: str) -> tuple[int, ...]:
     """Numbers of the wheels of a wheel pattern."""
-    return tuple(WHEELS.index(wheel) for wheel in PATTERNS[place])
+    return tuple(WHEELS.index(wheel) for wheel in PATTERNS[pattern])
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +76,7 @@ class Term:
     """Value of a second such parameter; None where there is none, or it is typical."""
     course: str = ""
     """Course of a ramp; empty: the plainest."""
-    place: str = ""
+    pattern: str = ""
     covariate: str = ""
     knots: tuple[float, ...] = ()
     """Knots of a smooth term with finer knots than its covariate's usual ones."""
@@ -115,7 +115,7 @@ class Term:
     @property
     def on_radii(self) -> bool:
         """True if the values are changes of single wheels' radii in metres."""
-        return (self.free and self.place not in ("gnss_speed", "gnss_course", "yaw_rate")) or self.ramp
+        return (self.free and self.pattern not in ("gnss_speed", "gnss_course", "yaw_rate")) or self.ramp
 
     @property
     def calibrates(self) -> bool:
@@ -132,7 +132,7 @@ class Term:
         """Return what makes two terms alternatives in the model: an effect may act once (per wheel, per
         place)."""
         drive = "" if self.drive is None else str(self.drive)
-        return (self.effect, self.wheel, self.place, self.covariate, drive)
+        return (self.effect, self.wheel, self.pattern, self.covariate, drive)
 
     @property
     def typical(self) -> bool:
@@ -223,17 +223,17 @@ class Hypotheses(ABC):
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
         """Add a pulse off the grid."""
-        self.catalogue.append(self._pulse(like.effect, like.place, span_s, self._column(column)))
+        self.catalogue.append(self._pulse(like.effect, like.pattern, span_s, self._column(column)))
 
     def add_shapes(
         self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
     ) -> None:
         """Smooth terms over a term's covariate with finer knots, whose hats are these columns by place."""
-        for pattern, places in patterns():
-            if all(place in columns for place, _ in places):
-                design = np.zeros((self.width, len(columns[places[0][0]])))
-                for place, sign in places:
-                    design[columns[place], np.arange(design.shape[1])] = sign
+        for pattern, members in patterns():
+            if all(member in columns for member, _ in members):
+                design = np.zeros((self.width, len(columns[members[0][0]])))
+                for member, sign in members:
+                    design[columns[member], np.arange(design.shape[1])] = sign
                 term = spline_term(pattern, like.covariate, design, knots)
                 self.catalogue.append(term if like.drive is None else for_drive(term, like.drive, drives))
 
@@ -242,7 +242,7 @@ class Hypotheses(ABC):
         design[column, 0] = 1.0
         return design
 
-    def _pulse(self, effect: str, place: str, span_s: tuple[float, float], design: FloatArray) -> Term:
+    def _pulse(self, effect: str, pattern: str, span_s: tuple[float, float], design: FloatArray) -> Term:
         """Return a pulse of the radii on some wheels, or the event that looks so: its value is then
         a slip.
         """
@@ -250,13 +250,15 @@ class Hypotheses(ABC):
             len(PULSED) / 2 * SETTINGS.hypotheses.ramp_knots**2
         )
         if effect == FREE.name:
-            return Term(effect, design, ("height_m",), penalty, span_s=span_s, place=place, covariate="time")
-        slip = -design * self.mean_radius_m(place)
-        return Term(effect, slip, (SLIPPING,), penalty, span_s=span_s, place=place)
+            return Term(
+                effect, design, ("height_m",), penalty, span_s=span_s, pattern=pattern, covariate="time"
+            )
+        slip = -design * self.mean_radius_m(pattern)
+        return Term(effect, slip, (SLIPPING,), penalty, span_s=span_s, pattern=pattern)
 
-    def mean_radius_m(self, place: str) -> float:
+    def mean_radius_m(self, pattern: str) -> float:
         """Mean radius of the wheels of a place."""
-        return float(self.car.radius_m[list(wheels_of(place))].mean())
+        return float(self.car.radius_m[list(wheels_of(pattern))].mean())
 
     @abstractmethod
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -277,24 +279,24 @@ class Hypotheses(ABC):
         return [(term.gain(gram, b)[0], term) for term in self.splines]
 
 
-def spline_term(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
+def spline_term(pattern: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
     """Return a smooth term whose values (k,) are its heights at the knots."""
     values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
     penalty = spline_penalty(design.shape[1])
-    return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
+    return Term(FREE.name, design, values, penalty, pattern=pattern, covariate=covariate, knots=knots)
 
 
 def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
     """Return where a smooth term may act: its name, and the places with their signs."""
-    similar = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
+    similar = [(name, tuple((member, 1.0) for member in members)) for name, members in PATTERNS.items()]
     return [*similar, *ANTISYMMETRIC.items()]
 
 
-def wheels_acted_on(place: str) -> tuple[str, ...]:
+def wheels_acted_on(pattern: str) -> tuple[str, ...]:
     """Wheels on which a term of this place acts, of either sign; none of a reading, all of no place."""
-    if not place:
+    if not pattern:
         return WHEELS
-    signed = ANTISYMMETRIC.get(place) or tuple((wheel, 1.0) for wheel in PATTERNS[place])
+    signed = ANTISYMMETRIC.get(pattern) or tuple((wheel, 1.0) for wheel in PATTERNS[pattern])
     return tuple(wheel for wheel, _ in signed if wheel in WHEELS)
 
 

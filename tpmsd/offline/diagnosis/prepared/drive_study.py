@@ -47,7 +47,7 @@ from tpmsd.offline.inference.windows import Reader
 class Hat:
     """One of the hat functions of a smooth term."""
 
-    place: str
+    pattern: str
     covariate: str
     knots: tuple[float, ...]
     number: int
@@ -58,8 +58,8 @@ class Hat:
         """(w, 9) the response to its height."""
         values = expected(reader.windows.covariates[self.covariate], self.std)
         weight = hat_functions(values, np.array(self.knots))
-        signs = dict(ANTISYMMETRIC.get(self.place, ())) or dict.fromkeys(PATTERNS[self.place], 1.0)
-        response = sum(sign * response_at(reader, place) for place, sign in signs.items())
+        signs = dict(ANTISYMMETRIC.get(self.pattern, ())) or dict.fromkeys(PATTERNS[self.pattern], 1.0)
+        response = sum(sign * response_at(reader, pattern) for pattern, sign in signs.items())
         return np.asarray(response * weight[:, self.number : self.number + 1])
 
 
@@ -88,7 +88,7 @@ class Refined:
         if self.hat is not None:
             return self.hat.column(reader)
         if self.like is not None:
-            wanted = (self.like.effect, self.parameter, self.like.place)
+            wanted = (self.like.effect, self.parameter, self.like.pattern)
             return grid_column(reader, wanted, (self.first, self.second or None), base)
         out: FloatArray = np.zeros(0)
         for wheel in self.wheels:
@@ -107,7 +107,7 @@ def refined(term: Term, first: float, second: float = 0.0, course: str = "") -> 
     if term.ramp:
         return (Refined(numbers_of(term.wheel), first, second, course=course),)
     if term.pulse:
-        return (Refined(wheels_of(term.place), first, second, pulse=True),)
+        return (Refined(wheels_of(term.pattern), first, second, pulse=True),)
     return tuple(Refined((), first, second, like=term, parameter=name) for name in term.parameters)
 
 

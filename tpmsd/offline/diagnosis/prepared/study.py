@@ -117,10 +117,10 @@ class Study:
                 drive.here = np.concatenate([drive.here, [self.width + k for k, _ in mine]])
                 drive.local = np.concatenate([drive.local, start + np.arange(len(mine))])
                 drive.append(np.stack([column for _, column in mine], axis=2))
-        places = list(range(self.width, self.width + len(columns)))
+        indices = list(range(self.width, self.width + len(columns)))
         self.width += len(columns)
         self.hypotheses.widen(self.width)
-        return places
+        return indices
 
     def _alone(self, car: CarLimits) -> DriveHypotheses:
         drive = self.drives[0]
@@ -143,11 +143,11 @@ class Study:
                 if is_own(name, self.simulation) or is_copied(name, self.simulation)
             ]
             own.append(OwnNames([("data",), *names], width, ramp_knots(drive.reader), unused))
-            place = {name: k for k, name in enumerate(drive.names)}
+            index_of = {name: k for k, name in enumerate(drive.names)}
             both = [name for name in drive.names if name in at and name[0] not in unused]
             here = [at[name] for name in both] + list(range(width, width + len(names)))
             drive.here = np.array(here)
-            drive.local = np.array([place[name] for name in both] + [place[name] for name in names])
+            drive.local = np.array([index_of[name] for name in both] + [index_of[name] for name in names])
             width += len(names)
         return JointHypotheses(shared, frozenset.intersection(*lost), own, width, self.simulation, car)
 

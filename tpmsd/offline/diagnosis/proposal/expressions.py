@@ -105,12 +105,12 @@ def shaped_expressions(name: str, values: FloatArray) -> list[Expression]:
     known = values[np.isfinite(values)]
     if name in OVER_TIME or not len(known) or float(known.std()) == 0.0:
         return []
-    places = [_short(float(one)) for one in np.quantile(known, SETTINGS.report.shape_quantiles)]
+    thresholds = [_short(float(one)) for one in np.quantile(known, SETTINGS.report.shape_quantiles)]
     widths = [_short(share * float(known.std())) for share in SETTINGS.report.shape_widths]
     sizes = [_short(float(one)) for one in np.quantile(np.abs(known), SETTINGS.report.shape_quantiles)]
     both = min(float((known > 0.0).mean()), float((known < 0.0).mean())) > SETTINGS.report.shape_quantiles[0]
-    out = [Expression("step", (name,), (centre, width)) for centre in places for width in widths]
-    out += [Expression("above", (name,), (least,)) for least in places]
+    out = [Expression("step", (name,), (centre, width)) for centre in thresholds for width in widths]
+    out += [Expression("above", (name,), (least,)) for least in thresholds]
     if both:
         out += [Expression("saturated", (name,), (width,)) for width in widths]
         out += [Expression("dead_zone", (name,), (least,)) for least in sizes if least > 0.0]

@@ -19,7 +19,7 @@ from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.diagnosis.selection.chosen import Selection
-from tpmsd.offline.diagnosis.selection.empirical import place_of
+from tpmsd.offline.diagnosis.selection.empirical import pattern_text
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
@@ -48,14 +48,14 @@ def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
     design = np.concatenate([study.hypotheses.nuisance, *stay], axis=1)
     best: list[Proposal] = []
     over = sorted({term.covariate for term in unnamed})
-    for _, one in sorted(_found(study, design, _places(unnamed, study), over), key=lambda each: each[0]):
+    for _, one in sorted(_found(study, design, _patterns(unnamed, study), over), key=lambda each: each[0]):
         if all(set(one.covariates) != set(other.covariates) for other in best):
             best.append(one)
     return tuple(best[: SETTINGS.report.proposals])
 
 
 def _found(
-    study: Study, design: FloatArray, places: Sequence[str], over: Sequence[str]
+    study: Study, design: FloatArray, patterns: Sequence[str], over: Sequence[str]
 ) -> list[tuple[float, Proposal]]:
     """Every closed form at every place that predicts what was held out, beside a design, with its sort key.
 
@@ -69,8 +69,8 @@ def _found(
             values = [drive.reader.windows.covariates[name] for drive in study.examined]
             forms += shaped_expressions(name, np.concatenate(values))
     found: list[tuple[float, Proposal]] = []
-    for place in places:
-        sums = [_sums(drive, design, place, forms, acts=drive in study.examined) for drive in drives]
+    for pattern in patterns:
+        sums = [_sums(drive, design, pattern, forms, acts=drive in study.examined) for drive in drives]
         total = Sums(
             sum((one.known for one in sums[1:]), sums[0].known),
             sum((one.cross for one in sums[1:]), sums[0].cross),
@@ -79,7 +79,7 @@ def _found(
         found += [
             (key(form, one), one)
             for k, form in enumerate(forms)
-            if total.size[:, k].all() and (one := judged(total, k, form, place)).heldout_gain > 0.0
+            if total.size[:, k].all() and (one := judged(total, k, form, pattern)).heldout_gain > 0.0
         ]
     return found
 
@@ -91,21 +91,21 @@ def key(form: Expression, one: Proposal) -> float:
     return SETTINGS.hypotheses.per_value_nats * values - one.heldout_gain
 
 
-def _places(unnamed: list[Term], study: Study) -> list[str]:
+def _patterns(unnamed: list[Term], study: Study) -> list[str]:
     """Return the readings that are named, and all patterns of wheels if wheels are."""
-    readings = [term.place for term in unnamed if term.place in READINGS]
+    readings = [term.pattern for term in unnamed if term.pattern in READINGS]
     if len(readings) == len(unnamed):
         return sorted(set(readings))
     read = [set(drive.reader.recording.wheels) for drive in study.drives]
     here = {WHEELS[wheel] for wheel in set.intersection(*read)}
-    similar = [name for name, places in PATTERNS.items() if set(places) <= here]
-    apart = [name for name, places in ANTISYMMETRIC.items() if {wheel for wheel, _ in places} <= here]
+    similar = [name for name, members in PATTERNS.items() if set(members) <= here]
+    apart = [name for name, members in ANTISYMMETRIC.items() if {wheel for wheel, _ in members} <= here]
     return [*sorted(set(readings)), *similar, *apart]
 
 
-def _sums(drive: DriveStudy, design: FloatArray, place: str, forms: list[Expression], acts: bool) -> Sums:
+def _sums(drive: DriveStudy, design: FloatArray, pattern: str, forms: list[Expression], acts: bool) -> Sums:
     """Return the products of one drive; `acts` is False where no form acts in it."""
-    signs: Mapping[str, float] = dict(ANTISYMMETRIC.get(place, ())) or dict.fromkeys(PATTERNS[place], 1.0)
+    signs: Mapping[str, float] = dict(ANTISYMMETRIC.get(pattern, ())) or dict.fromkeys(PATTERNS[pattern], 1.0)
     response = sum((sign * response_at(drive.reader, one) for one, sign in signs.items()), start=np.zeros(()))
     covariates = drive.reader.windows.covariates
     weights = np.stack([form.values(covariates) for form in forms], axis=1)
@@ -122,7 +122,7 @@ def _sums(drive: DriveStudy, design: FloatArray, place: str, forms: list[Express
     )
 
 
-def judged(sums: Sums, which: int, form: Expression, place: str) -> Proposal:
+def judged(sums: Sums, which: int, form: Expression, pattern: str) -> Proposal:
     """Fitted to all blocks, and to all but one fold in turn."""
     folds, width = len(sums.known), sums.known.shape[1] + 1
     gram = np.zeros((folds, width, width))
@@ -141,7 +141,7 @@ def judged(sums: Sums, which: int, form: Expression, place: str) -> Proposal:
         formula=form.formula,
         covariates=form.covariates,
         unit=form.unit,
-        on=place_of(place),
+        on=pattern_text(pattern),
         coefficient=float(values[-1]),
         std=float(np.sqrt(covariance[-1, -1])),
         gain=gain,

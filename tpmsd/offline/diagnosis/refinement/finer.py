@@ -31,8 +31,8 @@ class Shape:
     term: Term
     knots: tuple[float, ...]
     columns: Columns
-    """For each of `places` in turn the hats that it needs."""
-    places: tuple[str, ...]
+    """For each of `patterns` in turn the hats that it needs."""
+    patterns: tuple[str, ...]
     """Each wheel, or the one reading."""
 
     def add_to(self, study: Study, at: list[int]) -> None:
@@ -41,8 +41,8 @@ class Shape:
         A shape on wheels is one for every pattern of wheels: which of them it was on the few knots need not
         be right on the finer ones.
         """
-        hats = len(at) // len(self.places)
-        columns = {place: at[k * hats : (k + 1) * hats] for k, place in enumerate(self.places)}
+        hats = len(at) // len(self.patterns)
+        columns = {pattern: at[k * hats : (k + 1) * hats] for k, pattern in enumerate(self.patterns)}
         study.hypotheses.add_shapes(self.term, self.knots, columns, len(study.drives))
 
 
@@ -79,7 +79,7 @@ def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
     fine = _finest(study, term)
     first = _first(term)
     std = _std(study, term)
-    hats = [Hat(term.place, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
+    hats = [Hat(term.pattern, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
     gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
@@ -118,18 +118,18 @@ def _std(study: Study, term: Term) -> float:
 
 
 def _first(term: Term) -> int:
-    return 1 if term.place in ANTISYMMETRIC else first_hat(term.place)
+    return 1 if term.pattern in ANTISYMMETRIC else first_hat(term.pattern)
 
 
 def _shape(study: Study, term: Term, knots: FloatArray) -> Shape:
     acting = study.acting(term)
     read = set.intersection(*(set(study.drives[number].reader.recording.wheels) for number in acting))
-    places = (term.place,) if term.place in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))
+    patterns = (term.pattern,) if term.pattern in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))
     at = tuple(float(x) for x in knots)
     columns: Columns = []
-    for place in places:
-        for k in range(first_hat(place), len(at)):
-            hat = Hat(place, term.covariate, at, k, _std(study, term))
+    for pattern in patterns:
+        for k in range(first_hat(pattern), len(at)):
+            hat = Hat(pattern, term.covariate, at, k, _std(study, term))
             response = {n: np.nan_to_num(hat.column(study.drives[n].reader)) for n in acting}
             columns.append((Refined(hat=hat), response))
-    return Shape(term, at, columns, places)
+    return Shape(term, at, columns, patterns)

@@ -64,28 +64,28 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
             added.append((term, point))
             columns += best
     shapes = [] if study.simulation else _shapes(study, evidence, terms)
-    places = study.append([*columns, *(column for shape in shapes for column in shape.columns)])
+    indices = study.append([*columns, *(column for shape in shapes for column in shape.columns)])
     at = len(columns)
     for shape in shapes:
-        shape.add_to(study, places[at : at + len(shape.columns)])
+        shape.add_to(study, indices[at : at + len(shape.columns)])
         at += len(shape.columns)
     at = 0
     for term, point in added:
         width = term.design.shape[1]
-        _add(study, term, point, places[at : at + width])
+        _add(study, term, point, indices[at : at + width])
         at += width
     return bool(added or shapes)
 
 
-def _add(study: Study, term: Term, point: Point, places: Sequence[int]) -> None:
+def _add(study: Study, term: Term, point: Point, indices: Sequence[int]) -> None:
     """Make a hypothesis of a term at a point off its grid, whose columns stand at these places."""
     if term.ramp:
         onset = _onset(point)
-        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), places[0], point.course)
+        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), indices[0], point.course)
     elif term.pulse:
-        study.hypotheses.add_pulse(term, (point.first, point.second), places[0])
+        study.hypotheses.add_pulse(term, (point.first, point.second), indices[0])
     else:
-        study.hypotheses.add_off_grid(term, point.first, places, point.second or None)
+        study.hypotheses.add_off_grid(term, point.first, indices, point.second or None)
     _of_its_drive(study, term)
 
 
@@ -131,14 +131,14 @@ def exact(
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
     point, columns = _likeliest_point(study, evidence, design, term)
-    places = study.append(columns)
+    indices = study.append(columns)
     for one in (*alternatives, term):
-        _add(study, one, point, places)
+        _add(study, one, point, indices)
     return study.hypotheses.catalogue[-1]
 
 
 def _same_span(one: Term, other: Term) -> bool:
-    return (one.place, one.span_s) == (other.place, other.span_s)
+    return (one.pattern, one.span_s) == (other.pattern, other.span_s)
 
 
 def _of_its_drive(study: Study, term: Term) -> None:

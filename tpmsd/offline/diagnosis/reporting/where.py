@@ -26,7 +26,7 @@ RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 def where_of(study: Study, one: Chosen) -> Where:
     """Return the place of a term, as its report has it."""
     term = one.term
-    wheels, channel, covariate = place_of(study, term)
+    wheels, channel, covariate = location_of(study, term)
     if term.ramp or (term.pulse and not term.free):
         spans = _spans(study, one)
         return Where(wheels, channel, "time", (spans[0][0], spans[-1][1]), spans)
@@ -43,7 +43,7 @@ def where_of(study: Study, one: Chosen) -> Where:
 
 def whole_range(study: Study, term: Term) -> Where:
     """Return the place of a term that was not chosen: all values of its covariate."""
-    wheels, channel, covariate = place_of(study, term)
+    wheels, channel, covariate = location_of(study, term)
     values = values_of(study, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
@@ -58,12 +58,12 @@ def values_of(study: Study, term: Term, covariate: str | None) -> FloatArray | N
     return np.concatenate([one.covariates[covariate] for one in windows])
 
 
-def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None]:
+def location_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None]:
     """Wheels, channel and covariate of a term."""
     drives = [study.drives[number] for number in study.acting(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
     if term.free:
-        return *_place_of_shape(term, read), term.covariate
+        return *_location_of_spline(term, read), term.covariate
     channel, covariate = EFFECTS[term.effect].identification.shows_in
     if channel.startswith(("gnss", "yaw")):
         return (), *_measured_by(drives, channel, covariate)
@@ -76,13 +76,13 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
     return wheels, channel, covariate
 
 
-def _place_of_shape(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...], str]:
+def _location_of_spline(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...], str]:
     """Wheels and channel of a spline term."""
-    if term.place in RECEIVER:
-        return (), term.place
-    if term.place in ANTISYMMETRIC:
+    if term.pattern in RECEIVER:
+        return (), term.pattern
+    if term.pattern in ANTISYMMETRIC:
         return tuple(read), "wheel_ratio"
-    wheels = PATTERNS[term.place]
+    wheels = PATTERNS[term.pattern]
     return wheels, "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
 
 
@@ -100,8 +100,8 @@ def _acting_wheels(term: Term, drive: DriveStudy) -> tuple[str, ...]:
     """Wheels on which an effect acts: those of its place, or those that it knows itself."""
     if term.wheel:
         return tuple(term.wheel.split())
-    if term.place:
-        return PATTERNS[term.place]
+    if term.pattern:
+        return PATTERNS[term.pattern]
     return term.kind_of.acting_wheels(drive.reader.reference.car, term.parameters)
 
 

@@ -59,7 +59,7 @@ def confirmed(found: Found) -> Found:
 def of_all_read(study: Study, term: Term) -> bool:
     """Return whether a term acts on all wheels that are read, so that only the receiver shows it."""
     read = {WHEELS[k] for number in study.acting(term) for k in study.drives[number].reader.recording.wheels}
-    return read <= set(PATTERNS.get(term.place, ()))
+    return read <= set(PATTERNS.get(term.pattern, ()))
 
 
 def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:

@@ -68,7 +68,7 @@ def _best_shape(selector: Selector, others: list[Term]) -> Term | None:
     found = [
         (gain - term.penalty, term)
         for gain, term in selector.hypotheses.smooth_gains(gram, b)
-        if term.place == READING and term.covariate in ("time", "distance")
+        if term.pattern == READING and term.covariate in ("time", "distance")
     ]
     return max(found, key=lambda entry: entry[0])[1] if found else None
 

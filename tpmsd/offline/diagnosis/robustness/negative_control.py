@@ -39,7 +39,7 @@ def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
     left = drive.white[:, :, 0].ravel()
     left = left - basis @ (basis.T @ left)
     read = [WHEELS[wheel] for wheel in drive.reader.recording.wheels]
-    places = [
+    patterns = [
         *read,
         *(p for p, channel in READINGS.items() if np.isfinite(windows.measured[:, channel]).any()),
     ]
@@ -49,7 +49,7 @@ def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
             continue
         values = expected(windows.covariates[covariate], drive.stds.get(covariate, 0.0))
         hats = hat_functions(values[::-1], knots)
-        columns = [response_at(drive.reader, p)[:, :, None] * hats[:, None, first_hat(p) :] for p in places]
+        columns = [response_at(drive.reader, p)[:, :, None] * hats[:, None, first_hat(p) :] for p in patterns]
         white = drive.whitened(np.concatenate(columns, axis=2)).reshape(left.size, -1)
         white -= basis @ (basis.T @ white)
         at = 0

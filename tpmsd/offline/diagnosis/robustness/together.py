@@ -59,7 +59,7 @@ def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: 
     gram, b = selector.evidence.projected(selector.design(terms))
     free, _ = group_gain(shape.design[1:], gram, b)
     for term in before:
-        if term.ramp and term.wheel == " ".join(PATTERNS.get(shape.place, ())) and term not in terms:
+        if term.ramp and term.wheel == " ".join(PATTERNS.get(shape.pattern, ())) and term not in terms:
             gain, _ = group_gain(term.design[1:], gram, b)
             if gain - term.penalty > (1.0 - SETTINGS.selection.spline_handicap) * free - shape.penalty:
                 return term
@@ -74,17 +74,17 @@ def _common_shape(selector: Selector, terms: list[Term]) -> Term | None:
     best: tuple[float, Term] | None = None
     for over in ("time", "distance"):
         shapes = {
-            term.place: term
+            term.pattern: term
             for _, term in selector.hypotheses.smooth_gains(gram, b)
-            if term.covariate == over and term.place in (*PATTERNS, *ANTISYMMETRIC)
+            if term.covariate == over and term.pattern in (*PATTERNS, *ANTISYMMETRIC)
         }
         if not set(WHEELS) <= set(shapes):
             continue
         separate = np.concatenate([shapes[wheel].design[1:] for wheel in WHEELS], axis=1)
         whole, _ = group_gain(separate, gram, b)
-        for place, term in shapes.items():
+        for pattern, term in shapes.items():
             # What all wheels have in common may be the receiver's; a reading is no wheel.
-            if not term.on_radii or place == "all":
+            if not term.on_radii or pattern == "all":
                 continue
             gain, _ = group_gain(term.design[1:], gram, b)
             if gain > SETTINGS.robustness.together_share * whole and (

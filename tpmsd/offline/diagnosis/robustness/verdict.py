@@ -108,4 +108,4 @@ def outweighed(one: Chosen, selection: Selection) -> bool:
 
 def _wheels(term: Term) -> set[str]:
     """On which wheels a term acts; all where it does not say."""
-    return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.place))
+    return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.pattern))

@@ -57,7 +57,7 @@ def same_statement(alternative: Term, term: Term, first: float) -> bool:
     """
     if alternative.kind_of.confounding.limit == term.effect and term.kind_of.goes_before(first):
         return True
-    if (alternative.wheel, alternative.place) != (term.wheel, term.place):
+    if (alternative.wheel, alternative.pattern) != (term.wheel, term.pattern):
         return False
     if alternative.effect == term.effect or (alternative.pulse and term.pulse):
         return True

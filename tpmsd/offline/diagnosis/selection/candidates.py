@@ -212,7 +212,7 @@ def likeliest_penalty(term: Term, gain: float, first: float) -> float:
 
 def handicap(shape: Term) -> float:
     """Share of its gain that a spline term must bring more than an effect."""
-    drift = shape.place == "all" and shape.covariate in ("time", "distance")
+    drift = shape.pattern == "all" and shape.covariate in ("time", "distance")
     return SETTINGS.selection.drift_handicap if drift else SETTINGS.selection.spline_handicap
 
 

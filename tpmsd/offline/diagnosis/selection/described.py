@@ -34,10 +34,10 @@ def words_of(term: Term) -> dict[str, str]:
     """Parameters that say where a term acts, its wheel or wheels, and by which course."""
     out = {}
     for name, parameter in parameters_of(term.effect).items():
-        if isinstance(parameter, WheelParameter) and (term.wheel or term.place):
-            out[name] = term.wheel or term.place
-        elif isinstance(parameter, TextParameter) and term.place:
-            out[name] = " ".join(PATTERNS[term.place])
+        if isinstance(parameter, WheelParameter) and (term.wheel or term.pattern):
+            out[name] = term.wheel or term.pattern
+        elif isinstance(parameter, TextParameter) and term.pattern:
+            out[name] = " ".join(PATTERNS[term.pattern])
     if term.course:
         out["course"] = term.course
     return out

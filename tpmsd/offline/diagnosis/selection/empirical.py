@@ -36,8 +36,8 @@ def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float]
 
 
 def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, Std]]:
-    """Return the effect for the model file, its heights within what is thinkable."""
-    on = place_of(one.term.place)
+    """Return the effect for the model file, its heights limited to plausible ones."""
+    on = pattern_text(one.term.pattern)
     largest = FREE.largest(on)
     x, heights, stds = zip(*shape_of(one, knots), strict=True)
     effect = make_effect(
@@ -50,12 +50,12 @@ def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, 
     return effect, {"heights": tuple(stds)}
 
 
-def place_of(place: str) -> str:
+def pattern_text(pattern: str) -> str:
     """Return the place of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`,
     `gnss_speed`.
     """
-    if place in READINGS:
-        return place
-    if place in ANTISYMMETRIC:
-        return " ".join(f"-{wheel}" if sign < 0 else wheel for wheel, sign in ANTISYMMETRIC[place])
-    return " ".join(PATTERNS[place])
+    if pattern in READINGS:
+        return pattern
+    if pattern in ANTISYMMETRIC:
+        return " ".join(f"-{wheel}" if sign < 0 else wheel for wheel, sign in ANTISYMMETRIC[pattern])
+    return " ".join(PATTERNS[pattern])

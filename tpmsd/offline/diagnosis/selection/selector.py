@@ -244,7 +244,7 @@ class Selector(Candidates):
         """
         term = terms[which]
         effect = term.kind_of
-        if not self.last or effect is FREE or term.wheel or term.place:
+        if not self.last or effect is FREE or term.wheel or term.pattern:
             return []
         if effect.identification.shows_in[0] != "wheel_ratio":
             return []
@@ -265,20 +265,22 @@ class Selector(Candidates):
         over = self._over(terms, which)
         if not over:
             return []
-        usual = {t.place: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
-        places = {term.place for term in over}
-        wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
-        out = [usual[place] for place in wanted if place in usual and place not in places]
+        usual = {t.pattern: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
+        patterns = {term.pattern for term in over}
+        wanted = ("all" if "all" not in patterns else "front",) if "all" in usual else ("front", "rear")
+        out = [usual[pattern] for pattern in wanted if pattern in usual and pattern not in patterns]
         out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
         similar = set(terms[which].kind_of.confounding.tested_jointly_with) - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in similar]
 
     def _replaced(self, term: Term, shape: Term) -> float:
         """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
-        both = (id(term.design), shape.place, shape.covariate)
+        both = (id(term.design), shape.pattern, shape.covariate)
         if both not in self._shares:
             gram, _ = self.evidence.projected(self.hypotheses.nuisance)
-            similar = [other for other in self.hypotheses.shapes_over(shape) if other.place == shape.place]
+            similar = [
+                other for other in self.hypotheses.shapes_over(shape) if other.pattern == shape.pattern
+            ]
             part = np.concatenate([other.design[1:] for other in similar], axis=1)
             own = float(np.einsum("ik,ij,jk->", term.design[1:], gram, term.design[1:]))
             taken = sum(2.0 * group_gain(part, gram, gram @ column)[0] for column in term.design[1:].T)
@@ -351,9 +353,11 @@ class Selector(Candidates):
     def _elsewhere(self, shape: Term) -> list[list[Term]]:
         """Shapes over the same covariate and knots on other wheels, and pairs that act each in its way."""
         same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
-        by_place = {term.place: term for term in same}
+        by_pattern = {term.pattern: term for term in same}
         options = [[term] for term in same if term is not shape]
-        return options + [[by_place[a], by_place[b]] for a, b in SPLITS if a in by_place and b in by_place]
+        return options + [
+            [by_pattern[a], by_pattern[b]] for a, b in SPLITS if a in by_pattern and b in by_pattern
+        ]
 
     def _named(self, chosen: list[Term]) -> list[Term]:
         """Replace a shape, and effects over the same covariate, by two effects that explain more than it does
@@ -474,7 +478,7 @@ class Selector(Candidates):
         for net, (other, *_) in self.candidates(rest):
             raw, better = net + other.penalty, net - own
             weight = math.exp(min(better / doubt, 0.0))
-            if same_statement(other, term, first) or not self._in_place_of(rest, other, term, gain, raw):
+            if same_statement(other, term, first) or not self._replaces_term(rest, other, term, gain, raw):
                 continue
             if weight > SETTINGS.selection.alternative_weight or raw > gain - similar:
                 if not self._within_limits([*rest, other], other):
@@ -502,7 +506,9 @@ class Selector(Candidates):
             return 0.0
         return self.beyond([*rest, alternative]) - self.beyond([*rest, term])
 
-    def _in_place_of(self, rest: list[Term], alternative: Term, term: Term, gain: float, raw: float) -> bool:
+    def _replaces_term(
+        self, rest: list[Term], alternative: Term, term: Term, gain: float, raw: float
+    ) -> bool:
         """Return whether an alternative explains what a term does, and not something else, with possible
         values."""
         elsewhere = raw > SETTINGS.selection.independent_share * gain and self._independent(
