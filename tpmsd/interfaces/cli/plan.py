@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SCHEMA = "tpmsd.plan/1"
 _DESCRIPTION = """\
 Proposes what to drive so that a diagnosis can name each of these effects: the shortest list of manoeuvres in
-which every one of them, at its usual size, shows plainly beside all the others.
+which every one of them, at its typical value, shows plainly beside all the others.
 """
 _EPILOG = """\
 examples:

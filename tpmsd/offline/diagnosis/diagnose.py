@@ -100,7 +100,7 @@ def diagnose_against(
 
 
 def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...]:
-    """Return what a drive could tell of each effect at its usual size; ConfigError where it cannot be
+    """Return what a drive could tell of each effect at its typical value; ConfigError where it cannot be
     examined.
     """
     readers, notes = admitted([recording])

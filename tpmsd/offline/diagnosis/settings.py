@@ -132,7 +132,7 @@ class SelectionSettings:
     exchange_nats: float = 0.5
     """Penalised gain by which an exchange must be better, so that exchanges end."""
     pairs_tried: int = 6
-    """Pairs of effects that are tried in the place of a spline term, the best first."""
+    """Pairs of effects that are tried instead of a spline term, the best first."""
     independent_share: float = 0.5
     """Share of its gain that a term keeps beside an alternative from which the two explain different
     things."""

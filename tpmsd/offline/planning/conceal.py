@@ -3,10 +3,10 @@
 In: a `Recording`, how many, a Generator. Out: effects of the catalogue. The limit is the size that the
 diagnosis of the untouched recording states as the smallest that it would have found in 19 of 20 drives
 (`not_detectable`): by that recording's noise and radius drift, its gain divided by the overdispersion of its
-blocks, beside what the diagnosis finds there. An effect is concealed at its usual size, or at twice the limit
-where that is more, and never where another effect or another wheel looks the same, or where the recording
-holds the effect already. Nobody asks whether the diagnosis finds the effect. Pure: the same arguments give
-the same effects.
+blocks, beside what the diagnosis finds there. An effect is concealed at its typical value, or at twice the
+limit where that is more, and never where another effect or another wheel looks the same, or where the
+recording holds the effect already. Nobody asks whether the diagnosis finds the effect. Pure: the same
+arguments give the same effects.
 """
 
 from __future__ import annotations

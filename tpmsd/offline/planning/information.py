@@ -47,8 +47,8 @@ class Equipment:
 
 
 def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str]) -> dict[str, float]:
-    """Return nats by effect, at its usual size, with calibration and the other effects fitted along; zero for
-    one that the drive has no readings for. `motion` has a step of `DT_S`.
+    """Return nats by effect, at its typical value, with calibration and the other effects fitted along; zero
+    for one that the drive has no readings for. `motion` has a step of `DT_S`.
     """
     reader = _reader(motion, equipment)
     here = available(reader)

@@ -19,7 +19,7 @@ from tpmsd.offline.simulator.manoeuvres import Manoeuvre, motion_of, steps_of
 
 TARGET = 25.0
 """Nats that each effect is to bring fitted jointly with the others: the ten from which a drive detects it,
-and room for an effect of two thirds of its usual size."""
+and room for an effect of two thirds of its typical value."""
 LEAST = 1e-3
 """Nats from which on a first trace of an effect counts."""
 MOST = 24

@@ -141,7 +141,7 @@ def _lines(entry: Mapping[str, Any]) -> list[str]:
 
 
 def ready_command(effect: type[Effect]) -> str:
-    """Return a command that simulates a drive in which the effect acts at its usual size."""
+    """Return a command that simulates a drive in which the effect acts at its typical value."""
     known = {one.name: one for one in effect.parameters}
     wanted = [one.name for one in fields(effect) if one.default is MISSING and one.default_factory is MISSING]
     acting = [p.name for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]

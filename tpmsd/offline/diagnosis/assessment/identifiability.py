@@ -1,6 +1,6 @@
 """Identifiability of each effect of the catalogue on a drive, and the effects that it confounds.
 
-In: a `Study`. Out: per effect the log-likelihood gain to be expected at its usual size, and the
+In: a `Study`. Out: per effect the log-likelihood gain to be expected at its typical value, and the
 effects whose whitened sensitivities lie close to its own, by principal angles (Bjoerck and Golub, Mathematics
 of Computation 27, 1973). Calibration is projected out of both. Nothing is fitted to the data but the noise.
 """
@@ -60,7 +60,7 @@ def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
 
 
 def _one_each(catalogue: list[Term]) -> dict[str, Term]:
-    """Per effect the term of most values, at the middle of its grid and its first place."""
+    """Per effect the term of most values, at the middle of its grid and its first wheel pattern."""
     out: dict[str, Term] = {}
     for term in catalogue:
         if term.drive is None and term.typical and not term.calibrates and not term.free:

@@ -1,8 +1,8 @@
 """Fraction of the reachable improvement that the found physics reached, and structure of what is left.
 
 In: each drive's whitened columns and the chosen terms. Out: `Reach`. What is reachable is measured, not
-assumed: on top of the found model a flexible one (every spline term at every place, every effect's column,
-all at once, shrunk as far as the data ask for) is fitted to the same blocks and must predict the same
+assumed: on top of the found model a flexible one (every spline term of every wheel pattern, every effect's
+column, all at once, shrunk as far as the data ask for) is fitted to the same blocks and must predict the same
 held-out ones. What it still gains there is what a better model could have gained.
 """
 

@@ -75,7 +75,7 @@ class Explanatory:
 
 @dataclass(frozen=True)
 class Proposal:
-    """A closed form for what has no name, and its log-likelihood gain in the place of the spline terms."""
+    """A closed form for what has no name, and its log-likelihood gain instead of the spline terms."""
 
     name: str
     """For a file of the catalogue."""
@@ -165,7 +165,7 @@ class Remaining:
 
 @dataclass(frozen=True)
 class NotDetectable:
-    """An effect that would have had to be larger than usual to be found for sure."""
+    """An effect that would have had to be larger than typical to be found for sure."""
 
     effect: str
     smallest: dict[str, tuple[float | None, str]]
@@ -216,7 +216,7 @@ class RollingDiagnosis:
     proposals: tuple[Proposal, ...] = ()
     """The best first; empty if not asked for, or if all has a name."""
     not_detectable: tuple[NotDetectable, ...] = ()
-    """The nearest to its usual size first."""
+    """The nearest to its typical value first."""
     inner: Inner | None = field(default=None, repr=False)
 
 

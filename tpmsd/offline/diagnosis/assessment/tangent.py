@@ -179,8 +179,8 @@ def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray) -> tuple[fl
 
 
 def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
-    """Return where, from a point inside outwards, the gains fall to the level; between places as a parabola
-    about the greatest of them does, whose root is a line.
+    """Return where, from a point inside outwards, the gains fall to the level; between grid points as a
+    parabola about the greatest of them does, whose root is a line.
     """
     outside = inside + step
     if not 0 <= outside < len(gains):

@@ -1,8 +1,8 @@
 """The hypotheses of one drive.
 
 In: the names of its columns. Out: `DriveHypotheses`: `Term`s of the catalogue with one or several shapes
-each, and scans over the large families (radius ramps of any onset and length, smooth terms at any place over
-any covariate).
+each, and scans over the large families (radius ramps of any onset and length, smooth terms of any wheel
+pattern over any covariate).
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ class DriveHypotheses(Hypotheses):
         return Term(FAULT.name, design, (RAMPED,), ramp_penalty(), wheel=wheels, span_s=span)
 
     def _ramp_columns(self, wheel: str) -> np.ndarray:
-        """(knots,) places of a wheel's ramps in the common index."""
+        """(knots,) positions of a wheel's ramps in the common index."""
         return np.array(
             [self._column_of[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)]
         )

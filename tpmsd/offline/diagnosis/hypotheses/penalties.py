@@ -35,5 +35,5 @@ def ramp_penalty(course: str = "") -> float:
 
 
 def spline_penalty(hats: int) -> float:
-    """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
+    """Penalty of a smooth term: its heights, and the choice of its wheel pattern and covariate."""
     return SETTINGS.hypotheses.per_value_nats * hats + math.log(SETTINGS.hypotheses.shapes)

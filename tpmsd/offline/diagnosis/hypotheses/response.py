@@ -161,8 +161,8 @@ def grid_column(
     at: tuple[float, float | None],
     base: ExtendedModel | None = None,
 ) -> FloatArray:
-    """(w, 9) response to an effect's linear parameter at a place (`wanted`) where its nonlinear ones have
-    these values, at `base`."""
+    """(w, 9) response to an effect's linear parameter on a wheel pattern (`wanted`) where its nonlinear ones
+    have these values, at `base`."""
     like = next(p for p in probes() if (p.effect, p.parameter, p.wheel_pattern) == wanted)
     probe = replace(like, at=at[0], second=at[1])
     change = reader.change(ROLLING if base is None else base, probe.made())
@@ -250,7 +250,7 @@ def _apart(knots: FloatArray, least: float) -> FloatArray:
 def smooth_columns(
     reader: Reader, knots: dict[str, FloatArray], stds: Mapping[str, float] = MappingProxyType({})
 ) -> Columns:
-    """Spline terms: at each place and over each covariate, hat functions between the knots.
+    """Spline terms: on each wheel or reading and over each covariate, hat functions between the knots.
 
     A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
     gyro's of its reading (rad/s).
@@ -277,7 +277,7 @@ def channel_of(pattern: str) -> int:
 
 
 def first_hat(pattern: str) -> int:
-    """Number of the first hat that a shape at a place needs.
+    """Number of the first hat that a spline term on a wheel or reading needs.
 
     All hats together are a constant. Calibration holds that of a wheel, so its first is left out. A reading
     has none: without its own, a shape of the gyro would need a bias beside it.

@@ -130,7 +130,7 @@ class Term:
     @property
     def key(self) -> tuple[str, ...]:
         """Return what makes two terms alternatives in the model: an effect may act once (per wheel, per
-        place)."""
+        pattern)."""
         drive = "" if self.drive is None else str(self.drive)
         return (self.effect, self.wheel, self.pattern, self.covariate, drive)
 
@@ -228,7 +228,8 @@ class Hypotheses(ABC):
     def add_shapes(
         self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
     ) -> None:
-        """Smooth terms over a term's covariate with finer knots, whose hats are these columns by place."""
+        """Smooth terms over a term's covariate with finer knots, whose hats are these columns by wheel or
+        reading."""
         for pattern, members in patterns():
             if all(member in columns for member, _ in members):
                 design = np.zeros((self.width, len(columns[members[0][0]])))
@@ -257,7 +258,7 @@ class Hypotheses(ABC):
         return Term(effect, slip, (SLIPPING,), penalty, span_s=span_s, pattern=pattern)
 
     def mean_radius_m(self, pattern: str) -> float:
-        """Mean radius of the wheels of a place."""
+        """Mean radius of the wheels of a pattern."""
         return float(self.car.radius_m[list(wheels_of(pattern))].mean())
 
     @abstractmethod
@@ -287,13 +288,14 @@ def spline_term(pattern: str, covariate: str, design: FloatArray, knots: tuple[f
 
 
 def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
-    """Return where a smooth term may act: its name, and the places with their signs."""
+    """Return the patterns of smooth terms: name, and the wheels or readings with their signs."""
     similar = [(name, tuple((member, 1.0) for member in members)) for name, members in PATTERNS.items()]
     return [*similar, *ANTISYMMETRIC.items()]
 
 
 def wheels_acted_on(pattern: str) -> tuple[str, ...]:
-    """Wheels on which a term of this place acts, of either sign; none of a reading, all of no place."""
+    """Wheels on which a term of this pattern acts, of either sign; none of a reading, all without a
+    pattern."""
     if not pattern:
         return WHEELS
     signed = ANTISYMMETRIC.get(pattern) or tuple((wheel, 1.0) for wheel in PATTERNS[pattern])

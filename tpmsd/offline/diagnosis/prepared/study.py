@@ -108,7 +108,7 @@ class Study:
         return self.drives[self.acting(term)[0]].knots[term.covariate]
 
     def append(self, columns: Sequence[tuple[Refined, Mapping[int, FloatArray]]]) -> list[int]:
-        """Further columns, each (w, 9) by drive, and what they are; their places in the common index."""
+        """Further columns, each (w, 9) by drive, and what they are; their positions in the common index."""
         for number, drive in enumerate(self.drives):
             mine = [(k, column[number]) for k, (_, column) in enumerate(columns) if number in column]
             drive.refined += [what for what, column in columns if number in column]

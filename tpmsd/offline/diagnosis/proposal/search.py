@@ -57,7 +57,8 @@ def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
 def _found(
     study: Study, design: FloatArray, patterns: Sequence[str], over: Sequence[str]
 ) -> list[tuple[float, Proposal]]:
-    """Every closed form at every place that predicts what was held out, beside a design, with its sort key.
+    """Every closed form on every wheel pattern that predicts what was held out, beside a design, with its
+    sort key.
 
     Forms with numbers of their own are tried over the covariates of the unnamed terms.
     """

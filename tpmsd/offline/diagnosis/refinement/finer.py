@@ -36,7 +36,7 @@ class Shape:
     """Each wheel, or the one reading."""
 
     def add_to(self, study: Study, at: list[int]) -> None:
-        """Make hypotheses of it, its columns standing at these places of the common index.
+        """Make hypotheses of it, its columns at these positions of the common index.
 
         A shape on wheels is one for every pattern of wheels: which of them it was on the few knots need not
         be right on the finer ones.

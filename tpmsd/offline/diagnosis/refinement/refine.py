@@ -78,7 +78,7 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
 
 
 def _add(study: Study, term: Term, point: Point, indices: Sequence[int]) -> None:
-    """Make a hypothesis of a term at a point off its grid, whose columns stand at these places."""
+    """Make a hypothesis of a term at a point off its grid, whose columns have these indices."""
     if term.ramp:
         onset = _onset(point)
         study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), indices[0], point.course)

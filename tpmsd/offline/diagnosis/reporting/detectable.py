@@ -28,7 +28,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def not_detectable(study: Study, selection: Selection, selector: Selector) -> tuple[NotDetectable, ...]:
-    """Return what would have had to be larger than usual, the nearest to its usual size first.
+    """Return what would have had to be larger than typical, the nearest to its typical value first.
 
     Of an effect without any trace in the drive (no such reading, no such motion) the size is None. Where a
     simulation takes the rolling model's place, sizes are those of a difference: recording less simulation.

@@ -24,7 +24,7 @@ RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 
 
 def where_of(study: Study, one: Chosen) -> Where:
-    """Return the place of a term, as its report has it."""
+    """Return where a term acts, as its report has it."""
     term = one.term
     wheels, channel, covariate = location_of(study, term)
     if term.ramp or (term.pulse and not term.free):
@@ -42,7 +42,7 @@ def where_of(study: Study, one: Chosen) -> Where:
 
 
 def whole_range(study: Study, term: Term) -> Where:
-    """Return the place of a term that was not chosen: all values of its covariate."""
+    """Return where a term acts that was not chosen: all values of its covariate."""
     wheels, channel, covariate = location_of(study, term)
     values = values_of(study, term, covariate)
     if values is None:
@@ -97,7 +97,7 @@ def _measured_by(drives: Sequence[DriveStudy], channel: str, covariate: str) -> 
 
 
 def _acting_wheels(term: Term, drive: DriveStudy) -> tuple[str, ...]:
-    """Wheels on which an effect acts: those of its place, or those that it knows itself."""
+    """Wheels on which an effect acts: those of its pattern, or those that it knows itself."""
     if term.wheel:
         return tuple(term.wheel.split())
     if term.pattern:

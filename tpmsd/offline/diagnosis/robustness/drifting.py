@@ -1,6 +1,6 @@
 """Names what the noise model took for a gyro that drifts, where it drifts far and smoothly.
 
-In: what was `Found`. Out: the same, with a spline term of the yaw rate over time in place of a constant bias,
+In: what was `Found`. Out: the same, with a spline term of the yaw rate over time instead of a constant bias,
 if there is one to tell, and the noise beside it.
 
 A gyro's bias walks at random, and how fast is estimated from the drive. A bias that fades as the sensor warms
@@ -33,7 +33,7 @@ READING = "yaw_rate"
 
 
 def drifting(found: Found) -> Found:
-    """Put the shape of the gyro's bias over time in the place of a constant one; asked of single drives."""
+    """Put the shape of the gyro's bias over time instead of a constant one, for single drives."""
     study, selection = found.study, found.selection
     drive = study.drives[0]
     measured = bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any())

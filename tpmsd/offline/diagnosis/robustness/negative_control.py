@@ -31,7 +31,7 @@ def negative_control(study: Study, selection: Selection) -> float:
 
 
 def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
-    """Penalised gains of one drive's shapes, by covariate and place."""
+    """Penalised gains of one drive's spline terms, by covariate and wheel pattern."""
     windows = drive.reader.windows
     model = drive.acting(design).reshape(windows.measured.size, -1)
     model = model[:, np.any(model != 0.0, axis=0)]

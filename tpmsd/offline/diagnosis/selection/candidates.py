@@ -199,7 +199,7 @@ class Candidates:
 
 
 def likeliest_penalty(term: Term, gain: float, first: float) -> float:
-    """Return what an effect pays at the likeliest value: a usual value may fit nearly as well as the best
+    """Return what an effect pays at the likeliest value: a typical value may fit nearly as well as the best
     one.
 
     A value nearer to zero by a share u gains u^2 of the gain less, for the log-likelihood is a parabola.

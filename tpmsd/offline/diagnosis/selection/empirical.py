@@ -51,7 +51,7 @@ def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, 
 
 
 def pattern_text(pattern: str) -> str:
-    """Return the place of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`,
+    """Return the wheel pattern of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`,
     `gnss_speed`.
     """
     if pattern in READINGS:

@@ -4,9 +4,9 @@ In: `Evidence` and `Hypotheses`. Out: `Selection`: the chosen terms, each with t
 brings in the presence of the others, in sample and held out, its alternatives, and its confidence.
 
 Forward, with pairs (two effects may hide one another), each step followed by exchanges and removals. A
-term pays a penalty for its free values, for the number of places looked at, and for errors whose slow drift
-the noise model does not hold (its gain is divided by the block-wise variance ratio); and it must predict
-blocks that were held out.
+term pays a penalty for its free values, for the number of wheel patterns looked at, and for errors whose slow
+drift the noise model does not hold (its gain is divided by the block-wise variance ratio); and it must
+predict blocks that were held out.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 
 SPLITS = (("front", "rear"), ("left", "right"))
-"""Pairs of places that may act each in its own way."""
+"""Pairs of wheel patterns that may act each in its own way."""
 
 
 class Selector(Candidates):
@@ -383,7 +383,7 @@ class Selector(Candidates):
         return chosen
 
     def _usual_set(self, others: list[Term], shape: Term, worth: float) -> list[Term]:
-        """Effects that every car has, as one model in the place of a shape and of those of them that stand
+        """Effects that every car has, as one model instead of a spline term and of those of them that stand
         beside it among the `others`; empty where the model with the shape is `worth` more (nats)."""
         if shape.covariate in ("time", "distance") or shape.drive is not None:
             return []

@@ -34,7 +34,7 @@ def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Fin
 
 
 def deviations_beyond(one: SensorError, speeds: bool) -> float:
-    """Return how many standard deviations a value lies beyond its usual size; 0 if within."""
+    """Return how many standard deviations a value lies beyond its typical value; 0 if within."""
     effect = EFFECTS[one.probe.effect]
     if effect.tolerance_note(one.value, 0.0, speeds):
         return 0.0
