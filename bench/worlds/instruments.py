@@ -90,11 +90,13 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int, err
     t, speed = course.time_s, course.speed
     n, step = len(t), float(t[1] - t[0])
     offset = spec.radius_spread_m * rng.standard_normal(4)
-    wander = np.zeros((n, 4))
-    if spec.radius_wander > 0.0:
+    radius_drift = np.zeros((n, 4))
+    if spec.radius_drift > 0.0:
         for k in range(4):
-            wander[:, k] = spec.radius_m * markov(more, n, step, spec.radius_wander, spec.radius_wander_tau_s)
-    rate = wheel_rates(course, spec, offset + wander)
+            radius_drift[:, k] = spec.radius_m * markov(
+                more, n, step, spec.radius_drift, spec.radius_drift_tau_s
+            )
+    rate = wheel_rates(course, spec, offset + radius_drift)
     distance_noise = (
         rng.standard_normal((n, 4)) * spec.rough * np.sqrt(np.maximum(speed, 0.0) * step)[:, None]
     )

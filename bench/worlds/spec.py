@@ -105,9 +105,9 @@ class Spec:
     """Decimals of the knots."""
     course_digits: int = 3
 
-    radius_wander: float = 0.0
+    radius_drift: float = 0.0
     """Standard deviation of the radius drift of each wheel, relative; real cars show 2e-4 to 5e-4."""
-    radius_wander_tau_s: float = 240.0
+    radius_drift_tau_s: float = 240.0
     tags: tuple[str, ...] = ()
     """Conditions of the drive, in words, for the report."""
     physics: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -132,7 +132,7 @@ def _road(rng: np.random.Generator) -> dict[str, Any]:
         "road": road,
         "stops": road == "city" or bool(rng.random() < 0.25),
         "rough": float(rng.uniform(2e-4, 6e-4)),
-        "radius_wander": float(rng.uniform(0.0, 5e-6)),
+        "radius_drift": float(rng.uniform(0.0, 5e-6)),
     }
 
 

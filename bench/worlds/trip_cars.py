@@ -159,7 +159,7 @@ def _bus(rng: np.random.Generator, pool: str) -> dict[str, Any]:
         "gyro_drift": float(rng.uniform(1e-6, 3e-6)),
         "accel_std": float(rng.uniform(0.02, 0.08)),
         "rough": float(rng.uniform(2e-4, 5e-4)),
-        "radius_wander": float(rng.uniform(0.0, 1.5e-4)),
+        "radius_drift": float(rng.uniform(0.0, 1.5e-4)),
         "physics": {"yaw_rate_bias": {"bias": float(rng.normal(0.0, 2e-3))}},
     }
 

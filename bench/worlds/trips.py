@@ -108,9 +108,9 @@ def drive_leg(car: Car, leg: Leg, temperature_k: Array | None = None) -> Driven:
     if leg.losses:
         lost = car.tyre.effective_radius_m(vertical, healthy, speed[:, None]) + own - radius
     n = len(speed)
-    if car.spec.radius_wander > 0.0:
-        wander = [markov(rng, n, STEP_S, car.spec.radius_wander, 240.0) for _ in range(4)]
-        radius = radius * (1.0 + np.stack(wander, axis=1))
+    if car.spec.radius_drift > 0.0:
+        radius_drift = [markov(rng, n, STEP_S, car.spec.radius_drift, 240.0) for _ in range(4)]
+        radius = radius * (1.0 + np.stack(radius_drift, axis=1))
     slip = force / (vertical * SLIP_STIFFNESS * surface.grip) + surface.spin
     hubs = np.abs(hub_speeds(course, car.spec)) * surface.turns + surface.driven_mps
     rate = hubs / radius * (1.0 + slip)

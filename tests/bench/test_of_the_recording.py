@@ -28,7 +28,7 @@ def found(recording: Recording, names: tuple[str, ...]) -> Found:
 
 def test_a_load_of_the_recording_is_its_own_and_one_that_was_added_is_not() -> None:
     """Bends shift load in one of two recordings; latency is concealed in it; both are asked for the load."""
-    plain = recording_of(drive(Spec(duration_s=240.0, road="city", radius_wander=0.0), 8))
+    plain = recording_of(drive(Spec(duration_s=240.0, road="city", radius_drift=0.0), 8))
     reader = Study(admitted([plain])[0]).drives[0].reader
     truth = make_effect("load_transfer_lateral", coefficient=2e-4)
     change = truth.radius_change_m(reader.reference.motion, reader.reference.car)

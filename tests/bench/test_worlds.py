@@ -154,8 +154,8 @@ def test_a_mirrored_course_turns_the_other_way_with_left_and_right_exchanged(
 
 def test_wandering_radii_have_the_size_that_was_asked_for() -> None:
     """Four wheels for long: the relative drift's standard deviation."""
-    spec = Spec(duration_s=1200.0, radius_wander=1e-3, radius_wander_tau_s=20.0, frame_jitter_s=0.0)
-    still = dataclasses.replace(spec, radius_wander=0.0)
+    spec = Spec(duration_s=1200.0, radius_drift=1e-3, radius_drift_tau_s=20.0, frame_jitter_s=0.0)
+    still = dataclasses.replace(spec, radius_drift=0.0)
     with_it, without = (np.diff(drive(each, 8).shown_rad[::50], axis=0) for each in (spec, still))
     moving = without.min(axis=1) > 10.0
     relative = (with_it / without - 1.0)[moving]

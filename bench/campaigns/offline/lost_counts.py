@@ -83,7 +83,7 @@ def case(kind: str, seed: int) -> Case:
         "duration_s": 600.0,
         "wheel_signal": "counts",
         "teeth": float(rng.choice(TEETH)),
-        "radius_wander": float(rng.choice([0.0, 2e-4])),
+        "radius_drift": float(rng.choice([0.0, 2e-4])),
     }
     if kind == "beating":
         changed |= draw_beat(rng)

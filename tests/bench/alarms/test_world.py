@@ -54,7 +54,7 @@ def test_the_gas_law_holds_absolute_pressure_over_temperature() -> None:
 def car() -> Car:
     """A car with gyro and counts."""
     drawn = draw_car(np.random.default_rng(4), "development", 4)
-    return replace(drawn, spec=replace(drawn.spec, wheel_signal="counts", radius_wander=0.0, rough=0.0))
+    return replace(drawn, spec=replace(drawn.spec, wheel_signal="counts", radius_drift=0.0, rough=0.0))
 
 
 def test_a_loss_of_air_acts_on_its_wheel_alone_and_from_its_onset(car: Car) -> None:

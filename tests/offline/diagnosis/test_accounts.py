@@ -19,7 +19,7 @@ from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.inference.noise_fit import VELOCITY, refit, refit_wander
+from tpmsd.offline.inference.noise_fit import VELOCITY, refit, refit_radius_drift
 from tpmsd.offline.inference.recording import Recording
 
 DRIFT, MEMORY_S = 1.2e-3, 20.0
@@ -46,7 +46,7 @@ def drift_alone(recording: Recording) -> Found:
     study = Study(readers)
     car, windows = study.drives[0], readers[0].windows
     plain = car.believed(study.hypotheses.nuisance)
-    car.noise = refit_wander(windows, plain, replace(car.noise, wander=1e-3), None)
+    car.noise = refit_radius_drift(windows, plain, replace(car.noise, radius_drift=1e-3), None)
     return nothing_chosen(study)
 
 

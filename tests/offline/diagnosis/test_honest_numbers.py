@@ -40,7 +40,7 @@ def growth(seed: int) -> float:
     at = columns.index()[("centrifugal_growth", "coefficient")]
     residual = reader.windows.measured - reader.predict(ExtendedModel())
     rows = (Stack(residual) + radius_columns(reader).stack + Stack(columns.stack[at])).whole()
-    noise = replace(first_noise(reader), slow_m=1.2, slow_tau_s=40.0, wander=1e-6)
+    noise = replace(first_noise(reader), slow_m=1.2, slow_tau_s=40.0, radius_drift=1e-6)
     white, _ = whiten(reader.windows, noise, rows)
     flat = white.reshape(-1, rows.shape[2])
     return float(np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=None)[0][-1])

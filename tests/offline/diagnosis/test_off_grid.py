@@ -37,7 +37,7 @@ def test_all_values_of_an_effect_stay_when_its_parameter_is_refined() -> None:
 def test_a_lag_off_the_grid_shapes_all_values_of_its_effect() -> None:
     """A sunny side behind 220 s, between two of the grid's lags: lag and both values within their standard
     deviations, and nothing beside it."""
-    recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_wander=0.0), 8))
+    recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_drift=0.0), 8))
     base = Study(admitted([recording])[0]).drives[0].reader
     truth = make_effect("sun_side", east_m=6e-4, north_m=-4e-4, lag_s=220.0)
     change = truth.radius_change_m(base.reference.motion, base.reference.car)

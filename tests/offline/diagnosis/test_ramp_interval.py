@@ -15,7 +15,7 @@ from tpmsd.offline.diagnosis.prepared.drive_study import Refined
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.inference.noise_fit import log_posterior, refit_wander
+from tpmsd.offline.inference.noise_fit import log_posterior, refit_radius_drift
 
 
 def test_a_ramp_is_the_weighted_sum_of_ramps_between_neighbours() -> None:
@@ -47,7 +47,7 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     study.hypotheses.add_ramp("rl", (122.0, 122.0), pattern)
     term = study.hypotheses.catalogue[-1]
     plain = drive.believed(Selector(study.evidence(), study.hypotheses).design([term]))
-    noise = refit_wander(windows, plain, replace(drive.noise, wander=1e-3), None)
+    noise = refit_radius_drift(windows, plain, replace(drive.noise, radius_drift=1e-3), None)
     before = log_posterior(windows, plain, noise, None)
 
     found, terms = with_drift(study.under({0: noise}), [term])

@@ -19,7 +19,7 @@ C, D = 1.2e-4, -5e-5
 def test_the_diagonal_that_stiffness_in_roll_leaves_is_no_error_of_the_track() -> None:
     """Rear wheels change by 2.4 times as much as the front ones: both coefficients come out, and no other
     effect takes the diagonal."""
-    recording = recording_of(drive(Spec(duration_s=400.0, road="city", radius_wander=0.0), 8))
+    recording = recording_of(drive(Spec(duration_s=400.0, road="city", radius_drift=0.0), 8))
     reader = Study(admitted([recording])[0]).drives[0].reader
     truth = make_effect("load_transfer_lateral", coefficient=C, front_more=D)
     change = truth.radius_change_m(reader.reference.motion, reader.reference.car)

@@ -130,7 +130,7 @@ def test_an_axle_that_warms_with_every_braking_has_a_name() -> None:
 
 def test_wheels_that_wander_each_for_itself_are_no_finding() -> None:
     """0.04 % of radius drift, as real tyres have on bad days: one of them looked like a leak of 20 nats."""
-    spec = Spec(duration_s=600.0, road="rural", radius_wander=4e-4)
+    spec = Spec(duration_s=600.0, road="rural", radius_drift=4e-4)
     diagnosis = diagnose([recording_of(drive(spec, 4))])
 
     assert () == diagnosis.findings

@@ -35,7 +35,7 @@ def test_how_soon_and_how_long_a_brake_warms_its_tyres(soak_s: float) -> None:
     """Both time constants and the growth within four standard deviations, and nothing beside them: where the
     tyre is taken to be warm at once, half of the growth was missing, with a second axle that warms."""
     growth, cooling_s = 2e-6, 150.0
-    recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_wander=0.0), 8))
+    recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_drift=0.0), 8))
     motion = Study(admitted([recording])[0]).drives[0].reader.reference.motion
     power = np.maximum(-motion.specific_force_long_mps2, 0.0) * motion.speed_mps
     step_s = float(motion.time_s[1])

@@ -174,4 +174,4 @@ def test_only_parameters_of_its_states_and_channels_are_estimated() -> None:
     names = data.estimable()
 
     assert {"rough_m", "lean", "crab_rad", "speed_mps", "age_s", "slow_m"} <= set(names)
-    assert not {"gyro_radps", "gyro_drift_radps", "cross_mps", "wander", "clock_s"} & set(names)
+    assert not {"gyro_radps", "gyro_drift_radps", "cross_mps", "radius_drift", "clock_s"} & set(names)

@@ -21,7 +21,7 @@ from tpmsd.offline.inference.windows import GYRO, Reader
 
 WINDOWS = 12
 STATES = DRIFTING_RADII.states
-NOISE = Noise(reading_m=(0.01, 0.011, 0.012, 0.009), wander=1e-4, clock_s=0.01, gyro_drift_radps=1e-4)
+NOISE = Noise(reading_m=(0.01, 0.011, 0.012, 0.009), radius_drift=1e-4, clock_s=0.01, gyro_drift_radps=1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -158,7 +158,7 @@ def test_draws_have_the_covariance_of_the_noise(space: Geometry) -> None:
 
 @pytest.mark.parametrize("factor", [10.0**-0.5, 10.0**0.5])
 @pytest.mark.parametrize(
-    "name", ["gyro_radps", "speed_mps", "cross_mps", "rough_m", "white_m", "slow_m", "wander"]
+    "name", ["gyro_radps", "speed_mps", "cross_mps", "rough_m", "white_m", "slow_m", "radius_drift"]
 )
 def test_a_known_noise_is_found_from_either_side(name: str, factor: float) -> None:
     """Of data drawn with a noise whose size is three times smaller or larger than where the search starts,
@@ -166,7 +166,7 @@ def test_a_known_noise_is_found_from_either_side(name: str, factor: float) -> No
     recording = recording_of(drive(Spec(duration_s=420.0), 5))
     windows = Reader(recording, reference(recording)).windows
     space = geometry(windows, np.isfinite(windows.measured))
-    start = Noise(reading_m=(0.005,) * 4, rough_m=1e-3, white_m=1.0, wander=1e-4)
+    start = Noise(reading_m=(0.005,) * 4, rough_m=1e-3, white_m=1.0, radius_drift=1e-4)
     true = dataclasses.replace(start, **{name: getattr(start, name) * factor})
     data = Whitener(space, diagonals(space, true)).simulate(np.random.default_rng(4), 1)
     columns = np.concatenate([data, np.zeros_like(data)], axis=2)

@@ -119,7 +119,7 @@ def test_what_is_left_is_said_in_a_sentence(reach: Reach, sentence: str) -> None
     assert sentence == reached(reach)
 
 
-WANDER = RadiusDrift(7e-4, 60.0, "monday", Where(("rl", "rr"), "wheel_ratio", "time", (0.0, 600.0)))
+RADIUS_DRIFT = RadiusDrift(7e-4, 60.0, "monday", Where(("rl", "rr"), "wheel_ratio", "time", (0.0, 600.0)))
 ALL = replace(REACH, left=-15.0, left_std=34.0)
 NOTHING_LEFT = reached(ALL)
 ALL_REACHED = replace(FOUND, reach=ALL)
@@ -130,7 +130,7 @@ ALL_REACHED = replace(FOUND, reach=ALL)
     [
         (ALL_REACHED, [NOTHING_LEFT]),
         (
-            replace(ALL_REACHED, drift=WANDER),
+            replace(ALL_REACHED, drift=RADIUS_DRIFT),
             [
                 NOTHING_LEFT,
                 "All of this is beside radii of monday that drift by 0.07 % within 60 s (rl rr), more than "
@@ -138,7 +138,7 @@ ALL_REACHED = replace(FOUND, reach=ALL)
             ],
         ),
         (
-            replace(ALL_REACHED, unexplained=WANDER.where),
+            replace(ALL_REACHED, unexplained=RADIUS_DRIFT.where),
             [
                 NOTHING_LEFT,
                 "One more term alone would still explain structure: differences between wheels (rl rr), "
@@ -161,7 +161,7 @@ def test_what_is_left_is_reported_without_contradiction(
 
 def test_drift_that_passes_for_noise_is_a_number_in_the_document() -> None:
     """It counts as unexplained, with its size."""
-    document = diagnosis_document(replace(FOUND, drift=WANDER), None)["unexplained"]
+    document = diagnosis_document(replace(FOUND, drift=RADIUS_DRIFT), None)["unexplained"]
     assert (True, ["rl", "rr"]) == (document["significant"], document["where"]["wheels"])
     assert {"relative_std": 7e-4, "time_constant_s": 60.0, "drive": "monday"} == document["radius_drift"]
 

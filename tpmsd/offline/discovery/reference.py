@@ -109,7 +109,7 @@ def _stamps(fixes: Sequence[GnssFix]) -> FloatArray:
     offset, at = arrival[known] - utc[known], utc[known]
     smooth = np.empty(len(at))
     start = 0
-    # Piecewise medians: the host's clock may wander against UTC by tenths of a second in a drive.
+    # Piecewise medians: the host's clock may drift against UTC by tenths of a second in a drive.
     centres, medians = [], []
     while start < len(at):
         stop = int(np.searchsorted(at, at[start] + SETTINGS.offset_window_s))

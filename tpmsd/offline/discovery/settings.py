@@ -166,7 +166,7 @@ class Settings(ToothCountSettings):
     longest_gap_s: float = 2.5
     """Between two fixes; a receiver of 1 Hz may lose one."""
     offset_window_s: float = 60.0
-    """Length of the pieces whose median gives the host's clock against UTC: it may wander by tenths of a
+    """Length of the pieces whose median gives the host's clock against UTC: it may drift by tenths of a
     second in a drive."""
     position_base_s: float = 0.8
     """Positions are differenced over at least this time."""

@@ -76,8 +76,8 @@ CLOCK = GaussMarkov(("gnss_clock",), "clock_s", "clock_tau_s", _clock)
 AGE = RandomWalk("gnss_age", "age_s", AGE_STD_S, _clock)
 RADIUS_DRIFT = GaussMarkov(
     tuple(f"drift_{wheel}" for wheel in WHEELS),
-    "wander",
-    "wander_tau_s",
+    "radius_drift",
+    "radius_drift_tau_s",
     lambda windows: _at(windows, *((wheel, wheel, -_v(windows) * WINDOW_S) for wheel in range(4))),
 )
 LEAN = GaussMarkov(("lean",), "lean", "lean_tau_s", _lean)

@@ -44,13 +44,13 @@ class Noise:
     slow_m: float = 1.5
     slow_tau_s: float = 30.0
     clock_s: float = 2e-3
-    """Wander of the receiver's clock against the bus's, which a constant latency does not hold."""
+    """Random drift of the receiver's clock against the bus's, which a constant latency does not hold."""
     clock_tau_s: float = 8.0
     age_s: float = 5e-4
     """Growth of the fixes' age per square root of a second, where it is a random walk."""
-    wander: float = 2e-5
+    radius_drift: float = 2e-5
     """Drift of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
-    wander_tau_s: float = 60.0
+    radius_drift_tau_s: float = 60.0
     lean: float = 3e-5
     """Slow difference of left and right radii, relative: slant of the road, side wind."""
     lean_tau_s: float = 15.0
@@ -86,8 +86,8 @@ LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "clock_s": (1e-4, 0.3),
         "clock_tau_s": (0.5, 60.0),
         "age_s": (1e-6, 2e-2),
-        "wander": (1e-6, 3e-3),
-        "wander_tau_s": (10.0, 600.0),
+        "radius_drift": (1e-6, 3e-3),
+        "radius_drift_tau_s": (10.0, 600.0),
         "lean": (1e-6, 5e-4),
         "lean_tau_s": (3.0, 25.0),
         "crab_rad": (1e-5, 5e-2),
@@ -100,8 +100,8 @@ PRIORS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "slow_m": (1.2, 1.0),
         "slow_tau_s": (40.0, 0.2),
         "gyro_drift_radps": (2e-6, 0.7),
-        "wander": (2e-5, 1.0),
-        "wander_tau_s": (60.0, 0.5),
+        "radius_drift": (2e-5, 1.0),
+        "radius_drift_tau_s": (60.0, 0.5),
     }
 )
 """Median and logarithmic spread of what a drive hardly tells."""

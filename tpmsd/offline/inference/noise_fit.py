@@ -29,15 +29,15 @@ from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Linearised
 
 SLOW = ("slow_m", "slow_tau_s")
-WANDER = ("wander", "wander_tau_s")
+RADIUS_DRIFT = ("radius_drift", "radius_drift_tau_s")
 VELOCITY = ("speed_white_mps", "speed_mps", "speed_memory")
-WANDERING = (*SLOW, *WANDER, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
+SLOWLY_VARYING = (*SLOW, *RADIUS_DRIFT, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
 """Parameters that could pass for a missing effect: not estimated before effects were looked for."""
 FIT_WINDOWS, SLOW_WINDOWS = 300, 600
 """Linearised that stand for a long drive, where all parameters and where slow ones are estimated."""
 OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
-"""Variance of a stretch, over the usual one, from which it is believed to be noisier."""
+"""Variance of a stretch over the typical one, from which it is taken as noisier."""
 NEAR_NATS, FIRST_NEAR_NATS = 0.05, 0.2
 """Gain of a step of the maximisation below which it ends; the first stage's noise is where the second
 starts."""
@@ -93,10 +93,10 @@ def fit_noise(
     names = whole.estimable()
     if stage is SearchStage.FIRST:
         part = _apart(representative(whole, FIT_WINDOWS))
-        return maximised(part, start, [name for name in names if name not in WANDERING], FIRST_NEAR_NATS)
+        return maximised(part, start, [name for name in names if name not in SLOWLY_VARYING], FIRST_NEAR_NATS)
     if stage is SearchStage.LAST:
         slow = representative(whole, SLOW_WINDOWS)
-        return maximised(slow, start, [name for name in names if name in WANDERING])
+        return maximised(slow, start, [name for name in names if name in SLOWLY_VARYING])
     return maximised(representative(whole, FIT_WINDOWS), start, names)
 
 
@@ -105,9 +105,11 @@ def refit_slow(windows: Linearised, columns: FloatArray, noise: Noise, inflate: 
     return refit(windows, columns, noise, inflate, SLOW)
 
 
-def refit_wander(windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
+def refit_radius_drift(
+    windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None
+) -> Noise:
     """Only the radius drift, on the whole drive."""
-    return refit(windows, columns, noise, inflate, WANDER)
+    return refit(windows, columns, noise, inflate, RADIUS_DRIFT)
 
 
 def refit(

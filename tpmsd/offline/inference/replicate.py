@@ -70,7 +70,7 @@ def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random
     for wheel in recording.wheels:
         angle = angles[:, wheel] + model.tooth_angle_error_rad(angles[:, wheel], wheel)
         angle = angle * model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
-        drift = gauss_markov(rng, n, noise.wander, _kept(noise.wander_tau_s, dt))
+        drift = gauss_markov(rng, n, noise.radius_drift, _kept(noise.radius_drift_tau_s, dt))
         road = np.sqrt(
             noise.rough_m**2 * distance_m + noise.floor_m**2 * dt / WINDOW_S
         ) * rng.standard_normal(n)

@@ -1,7 +1,7 @@
 """The simulated GNSS receiver.
 
 In: the world's truth, the receiver's qualities, clocks, a Generator. Out: NMEA lines with the host's arrival
-times. Its position error wanders (Gauss-Markov) under a small white part, its Doppler velocity has an error
+times. Its position error drifts (Gauss-Markov) under a small white part, its Doppler velocity has an error
 of its own with a short memory, and it loses its fix, jumps and lags as receivers do.
 """
 

@@ -1,7 +1,7 @@
 """A route: how the car moves along a road, at 100 Hz.
 
 In: a kind of road (or segments), a duration, a Generator. Out: `Motion` with bounded accelerations, stops,
-bends below 3 m/s2, and a driver who wanders a little in speed and within the lane. A `Motion` from elsewhere
+bends below 3 m/s2, and a driver who varies a little in speed and within the lane. A `Motion` from elsewhere
 (say, smoothed from a drive's own fixes) can take its place: everything after this module takes a `Motion`.
 """
 

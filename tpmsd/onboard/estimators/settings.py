@@ -361,12 +361,12 @@ class PathLengthSettings:
     longest_step_s: float = 2.5
     """... and most: beyond, too little is known of the way between them."""
     least_m: float = 400.0
-    """Path below which the wander of positions hides what is looked for."""
+    """Path below which the drift of positions hides what is looked for."""
     position_slack_m: float = 4.0
-    """Distance by which the ends of a path may wander against each other at least, ..."""
+    """Distance by which the ends of a path may drift against each other at least, ..."""
     position_slack_stds: float = 5.0
     """... and by so many standard deviations of a random walk whose rate is that of the steps in the window:
-    the positions of some receivers wander by 3 m in a minute, those of others by centimetres."""
+    the positions of some receivers drift by 3 m in a minute, those of others by centimetres."""
     share: float = 0.003
     """Fraction of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
     lag_s: float = 1.0
@@ -379,7 +379,7 @@ class PathLengthSettings:
     jump_share: float = 0.1
     """... the same as a share of the step."""
     slowest_mps: float = 3.0
-    """Below, positions wander as fast as the car moves."""
+    """Below, positions drift as fast as the car moves."""
     most_turn_rad: float = 1.0
     """Largest turn of a step: beyond, it is no arc."""
 

@@ -3,7 +3,7 @@
 In: each fix's time of arrival (host clock) and its own UTC. Out: the host time at which it was valid.
 
 Transport only ever adds delay, so the lower envelope of (arrival - UTC) is the offset between the clocks. It
-wanders by a millisecond per second, which is followed smoothly; it steps when a host clock is set, which is
+drifts by a millisecond per second, which is followed smoothly; it steps when a host clock is set, which is
 taken up at once.
 """
 

@@ -99,7 +99,7 @@ def draw_case(kind: str, strength: float, seed: int) -> Case:
             spec, radius_off=float(rng.choice([-1, 1]) * rng.uniform(0.01, 0.03)), radius_spread_m=1.2e-3
         )
     if plain == "nothing_wander":
-        spec = replace(spec, radius_wander=float(rng.uniform(2e-4, 5e-4)))
+        spec = replace(spec, radius_drift=float(rng.uniform(2e-4, 5e-4)))
     if "thermal" in plain or "warmup" in plain:
         spec = replace(spec, duration_s=float(rng.uniform(900, 1200)))
     if world == "multibody":

@@ -12,7 +12,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 class GradeShare(Effect):
     """The wheels feel `share` of the slopes that the receiver's heights show.
 
-    Heights wander by metres: on a flat road that looks like slopes, and slip or load transfer by the pull of
+    Heights drift by metres: on a flat road that looks like slopes, and slip or load transfer by the pull of
     these slopes would be missing. Source: errors in variables attenuate a slope (Fuller, Measurement Error
     Models, 1987, section 1.1).
     """

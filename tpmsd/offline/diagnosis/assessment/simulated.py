@@ -32,7 +32,7 @@ MEMORIES = {
     "speed_memory": "speed_mps",
     "slow_tau_s": "slow_m",
     "clock_tau_s": "clock_s",
-    "wander_tau_s": "wander",
+    "radius_drift_tau_s": "radius_drift",
 }
 """Memory of a noise, and the noise."""
 

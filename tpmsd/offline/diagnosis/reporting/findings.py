@@ -296,14 +296,14 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
 
 def _drift(study: Study) -> RadiusDrift | None:
     """Radius drift beyond what tyres and roads make: something acts that no term holds."""
-    drive = max(study.drives, key=lambda one: one.noise.wander)
-    if drive.noise.wander < SETTINGS.report.drift_reported_from:
+    drive = max(study.drives, key=lambda one: one.noise.radius_drift)
+    if drive.noise.radius_drift < SETTINGS.report.drift_reported_from:
         return None
     recording = drive.reader.recording
     wheels = tuple(WHEELS[k] for k in recording.wheels)
     where = Where(wheels, "wheel_ratio", "time", (0.0, float(recording.edges_s[-1])))
     name = recording.name if len(study.drives) > 1 else ""
-    return RadiusDrift(drive.noise.wander, drive.noise.wander_tau_s, name, where)
+    return RadiusDrift(drive.noise.radius_drift, drive.noise.radius_drift_tau_s, name, where)
 
 
 def evidence_gain(selector: Selector, terms: list[Term], more: Term) -> float:

@@ -31,7 +31,7 @@ from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.inference.noise_fit import VELOCITY, WANDER, log_posterior, refit
+from tpmsd.offline.inference.noise_fit import RADIUS_DRIFT, VELOCITY, log_posterior, refit
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def changed(found: Found, earlier: Selection) -> Found:
     radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
     with the values that it had."""
     before, drive = found.study, found.study.drives[0]
-    if len(before.drives) > 1 or drive.noise.wander < SETTINGS.robustness.drifts_from:
+    if len(before.drives) > 1 or drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
     terms = [one.term for one in found.selection.chosen]
     drifting = _account(drive, Selector(found.evidence, before.hypotheses).design(terms))
@@ -103,7 +103,7 @@ def erring(found: Found) -> Found:
     return Found(study, judged, evidence) if any(one.term is term for one in judged.chosen) else found
 
 
-def _account(drive: DriveStudy, design: FloatArray, names: Sequence[str] = WANDER) -> Account:
+def _account(drive: DriveStudy, design: FloatArray, names: Sequence[str] = RADIUS_DRIFT) -> Account:
     """Return the likeliest slow noise of these names beside a design: there may be two, a far and slow one
     and a near and quick one.
     """
@@ -121,7 +121,7 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
     drive = study.drives[0]
     best: tuple[float, Term] | None = None
     for share in SETTINGS.robustness.drift_levels:
-        tried = drive.under(replace(drifting.noise, wander=share * drifting.noise.wander))
+        tried = drive.under(replace(drifting.noise, radius_drift=share * drifting.noise.radius_drift))
         selector = Selector(study.trial([tried]).evidence(), study.hypotheses, last=True)
         design = selector.design(terms)
         gram, b = selector.evidence.projected(design)

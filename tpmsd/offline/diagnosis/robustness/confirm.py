@@ -26,7 +26,7 @@ from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, gain_of
 from tpmsd.offline.inference.noise import PRIORS, Noise
-from tpmsd.offline.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
+from tpmsd.offline.inference.noise_fit import SLOW, log_posterior, refit_radius_drift, refit_slow
 from tpmsd.offline.inference.whitening import whiten
 
 
@@ -81,10 +81,12 @@ def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise
     """
     windows, columns = drive.reader.windows, drive.believed(design)
     if not common:
-        start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))
-        null = refit_wander(windows, columns, start, drive.inflate)
-        much = drive.noise.wander >= SETTINGS.robustness.drifts_from
-        return replace(null, wander=SETTINGS.robustness.drift_unsure * null.wander) if much else null
+        start = replace(drive.noise, radius_drift=max(drive.noise.radius_drift, PRIORS["radius_drift"][0]))
+        null = refit_radius_drift(windows, columns, start, drive.inflate)
+        much = drive.noise.radius_drift >= SETTINGS.robustness.drifts_from
+        return (
+            replace(null, radius_drift=SETTINGS.robustness.drift_unsure * null.radius_drift) if much else null
+        )
     middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
     starts = (drive.noise, replace(drive.noise, **middles))
     found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]

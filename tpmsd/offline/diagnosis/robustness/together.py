@@ -36,9 +36,13 @@ def together(found: Found, before: Selection) -> Found:
     drive = study.drives[0]
     if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
         return found
-    if drive.noise.wander < SETTINGS.robustness.drifts_from:
+    if drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
-    usual = replace(drive.noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
+    usual = replace(
+        drive.noise,
+        radius_drift=PRIORS["radius_drift"][0],
+        radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
+    )
     tried = study.under({0: usual})
     calm = tried.evidence()
     selector = Selector(calm, study.hypotheses, last=True)

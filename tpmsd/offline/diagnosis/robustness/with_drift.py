@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import PRIORS, Noise
-from tpmsd.offline.inference.noise_fit import NEAR_NATS, WANDER, log_posterior, refit
+from tpmsd.offline.inference.noise_fit import NEAR_NATS, RADIUS_DRIFT, log_posterior, refit
 
 
 def with_drift(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
@@ -33,8 +33,14 @@ def with_drift(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
         return study, list(terms)
     noise = study.drives[0].noise
     starts = [noise]
-    if noise.wander >= SETTINGS.robustness.drifts_from:
-        starts.append(replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0]))
+    if noise.radius_drift >= SETTINGS.robustness.drifts_from:
+        starts.append(
+            replace(
+                noise,
+                radius_drift=PRIORS["radius_drift"][0],
+                radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
+            )
+        )
     ends = [_in_turn(study, terms, start) for start in starts]
     _, found, refined = max(ends, key=lambda end: end[0])
     return found, refined
@@ -50,7 +56,7 @@ def _in_turn(study: Study, terms: Sequence[Term], start: Noise) -> tuple[float, 
         drive = study.drives[0]
         windows = drive.reader.windows
         columns = drive.believed(Selector(study.evidence(), study.hypotheses).design(now))
-        noise = refit(windows, columns, drive.noise, drive.inflate, WANDER)
+        noise = refit(windows, columns, drive.noise, drive.inflate, RADIUS_DRIFT)
         score = log_posterior(windows, columns, noise, drive.inflate)
         study = study.under({0: noise})
         if score > best[0]:
