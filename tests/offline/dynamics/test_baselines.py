@@ -9,6 +9,7 @@ from bench.worlds.lively_car import CarSpec, Concealed, drive
 from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
+from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
 from tpmsd.car.physics.baselines.single_track import SingleTrack
 from tpmsd.car.physics.baselines.table import BASELINES
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
@@ -157,3 +158,8 @@ def test_a_delayed_reading_is_the_earlier_one(delay_s: float) -> None:
         wanted = np.interp(time - delay_s, fine, plain[name])
         apart = np.abs(late[name] - wanted)[inner]
         assert apart.max() < 0.006 * np.abs(wanted).max()
+
+
+def test_the_names_on_the_command_line_are_those_of_the_table() -> None:
+    """The names, which are known before the models are loaded, are the models' own, in their order."""
+    assert tuple(BASELINES) == DYNAMICS_BASELINES

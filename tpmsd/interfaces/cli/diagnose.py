@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tpmsd.car.physics.baselines.names import BASELINE_NAMES, ROLLING
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
@@ -53,7 +54,6 @@ REPLICATES = 19
 """Replicates of the certificate at most: seven do where a finding is beyond doubt, which costs about as much
 as the diagnosis itself.
 """
-BASELINE_NAMES = ("rolling", "single-track", "three-dof")
 CERTIFY_SEED = 0
 """Seed of the replicates: the same drives get the same certificate."""
 
@@ -91,7 +91,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--baseline",
         choices=BASELINE_NAMES,
-        default="rolling",
+        default=ROLLING,
         help="model that the drive is compared with (default: rolling): single-track and three-dof are models"
         " of vehicle dynamics and take signals.csv and the table [dynamics]",
     )
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     keep_freed_memory()
-    if args.baseline != "rolling":
+    if args.baseline != ROLLING:
         from tpmsd.interfaces.cli.diagnose_dynamics import run_dynamics
 
         return run_dynamics(args)

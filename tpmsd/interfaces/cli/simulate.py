@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
@@ -130,7 +131,7 @@ def add_parser(subparsers: Subparsers) -> None:
     dynamics = parser.add_argument_group("vehicle dynamics")
     dynamics.add_argument(
         "--baseline",
-        choices=("single-track", "three-dof"),
+        choices=DYNAMICS_BASELINES,
         help="write what this baseline, with the effects of --model, predicts for the inputs of a recording",
     )
     dynamics.add_argument("--inputs", metavar="DRIVE", type=Path, help="the recording, with signals.csv")

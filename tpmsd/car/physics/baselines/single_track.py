@@ -14,6 +14,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer, like
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
 from tpmsd.car.physics.baselines.frame import Frame, Real
+from tpmsd.car.physics.baselines.names import SINGLE_TRACK
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
@@ -37,7 +38,7 @@ def _axle_share(frame: Frame, friction: Real) -> FloatArray:
 class SingleTrack(Baseline):
     """The linear single-track car."""
 
-    name: ClassVar[str] = "single-track"
+    name: ClassVar[str] = SINGLE_TRACK
 
     def _loads(self, frame: Frame) -> None:
         """Axle loads with the transfer of longitudinal acceleration; lateral transfer for the effects."""

@@ -16,6 +16,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, aligned, axle_forces, lateral_transfer, like
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
 from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.names import THREE_DOF
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
@@ -27,7 +28,7 @@ MOST_SLIP_FORCE = 0.3
 class ThreeDof(Baseline):
     """The car of [Liu 2022]."""
 
-    name: ClassVar[str] = "three-dof"
+    name: ClassVar[str] = THREE_DOF
     nonlinear: ClassVar[bool] = True
 
     def _loads(self, frame: Frame) -> None:
