@@ -135,19 +135,10 @@ RECORDS = (
 
 MAX_BRANCHES = 15
 BRANCHY = {
-    "bench.campaigns.offline.diagnosis.report.summary": 38,
-    "bench.campaigns.offline.diagnosis.run.plan": 19,
-    "bench.campaigns.offline.diagnosis.score.localisation": 17,
-    "bench.campaigns.offline.diagnosis.score.score": 25,
-    "bench.campaigns.offline.goldens.differences": 16,
     "bench.campaigns.onboard.alarms.figures.false_alarms": 18,
     "bench.campaigns.onboard.alarms.figures.figures": 20,
-    "bench.campaigns.onboard.alarms.score.judge": 16,
     "bench.campaigns.onboard.estimators.batches.play_batch": 16,
-    "bench.campaigns.onboard.estimators.recordings.own_difference_m": 16,
-    "bench.campaigns.onboard.recorded_losses.main": 18,
     "bench.campaigns.onboard.resonance.cell": 19,
-    "bench.worlds.recordings._fixes": 16,
     "tpmsd.car.config.agree._radii": 16,
     "tpmsd.car.config.dbc.find_signal": 18,
     "tpmsd.foundation.plain.plain": 16,

@@ -94,8 +94,8 @@ def read(folder: Path) -> Recorded:
     )
 
 
-def _fixes(folder: Path, host_s: float) -> tuple[Array, Array, Array, Array]:
-    """Fixes by their UTC; sentences without a time belong to the epoch before them."""
+def _epochs(folder: Path) -> dict[float, dict[str, float]]:
+    """Values of the receiver's epochs by UTC; sentences without a time belong to the epoch before them."""
     epochs: dict[float, dict[str, float]] = {}
     last = None
     for line in (folder / "gnss.nmea").read_text(encoding="ascii").splitlines():
@@ -113,7 +113,12 @@ def _fixes(folder: Path, host_s: float) -> tuple[Array, Array, Array, Array]:
                     entry["course"] = math.pi / 2 - math.radians(float(parts[8]))
         elif kind == "VTG" and last is not None and len(parts) > 5 and parts[5]:
             epochs[last]["speed"] = float(parts[5]) * 0.514444444
-    kept = [(utc, entry) for utc, entry in sorted(epochs.items()) if "lat" in entry]
+    return epochs
+
+
+def _fixes(folder: Path, host_s: float) -> tuple[Array, Array, Array, Array]:
+    """Fixes by their UTC: time, position, speed and course."""
+    kept = [(utc, entry) for utc, entry in sorted(_epochs(folder).items()) if "lat" in entry]
     utc = np.array([each for each, _ in kept])
     lat, lon = (np.array([entry[key] for _, entry in kept]) for key in ("lat", "lon"))
     place = EARTH_M * np.stack([(lon - lon[0]) * math.cos(lat[0]), lat - lat[0]], axis=1)

@@ -150,13 +150,18 @@ def _json(command: str, folder: Path, *more: str) -> dict[str, Any]:
     return document
 
 
+def _moved(before: list[Any], now: list[Any], at: str) -> Iterator[str]:
+    """Return a line if an estimate has moved by more than its tolerance."""
+    size = max(RELATIVE * abs(before[0]), OF_STD * (before[1] or 0.0))
+    if abs(before[0] - now[0]) > size + 1e-12:
+        std = "" if before[1] is None else f" (std {before[1]:.3g})"
+        yield f"{at}: {before[0]:.5g} -> {now[0]:.5g}{std}"
+
+
 def differences(before: Any, now: Any, at: str = "") -> Iterator[str]:
-    """What two answers differ in, a line each."""
+    """Return the differences between two answers, a line each."""
     if _is_estimate(before) and _is_estimate(now):
-        size = max(RELATIVE * abs(before[0]), OF_STD * (before[1] or 0.0))
-        if abs(before[0] - now[0]) > size + 1e-12:
-            std = "" if before[1] is None else f" (std {before[1]:.3g})"
-            yield f"{at}: {before[0]:.5g} -> {now[0]:.5g}{std}"
+        yield from _moved(before, now, at)
     elif isinstance(before, dict) and isinstance(now, dict):
         for key in sorted({*before, *now}):
             yield from differences(before.get(key), now.get(key), f"{at}.{key}" if at else str(key))

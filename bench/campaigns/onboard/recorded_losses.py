@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -149,16 +149,24 @@ def options(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> dict[str, Any]:
     """Run and print."""
     folders = args.drives or [RECORDINGS / name for name in NAMES]
-    if args.state:
-        rows = in_a_row([read_drive(folder) for folder in folders])
-        for row in rows:
-            reported = ", ".join(f"{w} {x:+.2f} +- {s:.2f} mm" for w, (x, s) in row["change_mm"].items())
-            print(f"{row['drive']}: {reported or 'nothing judged'}")
-            for one in row["said"]:
-                since = f" ({one['since']})" if one["since"] else ""
-                what = f"{one['kind']} {one['wheel']} {one['state']}{since}"
-                print(f"  {one['at_s']:6.1f} s  {what}: {one['reason']}")
-        return {"in_a_row": rows}
+    return _one_state(folders) if args.state else _each_loss(folders, args)
+
+
+def _one_state(folders: Sequence[Path]) -> dict[str, Any]:
+    """Play the drives one after the other with one saved state, and print what was reported on each."""
+    rows = in_a_row([read_drive(folder) for folder in folders])
+    for row in rows:
+        reported = ", ".join(f"{w} {x:+.2f} +- {s:.2f} mm" for w, (x, s) in row["change_mm"].items())
+        print(f"{row['drive']}: {reported or 'nothing judged'}")
+        for one in row["said"]:
+            since = f" ({one['since']})" if one["since"] else ""
+            what = f"{one['kind']} {one['wheel']} {one['state']}{since}"
+            print(f"  {one['at_s']:6.1f} s  {what}: {one['reason']}")
+    return {"in_a_row": rows}
+
+
+def _each_loss(folders: Sequence[Path], args: argparse.Namespace) -> dict[str, Any]:
+    """Inject a loss into each drive, by wheel, onset and ramp, and print how each was found."""
     rows = []
     for folder in folders:
         drive = read_drive(folder)

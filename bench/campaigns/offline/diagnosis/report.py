@@ -27,22 +27,42 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
     failed = [row for row in rows if row.get("error")]
     done = [row for row in rows if not row.get("error")]
     judged = [row for row in done if not row.get("reason")]
-    clean = [row for row in judged if is_clean(row)]
     plain = [row for row in judged if not is_clean(row) and row["kind"] != "nothing_wander"]
-    known = [row for row in plain if _single(row) and not _strange(row)]
-    strange = [row for row in plain if _strange(row) and row["told"]]
-    several = [row for row in plain if row["told"] >= 2]
-    findings = sum(len(row["names"]) for row in judged)
-    errors = [error for row in plain for error in row["errors"]]
-    out: dict[str, Any] = {
+    return {
         "drives": len(rows),
         "failed": len(failed),
         "insufficient": len(done) - len(judged),
+        **_of_null_drives(judged),
+        **_of_names(judged, plain),
+        **_of_strange_physics(plain),
+        **_of_values(plain),
+        "realtime_factor": _quantiles([row["duration_s"] / row["cpu_s"] for row in judged]),
+        "alarms": _alarms(judged),
+        "by_kind": _by_kind(plain),
+        "failures": [
+            f"{row['kind']} x{row['strength']:g} seed {row['seed']}: {row['error']}" for row in failed
+        ],
+    }
+
+
+def _of_null_drives(judged: Sequence[Row]) -> dict[str, Any]:
+    """False discoveries on drives in which nothing was concealed."""
+    clean = [row for row in judged if is_clean(row)]
+    return {
         "clean_wrong": count(row["names"] for row in clean),
         "clean_wrong_even_doppler": count(row["names"] for row in clean if row["receiver"][2] == 0.0),
         "clean_wrong_late_doppler": count(row["names"] for row in clean if row["receiver"][2] > 0.0),
         "wander_found": count(row["names"] for row in judged if row["kind"] == "nothing_wander"),
         "multibody_clean_false": count(row["false"] for row in judged if row["kind"] == "mb/nothing"),
+    }
+
+
+def _of_names(judged: Sequence[Row], plain: Sequence[Row]) -> dict[str, Any]:
+    """Names that were right, and false ones, where one effect or several are concealed."""
+    known = [row for row in plain if _single(row) and not _strange(row)]
+    several = [row for row in plain if row["told"] >= 2]
+    findings = sum(len(row["names"]) for row in judged)
+    return {
         "first_by_strength": {
             f"{size:g}": count(row["first"] for row in known if row["strength"] == size and row["told"])
             for size in sorted({row["strength"] for row in known})
@@ -53,8 +73,22 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
             sum(row["told_found"] for row in several), sum(row["told"] for row in several)
         ),
         "several_all": count(row["told_found"] == row["told"] for row in several),
+    }
+
+
+def _of_strange_physics(plain: Sequence[Row]) -> dict[str, Any]:
+    """Names where the concealed physics is in no catalogue."""
+    strange = [row for row in plain if _strange(row) and row["told"]]
+    return {
         "unknown_named": count(row["told_found"] > 0 for row in strange),
         "unknown_sure_wrong": count(row["sure_wrong"] for row in strange),
+    }
+
+
+def _of_values(plain: Sequence[Row]) -> dict[str, Any]:
+    """Where and how much: localisation, parameters with their intervals, held-out gain, bias of radii."""
+    errors = [error for row in plain for error in row["errors"]]
+    return {
         "localisation_f1": _mean([row["f1"] for row in plain if "f1" in row]),
         "places": {
             part: count(place[part] for row in plain for place in row["place"])
@@ -64,14 +98,7 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         "by_parameter": _by_parameter(errors),
         "heldout_share": _quantiles([row["heldout"] for row in plain if "heldout" in row]),
         "bias_mm": _bias(plain),
-        "realtime_factor": _quantiles([row["duration_s"] / row["cpu_s"] for row in judged]),
-        "alarms": _alarms(judged),
-        "by_kind": _by_kind(plain),
-        "failures": [
-            f"{row['kind']} x{row['strength']:g} seed {row['seed']}: {row['error']}" for row in failed
-        ],
     }
-    return out
 
 
 def _single(row: Row) -> bool:

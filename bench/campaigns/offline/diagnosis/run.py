@@ -43,24 +43,32 @@ Entry = tuple[str, float, int]
 Plan = list[Entry]
 
 
+def _kinds(args: argparse.Namespace) -> list[str]:
+    """Kinds that are named, else all of a full run, else the few of a short one."""
+    if args.only:
+        return list(args.only.split(","))
+    if not (args.full or args.each):
+        return ["nothing", *EFFECTS, *STRANGE[:3], *TOGETHER[:2], *CONCEALED[-2:]]
+    kinds = ["nothing", "mb/nothing", "nothing_wander", *EFFECTS, *STRANGE, *TOGETHER, *CONCEALED]
+    return kinds + [kind for kind in MULTIBODY if kind != "mb/nothing"]
+
+
+def _strengths(kind: str, args: argparse.Namespace) -> list[float]:
+    """Strengths of a kind: none of nothing; of several effects at once the larger ones, or the last."""
+    if "nothing" in kind:
+        return [0.0]
+    strengths = [float(part) for part in args.strengths.split(",")]
+    if args.only or not (kind in TOGETHER or kind in CONCEALED or "/" in kind):
+        return strengths
+    return [size for size in strengths if size >= 0.5] if args.full else strengths[-1:]
+
+
 def plan(args: argparse.Namespace) -> Plan:
     """Kinds, strengths and seeds, interleaved so that a run cut short has seen something of all."""
-    strengths = [float(part) for part in args.strengths.split(",")]
-    if args.only:
-        kinds = args.only.split(",")
-    else:
-        kinds = ["nothing", *EFFECTS, *STRANGE[:3], *TOGETHER[:2], *CONCEALED[-2:]]
-    if not args.only and (args.full or args.each):
-        kinds = ["nothing", "mb/nothing", "nothing_wander", *EFFECTS, *STRANGE, *TOGETHER, *CONCEALED]
-        kinds += [kind for kind in MULTIBODY if kind != "mb/nothing"]
     batches: list[list[tuple[str, float, int]]] = []
-    for kind in kinds:
+    for kind in _kinds(args):
         seeds = range(args.seed * 100_000, args.seed * 100_000 + _number(kind, args))
-        sizes = [0.0] if "nothing" in kind else strengths
-        if not args.only and (kind in TOGETHER or kind in CONCEALED or "/" in kind):
-            sizes = [size for size in sizes if size >= 0.5] if args.full else sizes[-1:]
-            sizes = [0.0] if "nothing" in kind else sizes
-        batches += [[(kind, size, seed) for seed in seeds] for size in sizes]
+        batches += [[(kind, size, seed) for seed in seeds] for size in _strengths(kind, args)]
     # every batch is spread over the whole run, each from a beginning of its own (golden section)
     turns = [
         ((k + (number * 0.618034) % 1.0) / len(batch), entry)

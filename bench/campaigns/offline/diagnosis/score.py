@@ -20,6 +20,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.campaigns.offline.diagnosis.draw import Case
 from bench.campaigns.offline.diagnosis.information import gram, without
@@ -43,39 +44,56 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     detectable = [k for k in wanted if truth.effects[k].detectable]
     right = {k for k in matched if k is not None}
     strays = [n for n, k in enumerate(matched) if k is None and not _beyond(truth, findings[n])]
-    # what the world does of itself is neither asked for nor in the way
-    own = [
-        n for n, k in enumerate(matched) if n in strays or (k is not None and not truth.effects[k].inherent)
-    ]
+    # Effects of the world itself are not asked for, and count as no false finding.
+    concealed = {n: k for n, k in enumerate(matched) if k is not None and not truth.effects[k].inherent}
+    own = sorted({*strays, *concealed})
     first = bool(own) and matched[own[0]] in wanted
     row: dict[str, Any] = {
-        "names": [_label(finding) for finding in findings],
-        "confidences": [round(float(finding["confidence"]), 4) for finding in findings],
-        "verdict": document.get("verdict", ""),
-        "wanted": [truth.effects[k].key for k in wanted],
-        "gains": [round(truth.effects[k].gain, 1) for k in wanted],
-        "margins": [round(truth.effects[k].margin, 1) for k in wanted],
-        "rivals": [truth.effects[k].alternative for k in wanted],
+        **_stated(document),
+        **_wanted([truth.effects[k] for k in wanted]),
         "told": len(detectable),
         "told_found": sum(k in right for k in detectable),
         "first": first,
-        "false": [findings[n]["effect"] for n in strays],
-        "strays": strays,
-        "sure_wrong": any(findings[n]["confidence"] > 0.9 for n in strays),
+        **_false(findings, strays),
         "hedged": _hedged(truth, findings),
-        "errors": parameter_errors(truth, findings, matched) if _clear(truth) else [],
-        "unexplained": bool(document.get("unexplained", {}).get("significant", False)),
-        "place": [
-            _places(truth.effects[k], findings[n])
-            for n, k in enumerate(matched)
-            if k is not None and not truth.effects[k].inherent
-        ],
+        "errors": parameter_errors(truth, findings, matched),
+        "place": [_places(truth.effects[k], findings[n]) for n, k in concealed.items()],
     }
     if detectable and not document.get("reason"):
         row["f1"] = localisation(truth, findings, windows)
     if detectable and not ORIGINS[case.world].own_tyres and "tone_ring_error" not in case.kind:
         row["heldout"], row["bias_mm"] = improvement(case, model, windows)
     return row
+
+
+def _stated(document: dict[str, Any]) -> dict[str, Any]:
+    """Columns about what the diagnosis stated: names with their confidence, verdict, unexplained mismatch."""
+    findings = document.get("findings", [])
+    return {
+        "names": [_label(finding) for finding in findings],
+        "confidences": [round(float(finding["confidence"]), 4) for finding in findings],
+        "verdict": document.get("verdict", ""),
+        "unexplained": bool(document.get("unexplained", {}).get("significant", False)),
+    }
+
+
+def _false(findings: list[dict[str, Any]], strays: list[int]) -> dict[str, Any]:
+    """Columns about false findings, whose numbers are `strays`."""
+    return {
+        "false": [findings[n]["effect"] for n in strays],
+        "strays": strays,
+        "sure_wrong": any(findings[n]["confidence"] > 0.9 for n in strays),
+    }
+
+
+def _wanted(effects: list[Concealed]) -> dict[str, Any]:
+    """Columns about the effects that are to be found, and how far a drive can tell them."""
+    return {
+        "wanted": [each.key for each in effects],
+        "gains": [round(each.gain, 1) for each in effects],
+        "margins": [round(each.margin, 1) for each in effects],
+        "rivals": [each.alternative for each in effects],
+    }
 
 
 def _clear(truth: Truth) -> bool:
@@ -129,8 +147,11 @@ def _hedged(truth: Truth, findings: list[dict[str, Any]]) -> bool:
 def parameter_errors(
     truth: Truth, findings: list[dict[str, Any]], matched: list[int | None]
 ) -> list[list[Any]]:
-    """[effect, parameter, error in standard deviations, relative error] of each parameter that was found."""
+    """[effect, parameter, error in standard deviations, relative error] of each parameter that was found;
+    none where effects share what the drive shows."""
     out: list[list[Any]] = []
+    if not _clear(truth):
+        return out
     for finding, k in zip(findings, matched, strict=True):
         if k is None:
             continue
@@ -159,13 +180,27 @@ def _places(each: Concealed, finding: dict[str, Any]) -> dict[str, bool]:
 
 def localisation(truth: Truth, findings: list[dict[str, Any]], windows: Windows) -> float:
     """F1 of the cells."""
-    count = len(windows)
-    true, found = np.zeros((len(ROWS), count), bool), np.zeros((len(ROWS), count), bool)
+    read = windows.read[:, 0]
+    true, found = _true_cells(truth, len(windows))[:, read], _found_cells(truth, findings, windows)[:, read]
+    both = int((true & found).sum())
+    return round(2.0 * both / max(int(true.sum()) + int(found.sum()), 1), 4)
+
+
+def _true_cells(truth: Truth, count: int) -> NDArray[np.bool_]:
+    """(6, n) cells in which a detectable effect acts."""
+    true = np.zeros((len(ROWS), count), bool)
     for each in truth.effects:
         if each.detectable:
             inside = _in_spans(each.spans, count)
             for place in each.wheels or (["yaw_rate"] if each.channels == ["yaw_rate"] else ["gnss"]):
                 true[ROWS.index(place)] |= inside
+    return true
+
+
+def _found_cells(truth: Truth, findings: list[dict[str, Any]], windows: Windows) -> NDArray[np.bool_]:
+    """(6, n) cells that the findings say."""
+    count = len(windows)
+    found = np.zeros((len(ROWS), count), bool)
     free_receiver = any(each.effect == "unknown" and not each.wheels for each in truth.effects)
     for finding in findings:
         where = finding["where"]
@@ -178,10 +213,7 @@ def localisation(truth: Truth, findings: list[dict[str, Any]], windows: Windows)
             places = ["gnss"]
         for place in places:
             found[ROWS.index(place)] |= inside
-    read = windows.read[:, 0]
-    true, found = true[:, read], found[:, read]
-    both = int((true & found).sum())
-    return round(2.0 * both / max(int(true.sum()) + int(found.sum()), 1), 4)
+    return found
 
 
 def _in_spans(spans: list[list[float]], count: int) -> np.ndarray:

@@ -164,9 +164,15 @@ def _restarted(car: Car, driven: Driven, outcome: LegResult, method: str | None)
     return replay_leg(again, outcome.state, method=method, silent=(wheel, 0.0)).standing
 
 
+def _estimated_mm(outcome: LegResult) -> dict[str, list[float | None]]:
+    """Change of each radius at the end as the daemon estimates it, and its standard deviation."""
+    return {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in outcome.change.items()}
+
+
 def judge(case: Case, driven: Driven, outcome: LegResult) -> Row:
     """What the alarms are worth."""
     onset, done = case.leg.losses[0].onset_s, case.done_s
+    lost_m = driven.lost_m[min(round(outcome.played_s / 0.02), len(driven.lost_m) - 1)]
     soft = {WHEELS[wheel] for wheel in case.wheels}
     raised = outcome.raised("deflation")
     before = [said for said in raised if said.time_s < onset]
@@ -195,10 +201,8 @@ def judge(case: Case, driven: Driven, outcome: LegResult) -> Row:
         "named": sorted(str(name) for name in named),
         "false_before": [_short(said) for said in before],
         "other": [_short(said) for said in outcome.said if said.kind != "deflation"],
-        "lost_mm": _per_wheel(
-            1e3 * driven.lost_m[min(round(outcome.played_s / 0.02), len(driven.lost_m) - 1)]
-        ),
-        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in outcome.change.items()},
+        "lost_mm": _per_wheel(1e3 * lost_m),
+        "told_mm": _estimated_mm(outcome),
         "reliability": counts(driven, outcome),
         "reason": "" if detected else why_missed(case, driven, outcome, before, first),
     }

@@ -104,9 +104,11 @@ def own_difference_m(ticks: list[Tick], config: Config) -> tuple[float, float]:
         turn = math.remainder(last - first - by_wheels, 2 * math.pi)
         rows.append([-float(roll.mean()) / track, by_wheels])
         seen.append(turn)
-    if len(rows) < 6:
-        return math.nan, math.nan
-    A, y = np.array(rows), np.array(seen)
+    return _huber_first(np.array(rows), np.array(seen)) if len(rows) >= 6 else (math.nan, math.nan)
+
+
+def _huber_first(A: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[float, float]:
+    """First coefficient of a regression with Huber weights, and its standard error."""
     weights = np.ones(y.size)
     for _ in range(20):
         solved = np.linalg.lstsq(A * weights[:, None] ** 0.5, y * weights**0.5, rcond=None)[0]
