@@ -11,6 +11,7 @@ import pytest
 from tpmsd.foundation.kernels import kernels
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Table, Verdict
+from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, by_arrays, by_compiled
 from tpmsd.onboard.monitor.evidence.sizes import (
     Sized,
     Sizes,
@@ -111,3 +112,53 @@ def test_arrays_that_do_not_belong_together_are_declined() -> None:
         Comparison(radius, 0.006).by_compiled(given)
     with pytest.raises(ValueError, match="belong together"):
         compiled_sizes(change, covariance, weight[:1], radius, no_sizes(4))
+
+
+def some_windows(wheels: tuple[int, ...], count: int, seed: int, *, sized: bool) -> list[Window]:
+    """Windows of which the young ones know sizes that came in them; what is believed of subsets scatters from
+    none to all of it."""
+    rng = np.random.default_rng(seed)
+    windows = []
+    for over in ("now", "minutes", "drive")[:count]:
+        change, covariance, weight, radius = some_changes(wheels, 2, seed)
+        every = sizes_of(wheels) if sized else no_sizes(len(wheels))
+        sizes = every
+        if over == "now" and sized:
+            sizes = every.since(with_sizes(change, covariance, weight, radius, every, every=True), 0.3)
+        judged = Comparison(radius, 0.006, None, False, sizes, 0.02).of_accounts(
+            with_sizes(change, covariance, weight, radius, sizes)
+        )
+        believed = rng.choice([0.0, 0.4, 1.0], (judged.table.lost.shape[1], len(wheels)))
+        off = believed if over == "drive" else rng.choice([0.0, 1.0], believed.shape)
+        windows.append(Window(over, judged, believed, off, sizes.came))  # type: ignore[arg-type]
+    return windows
+
+
+@pytest.mark.parametrize("wheels", WHEELS)
+@pytest.mark.parametrize("count", [1, 2, 3])
+@pytest.mark.parametrize("sized", [False, True])
+@pytest.mark.parametrize("seed", range(4))
+def test_posteriors_are_alike(wheels: tuple[int, ...], count: int, sized: bool, seed: int) -> None:
+    """Every marginal of one window and of several, with sizes that came in a window and without any size."""
+    windows = some_windows(wheels, count, seed, sized=sized)
+    reference, found = by_arrays(windows), by_compiled(windows)
+    assert found is not None
+    for part in fields(Posterior):
+        ours, theirs = getattr(reference, part.name), getattr(found, part.name)
+        if isinstance(ours, dict):
+            assert theirs == pytest.approx(ours, rel=SAME, abs=1e-13)
+        else:
+            np.testing.assert_allclose(theirs, ours, rtol=SAME, atol=1e-13, err_msg=part.name)
+
+
+def test_windows_of_different_sizes_are_left_to_arrays() -> None:
+    """Their rows do not belong to the same wheels."""
+    windows = [*some_windows((0, 1, 2, 3), 1, 1, sized=False), *some_windows((0, 1, 2, 3), 1, 1, sized=True)]
+    assert by_compiled(windows) is None
+
+
+def test_windows_of_different_wheels_are_declined() -> None:
+    """They would be read from beyond what is believed of them."""
+    windows = [*some_windows((2, 3), 1, 1, sized=False), *some_windows((0, 1, 2, 3), 1, 1, sized=False)]
+    with pytest.raises(ValueError, match="belong together"):
+        by_compiled(windows)

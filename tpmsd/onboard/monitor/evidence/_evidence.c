@@ -1,5 +1,5 @@
-/* Comparison of hypotheses about the radii, compiled: the same formulas as `hypotheses` and `sizes` have for NumPy
- * arrays, which are the reference (tests/onboard/monitor/test_evidence_kernel.py).
+/* Comparison of hypotheses about the radii, compiled: the same formulas as `hypotheses`, `sizes` and `posterior` have
+ * for NumPy arrays, which are the reference (tests/onboard/monitor/test_evidence_kernel.py).
  *
  * In and out: C-contiguous double arrays; d wheels, n changes, r rows of sizes, h hypotheses of which the first s are
  * losses, g sizes of a loss. Nothing is allocated. Floating-point contraction is off (setup.py), so that machines
@@ -349,12 +349,255 @@ static PyObject *compare(PyObject *self, PyObject *const *args, Py_ssize_t given
     return Py_BuildValue("dd", nothing, suspicion);
 }
 
+/* ---- the posterior -------------------------------------------------------------------------------------- */
+
+/* Logarithm of a sum of which the logarithms are given. */
+static double log_sum(const double *logs, Py_ssize_t count)
+{
+    double most = -INFINITY, sum = 0.0;
+    for (Py_ssize_t i = 0; i < count; i++)
+        most = logs[i] > most ? logs[i] : most;
+    if (most == -INFINITY)
+        return most;
+    for (Py_ssize_t i = 0; i < count; i++)
+        sum += power(logs[i] - most);
+    return most + log(sum);
+}
+
+static double log_add(double one, double other)
+{
+    const double both[2] = {one, other};
+    return log_sum(both, 2);
+}
+
+enum { MOST_WINDOWS = 3, OF_WINDOW = 7, MOST_SUBSETS = 15 };
+static const double LEAST_CHANCE = 1e-300, LEAST_REST = 1e-12;
+
+/* One window of onsets: its table, what is believed of it, and what follows from both. */
+struct window {
+    const double *none, *larger, *lost, *large, *believed, *believed_off, *off;
+    Py_ssize_t rows;
+    double known;                                        /* log of what the longest window knows of nothing lost over it */
+    double any[MOST_SUBSETS], any_off[MOST_SUBSETS];     /* share of a subset that is a loss, a change of any wheel */
+    double share[MOST_SUBSETS], share_off[MOST_SUBSETS]; /* of the prior, of the windows that have a row for a subset */
+    double passes[MOST_SUBSETS];                         /* log of what passes */
+    double *nothing;                                     /* [sizes] log of nothing lost, or of what passes */
+};
+
+static void believe(struct window *windows, int count, Py_ssize_t s, Py_ssize_t d)
+{
+    for (Py_ssize_t i = 0; i < s; i++) {
+        double of_any = 0.0, of_off = 0.0;
+        for (int w = 0; w < count; w++) {
+            struct window *one = &windows[w];
+            one->any[i] = one->any_off[i] = -INFINITY;
+            for (Py_ssize_t a = 0; a < d; a++) {
+                double loss = one->believed[i * d + a], change = one->believed_off[i * d + a];
+                one->any[i] = loss > one->any[i] ? loss : one->any[i];
+                one->any_off[i] = change > one->any_off[i] ? change : one->any_off[i];
+            }
+            one->passes[i] = log(1.0 - one->any[i]);
+            of_any += one->any[i] > 0.0;
+            of_off += one->any_off[i] > 0.0;
+        }
+        for (int w = 0; w < count; w++) {
+            windows[w].share[i] = windows[w].any[i] > 0.0 ? 1.0 / of_any : 0.0;
+            windows[w].share_off[i] = windows[w].any_off[i] > 0.0 ? 1.0 / of_off : 0.0;
+        }
+    }
+}
+
+/* Log of each size with nothing lost: a wheel that is larger by any amount is a row of its size. Returns whether
+ * larger wheels are in it. */
+static int at_rest(const struct window *window, Py_ssize_t sizes, Py_ssize_t k, double *out)
+{
+    int known = 0;
+    for (Py_ssize_t i = 0; i < k; i++)
+        known = known || isfinite(window->larger[i]);
+    for (Py_ssize_t row = 0; row < sizes; row++)
+        out[row] = window->nothing[row];
+    if (sizes == 1 || !known)
+        return 0;
+    for (Py_ssize_t i = 0; i < k; i++)
+        out[1 + i] = log_add(out[1 + i], window->larger[i]);
+    return 1;
+}
+
+/* Change of either sign: its union over the windows. */
+static void deviate(const struct window *windows, int count, Py_ssize_t s, Py_ssize_t d, double *deviates)
+{
+    double total = 1.0;
+    for (Py_ssize_t a = 0; a < d; a++)
+        deviates[a] = 0.0;
+    for (int w = 0; w < count; w++) {
+        const struct window *one = &windows[w];
+        double believed[MOST_SUBSETS], sum = 0.0;
+        for (Py_ssize_t i = 0; i < s; i++) {
+            believed[i] = one->off[i] * one->any_off[i];
+            believed[i] = believed[i] > 1.0 ? 1.0 : believed[i];
+            sum += believed[i];
+        }
+        double rest = 1.0 - sum > LEAST_REST ? 1.0 - sum : LEAST_REST;
+        for (Py_ssize_t i = 0; i < s; i++) {
+            double odds = one->share_off[i] * believed[i] / rest;
+            double whole = one->any_off[i] > LEAST_CHANCE ? one->any_off[i] : LEAST_CHANCE;
+            for (Py_ssize_t a = 0; a < d; a++)
+                deviates[a] += odds * (one->believed_off[i * d + a] / whole);
+            total += odds;
+        }
+    }
+    for (Py_ssize_t a = 0; a < d; a++)
+        deviates[a] = deviates[a] / total > 1.0 ? 1.0 : deviates[a] / total;
+}
+
+/* marginals(deflated_out [d], possible_out [d], deviates_out [d], subsets_out [s], sizes_out [n], onsets_out [windows],
+ *           scratch [windows + 2][n], members [s][d], and of each window, the youngest first:
+ *           none [r], larger [k], lost [r][s], large [r][s], believed [s][d], believed_off [s][d], off [s];
+ *           rows that came in each window)
+ * -> probability of nothing at all, and that a tyre has changed; None for tables of different sizes: as
+ * `posterior.by_arrays` */
+static PyObject *marginals(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    enum { FIRST = 8, WRITTEN = 7, MOST_ARRAYS = FIRST + OF_WINDOW * MOST_WINDOWS };
+    static const int first[FIRST] = {1, 1, 1, 1, 1, 1, 2, 2}, of_window[OF_WINDOW] = {1, 1, 2, 2, 2, 2, 1};
+    int dimensions[MOST_ARRAYS], count = (int)((given - FIRST) / (OF_WINDOW + 1)), arrays = FIRST + OF_WINDOW * count;
+    Py_buffer v[MOST_ARRAYS];
+    double came[MOST_WINDOWS];
+    if (count < 1 || count > MOST_WINDOWS || given != arrays + count) {
+        PyErr_SetString(PyExc_ValueError, "eight arguments, and eight of each of one to three windows, are needed");
+        return NULL;
+    }
+    for (int i = 0; i < arrays; i++)
+        dimensions[i] = i < FIRST ? first[i] : of_window[(i - FIRST) % OF_WINDOW];
+    if (numbers(args + arrays, count, came) < 0 || get_arrays(args, v, dimensions, arrays, WRITTEN) < 0)
+        return NULL;
+    struct window windows[MOST_WINDOWS];
+    Py_ssize_t d = v[0].shape[0], s = v[3].shape[0], n = v[4].shape[0], k = v[FIRST + 1].shape[0];
+    int alike = 1, fits = d > 0 && d <= MOST_WHEELS && s > 0 && s <= MOST_SUBSETS && n > 0 && v[1].shape[0] == d &&
+                          v[2].shape[0] == d && v[5].shape[0] == count && v[6].shape[0] == count + 2 &&
+                          v[6].shape[1] == n && v[7].shape[0] == s && v[7].shape[1] == d;
+    double *scratch = v[6].buf;
+    for (int w = 0; w < count; w++) {
+        const Py_buffer *own = v + FIRST + OF_WINDOW * w;
+        Py_ssize_t r = own[0].shape[0];
+        fits = fits && own[1].shape[0] == k && own[2].shape[0] == r && own[2].shape[1] == s && own[3].shape[0] == r &&
+               own[3].shape[1] == s && own[4].shape[0] == s && own[4].shape[1] == d && own[5].shape[0] == s &&
+               own[5].shape[1] == d && own[6].shape[0] == s;
+        alike = alike && came[w] >= 0.0 && (double)r - came[w] == (double)n && r < 2 * n && (n == 1 || k < n);
+        windows[w] = (struct window){own[0].buf, own[1].buf, own[2].buf, own[3].buf, own[4].buf, own[5].buf,
+                                     own[6].buf, r,          0.0,        {0.0},      {0.0},      {0.0},
+                                     {0.0},      {0.0},      scratch + w * n};
+    }
+    if (!fits)
+        return unfit(v, arrays);
+    if (!alike) {
+        release(v, arrays);
+        Py_RETURN_NONE;
+    }
+    double *deflated = v[0].buf, *possible = v[1].buf, *deviates = v[2].buf, *subsets = v[3].buf, *of_size = v[4].buf;
+    double *onsets = v[5].buf, *rest = scratch + count * n, *other_rest = rest + n;
+    const double *members = v[7].buf;
+    const struct window *longest = &windows[count - 1];
+
+    believe(windows, count, s, d);
+    for (int w = 0; w < count; w++)
+        for (Py_ssize_t row = 0; row < n; row++) {
+            double logs[MOST_SUBSETS];
+            for (Py_ssize_t i = 0; i < s; i++)
+                logs[i] = windows[w].passes[i] + windows[w].lost[row * s + i];
+            windows[w].nothing[row] = log_add(windows[w].none[row], log_sum(logs, s));
+        }
+    int of_rows = at_rest(longest, n, k, rest);
+    double usual = log_sum(rest, n), top = -INFINITY, total = 0.0, apart_young = log((double)count);
+    for (int w = 0; w < count - 1; w++)
+        windows[w].known = usual - log_sum(windows[w].nothing, n);
+
+    /* The constant: all that may be so, each relative to the most of them. */
+    for (int pass = 0; pass < 2; pass++) {
+#define TERM(value)                          \
+    do {                                     \
+        double term = (value);               \
+        if (pass)                            \
+            total += power(term - top);      \
+        else                                 \
+            top = term > top ? term : top;   \
+    } while (0)
+        for (Py_ssize_t row = 0; row < n; row++)
+            TERM(rest[row]);
+        for (Py_ssize_t i = 0; i < k && !of_rows; i++)
+            TERM(longest->larger[i]);
+        for (Py_ssize_t row = n; row < longest->rows; row++)
+            TERM(longest->none[row]);
+        for (int w = 0; w < count; w++) {
+            const struct window *one = &windows[w];
+            for (Py_ssize_t i = 0; i < s; i++) {
+                double odds = one->known + log(one->share[i] * one->any[i]);
+                for (Py_ssize_t row = 0; row < one->rows; row++)
+                    TERM(odds + one->lost[row * s + i]);
+            }
+            for (Py_ssize_t i = 0; i < k && w < count - 1; i++)
+                TERM(one->larger[i] + one->known - apart_young);
+            for (Py_ssize_t row = n; row < one->rows && w < count - 1; row++)
+                TERM(one->none[row] + one->known - apart_young);
+        }
+#undef TERM
+    }
+    double scale = top + log(total), changed = 0.0, sum = 0.0, none = power(rest[0] - scale);
+
+    /* Marginals. */
+    for (Py_ssize_t a = 0; a < d; a++)
+        deflated[a] = possible[a] = 0.0;
+    for (Py_ssize_t i = 0; i < s; i++)
+        subsets[i] = 0.0;
+    for (Py_ssize_t row = 0; row < n; row++) {
+        of_size[row] = power(rest[row] - scale);
+        changed += row ? power(longest->nothing[row] - scale) : 0.0;
+    }
+    at_rest(&windows[0], n, k, other_rest);
+    for (Py_ssize_t row = 0; row < n; row++)
+        for (Py_ssize_t i = 0; i < s && isfinite(other_rest[row]); i++) {
+            double share = power(windows[0].large[row * s + i] + windows[0].passes[i] - other_rest[row]);
+            for (Py_ssize_t a = 0; a < d; a++)
+                possible[a] += of_size[row] * share * members[i * d + a];
+        }
+    for (int w = 0; w < count; w++) {
+        const struct window *one = &windows[w];
+        onsets[w] = 0.0;
+        for (Py_ssize_t i = 0; i < s; i++) {
+            double odds = one->known + log(one->share[i] * one->any[i]) - scale, severe = 0.0;
+            double whole = one->any[i] > LEAST_CHANCE ? one->any[i] : LEAST_CHANCE;
+            for (Py_ssize_t row = 0; row < one->rows; row++) {
+                double lost = power(odds + one->lost[row * s + i]);
+                severe += power(odds + one->large[row * s + i]);
+                subsets[i] += lost;
+                onsets[w] += lost;
+                of_size[row < n ? row : 1 + row - n] += lost; /* what came is of the row of the same wheels */
+            }
+            for (Py_ssize_t a = 0; a < d; a++)
+                deflated[a] += severe * (one->believed[i * d + a] / whole);
+            changed += severe;
+        }
+    }
+    for (Py_ssize_t a = 0; a < d; a++) {
+        possible[a] = deflated[a] + possible[a] > 1.0 ? 1.0 : deflated[a] + possible[a];
+        deflated[a] = deflated[a] > 1.0 ? 1.0 : deflated[a];
+    }
+    for (Py_ssize_t row = 0; row < n; row++)
+        sum += of_size[row];
+    for (Py_ssize_t row = 0; row < n; row++)
+        of_size[row] /= sum;
+    deviate(windows, count, s, d, deviates);
+    release(v, arrays);
+    return Py_BuildValue("dd", none > 1.0 ? 1.0 : none, changed > 1.0 ? 1.0 : changed);
+}
+
 /* ---- the module ----------------------------------------------------------------------------------------- */
 
 #define FAST(name, doc) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, doc}
 static PyMethodDef methods[] = {
     FAST(with_sizes, "Changes under each row of sizes that counts."),
     FAST(compare, "Posterior over all subsets and losses."),
+    FAST(marginals, "Marginals of the bank of all windows."),
     {NULL, NULL, 0, NULL},
 };
 

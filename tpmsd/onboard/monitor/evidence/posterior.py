@@ -30,6 +30,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Literal
 
 import numpy as np
@@ -37,6 +38,11 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import Table, Verdict
 from tpmsd.onboard.monitor.evidence.sizes import subsets
+
+try:
+    from tpmsd.onboard.monitor.evidence import _evidence as compiled
+except ImportError:  # not built: there was no compiler, or it was left out
+    compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 Over = Literal["now", "minutes", "drive"]
 LEAST = 1e-300
@@ -88,7 +94,51 @@ class Posterior:
 
 
 def posterior(windows: Sequence[Window]) -> Posterior:
-    """Marginals of the bank of these windows, the youngest first and the longest last."""
+    """Marginals of the bank of these windows, the youngest first and the longest last: by compiled code where
+    it was built."""
+    found = by_compiled(windows) if hasattr(compiled, "marginals") else None
+    return by_arrays(windows) if found is None else found
+
+
+def by_compiled(windows: Sequence[Window]) -> Posterior | None:
+    """Return `posterior` computed by `_evidence.c`; None for windows whose tables are not of one size."""
+    s, d = windows[-1].believed.shape
+    sizes, count = _before(windows[-1]), len(windows)
+    deflated, possible, deviates, subset = np.empty(d), np.empty(d), np.empty(d), np.empty(s)
+    of_sizes, onsets = np.empty(sizes), np.empty(count)
+    parts: list[FloatArray] = []
+    for window in windows:
+        table = window.verdict.table
+        parts += [table.none, table.larger]
+        parts += [np.ascontiguousarray(table.lost), np.ascontiguousarray(table.large)]
+        parts += [window.believed, window.believed_off, window.verdict.off]
+    found = compiled.marginals(
+        *(deflated, possible, deviates, subset, of_sizes, onsets, np.empty((count + 2, sizes)), _members(d)),
+        *parts,
+        *[float(window.came) for window in windows],
+    )
+    if found is None:
+        return None
+    none, changed = found
+    return Posterior(
+        deflated=deflated,
+        possible=possible,
+        deviates=deviates,
+        subsets=subset,
+        sizes=of_sizes,
+        onsets={window.over: one for window, one in zip(windows, onsets.tolist(), strict=True)},
+        suspicion=_suspicion(windows),
+        none=none,
+        changed=changed,
+    )
+
+
+def _suspicion(windows: Sequence[Window]) -> float:
+    return max(window.verdict.suspicion for window in windows if window.over != "drive")
+
+
+def by_arrays(windows: Sequence[Window]) -> Posterior:
+    """Return `posterior` computed by NumPy, the reference."""
     longest = windows[-1]
     any_wheel = [_any(window.believed) for window in windows]
     of_sizes = [_nothing(*one) for one in zip(windows, any_wheel, strict=True)]
@@ -118,7 +168,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
         subsets=sum((np.add.reduce(one) for one in lost), np.zeros(longest.believed.shape[0])),
         sizes=by_row / by_row.sum(),
         onsets={window.over: float(one.sum()) for window, one in zip(windows, lost, strict=True)},
-        suspicion=max(window.verdict.suspicion for window in windows if window.over != "drive"),
+        suspicion=_suspicion(windows),
         none=min(float(quiet[0]), 1.0),
         changed=min(sum(float(one.sum()) for one in large) + resized, 1.0),
     )
