@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.car.config.model import FilterConfig, VehicleConfig
+from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, Stated
 from tpmsd.onboard.estimators.belief import (
     Belief,
@@ -76,6 +77,9 @@ class RadiusFilter:
         """Index of each of the four wheels is in the filter's order; None if not all are."""
         if self._back is not None:
             self._flat = (4 * self._back[:, None] + self._back).ravel()
+        self._unknown_m, self._unknown_m2 = np.full(4, np.nan), np.full((4, 4), np.nan)
+        self._noise: tuple[FloatArray, FloatArray] | None = None
+        """Noise of the belief, which as a rule is always the same array, and that of four wheels."""
         self._steering_ratio = vehicle.steering_ratio
         self._settings = settings
         self._gate = gate
@@ -230,21 +234,14 @@ class RadiusFilter:
     # -- out, and what survives a restart -------------------------------------------------------------------
 
     def _estimate(self, moment: Moment, said: Moments) -> RadiusEstimate:
-        back = self._back
-        if back is None:
-            deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
-            deviation[self._order] = said.mean_m
-            full[self._grid] = said.covariance_m2
-            noise[self._order] = said.noise_std_m
-        else:
-            deviation, noise = said.mean_m.take(back), said.noise_std_m.take(back)
-            full = said.covariance_m2.take(self._flat).reshape(4, 4)
+        if self._noise is None or self._noise[0] is not said.noise_std_m:
+            self._noise = said.noise_std_m, self._on_all(said.noise_std_m)
         found, pose, time_s = self._located, said.pose, moment.tick.time_s
         return RadiusEstimate(
             time_s=time_s,
-            deviation_m=deviation,
-            covariance_m2=full,
-            noise_std_m=noise,
+            deviation_m=self._on_all(said.mean_m),
+            covariance_m2=self._between_all(said.covariance_m2),
+            noise_std_m=self._noise[1],
             informative=moment.informative,
             informative_s=self._informative_s,
             speed_mps=self._speed,
@@ -265,11 +262,25 @@ class RadiusFilter:
         """In the order of all wheels; made once of each."""
         if stated is not self._stated[0]:
             assert stated is not None
-            mean, full = np.full(4, np.nan), np.full((4, 4), np.nan)
-            mean[self._order] = stated.mean_m
-            full[self._grid] = stated.covariance_m2
-            self._stated = stated, Stated(mean, full, stated.change_probability)
+            mean_m, covariance_m2 = self._on_all(stated.mean_m), self._between_all(stated.covariance_m2)
+            self._stated = stated, Stated(mean_m, covariance_m2, stated.change_probability)
         return self._stated[1]
+
+    def _on_all(self, values: FloatArray) -> FloatArray:
+        """(4,) of (d,) in the filter's order; NaN for a wheel that is not estimated."""
+        if self._back is not None:
+            return values.take(self._back)
+        out = self._unknown_m.copy()
+        out[self._order] = values
+        return out
+
+    def _between_all(self, matrix: FloatArray) -> FloatArray:
+        """(4, 4) of (d, d) in the same way."""
+        if self._back is not None:
+            return matrix.take(self._flat).reshape(4, 4)
+        out = self._unknown_m2.copy()
+        out[self._grid] = matrix
+        return out
 
     def snapshot(self) -> dict[str, Any]:
         """Return what was learned, as plain numbers."""

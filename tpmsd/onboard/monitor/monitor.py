@@ -10,6 +10,7 @@ goes through its own hysteresis (`alarm_state`). docs/explanation/alarms.md has 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -353,20 +354,18 @@ class Monitor:
     def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
         if self._cached[0] is not self._judged:
             self._cached = (self._judged, self._judged.by_wheel())
-        watched = () if self._signals.unusable else self._signals.received(tick.time_s)
+        watched: Sequence[int] = () if self._signals.unusable else self._signals.received(tick.time_s)
         sound = WheelState.LEARNING
         if self.baseline.ready and not self._sets.undecided:
             sound = WheelState.MONITORING
-        alarmed = {wheel for _, wheel in self._standing}
         deviation, variance = estimate.deviation_m.tolist(), estimate.covariance_m2.ravel().tolist()[::5]
-        states = [
-            WheelState.UNAVAILABLE
-            if wheel not in watched or not math.isfinite(off_m)
-            else WheelState.ALARM
-            if wheel in alarmed
-            else sound
-            for wheel, off_m in enumerate(deviation)
-        ]
+        states = [sound] * 4
+        for _, wheel in self._standing:
+            states[wheel] = WheelState.ALARM
+        if len(watched) < 4 or not math.isfinite(sum(deviation)):
+            for wheel, off_m in enumerate(deviation):
+                if wheel not in watched or not math.isfinite(off_m):
+                    states[wheel] = WheelState.UNAVAILABLE
         std = [_std(known + scale) for known, scale in zip(variance, self._scale_m2, strict=True)]
         if not self._trusted:
             deviation = std = [math.nan] * 4

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +33,7 @@ _MIN_HEIGHT_M, _MAX_HEIGHT_M = -500.0, 9000.0
 _NEAR_M = 20e3
 
 
-@dataclass(frozen=True, slots=True)
-class _Horizon:
+class _Horizon(NamedTuple):
     """A point's horizon: its latitude's sine, and the unit vectors there, earth-centred."""
 
     sin_latitude: float

@@ -140,6 +140,25 @@ class _Bend(NamedTuple):
             heading += self.by_track * rows[TRK]
 
 
+class _OfLength:
+    """Noise of ticks of one length: as a rule that of all."""
+
+    def __init__(self, dt_s: float, track_m: float) -> None:
+        self.dt_s = dt_s
+        self.decay = math.exp(-dt_s / SETTINGS.bias_tau_s)
+        """Share of the receiver's slow error that is left after a tick."""
+        self.gentle, self.rough = (
+            (
+                *(SETTINGS.path_noise**2, SETTINGS.rough_path**2 * rough),
+                *(SETTINGS.turn_noise**2, SETTINGS.turn_relative**2),
+                (SETTINGS.rough_turn / track_m) ** 2 * rough,
+                *(SETTINGS.latency_drift**2 * dt_s, SETTINGS.gyro_drift**2 * dt_s),
+            )
+            for rough in (0.0, 1.0)
+        )
+        """What `ProcessModel.constants` returns from `path_noise` on, of informative ticks and of others."""
+
+
 class ProcessModel:
     """Moves all hypotheses through a tick."""
 
@@ -152,8 +171,7 @@ class ProcessModel:
         self.drift = drift_covariance(self._wheels)
         self._drift_own = self.drift - SETTINGS.drift_common_m**2
         self._rear = tuple(nominal_m[:2].tolist())
-        self._decay = (math.nan, math.nan)
-        """Length of a tick, and how the receiver's slow error fades in it."""
+        self._of_length = _OfLength(math.nan, track_rear_m)
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
         """(N, d, d) growth of the radii's covariance per second at levels (N, d) of each wheel, which are
@@ -190,8 +208,10 @@ class ProcessModel:
 
     def load_gain(self, motion: TickMotion) -> float:
         """Return the fraction of the car's turn by which the wheels show too much of it, per LOAD."""
-        distance_m = float(motion.rear_rad @ self._rear_m[:, 0]) / 2.0
-        return distance_m * float(motion.rear_rad.sum()) / (self._track * motion.dt_s**2)
+        # Plain numbers: for two of them numpy takes ten times as long, and this is asked every tick.
+        (left_rad, right_rad), (left_m, right_m) = motion.rear_rad.tolist(), self._rear
+        distance_m = (left_rad * left_m + right_rad * right_m) / 2.0
+        return float(distance_m * (left_rad + right_rad) / (self._track * motion.dt_s**2))
 
     def load_turn(self, motion: TickMotion) -> float:
         """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
@@ -254,10 +274,9 @@ class ProcessModel:
         acceleration is known.
         """
         nan, dt_s, track_m = math.nan, motion.dt_s, self._track
-        rough = 0.0 if motion.informative else 1.0
-        if self._decay[0] != dt_s:
-            self._decay = dt_s, math.exp(-dt_s / SETTINGS.bias_tau_s)
-        decay = self._decay[1]
+        if self._of_length.dt_s != dt_s:
+            self._of_length = _OfLength(dt_s, track_m)
+        decay = self._of_length.decay
         left_m, right_m = self._rear
         left_rad, right_rad = motion.rear_rad.tolist()
         return (
@@ -270,13 +289,7 @@ class ProcessModel:
             nan if motion.independent_turn_rad is None else motion.independent_turn_rad,
             nan if motion.steered_curvature is None else motion.steered_curvature,
             decay,
-            *(SETTINGS.path_noise**2, SETTINGS.rough_path**2 * rough),
-            *(
-                SETTINGS.turn_noise**2,
-                SETTINGS.turn_relative**2,
-                (SETTINGS.rough_turn / track_m) ** 2 * rough,
-            ),
-            *(SETTINGS.latency_drift**2 * dt_s, SETTINGS.gyro_drift**2 * dt_s),
+            *(self._of_length.gentle if motion.informative else self._of_length.rough),
             position_std_m**2 * (1.0 - decay**2),
             dt_s,
         )

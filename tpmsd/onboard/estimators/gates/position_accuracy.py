@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
 from typing import NamedTuple
 
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -61,7 +60,7 @@ class PositionAccuracy:
         excess_m2 = self._faded_m2(fix.time_s)
         if excess_m2 == 0.0:
             return fix
-        return replace(fix, position_std_m=math.sqrt(fix.position_std_m**2 + excess_m2))
+        return fix.with_position_std(math.sqrt(fix.position_std_m**2 + excess_m2))
 
     def _begin(self, fix: Fix) -> None:
         """Begin the window with this fix, for the distance to it is not known."""

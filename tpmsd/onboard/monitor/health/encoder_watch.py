@@ -56,7 +56,8 @@ class _Axle:
 
     def update(self, tick: Tick) -> bool:
         """Take one tick; whether a minute is over."""
-        left, right = (float(tick.rotation_rad[wheel]) for wheel in self.wheels)
+        turned = tick.rotation_rad.tolist()
+        left, right = turned[self.wheels[0]], turned[self.wheels[1]]
         if not min(left, right) >= TURN_RAD * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
             self._angles.clear()
             self._lasted_s = 0.0
@@ -65,8 +66,8 @@ class _Axle:
         self._lasted_s += tick.dt_s
         if self._lasted_s < ENCODERS.block_s:
             return False
-        turned, width = np.array(self._angles), ENCODERS.high_pass_s * len(self._angles) / self._lasted_s
-        self._gains.append(_gains(np.cumsum(turned, axis=0), width))
+        angles, width = np.array(self._angles), ENCODERS.high_pass_s * len(self._angles) / self._lasted_s
+        self._gains.append(_gains(np.cumsum(angles, axis=0), width))
         self._angles.clear()
         self._lasted_s = 0.0
         return True

@@ -12,8 +12,6 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from tpmsd.car.physics.grade import GradeTracker
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.bounds import LARGEST, number
@@ -133,11 +131,12 @@ class ConditionTracker:
 def _memory_s(estimate: RadiusEstimate) -> float:
     """Memory of the estimate for what acts on all wheels."""
     # Plain numbers: for so few numpy takes ten times as long, and this is asked every tick.
-    variance = sum(map(sum, estimate.covariance_m2.tolist())) / estimate.covariance_m2.size
+    spread = estimate.covariance_m2.tolist()
+    variance = sum(map(sum, spread)) / 16.0
     if not math.isfinite(variance):
         # Unestimated wheels are NaN in all of their rows and columns.
-        known = estimate.covariance_m2[np.isfinite(estimate.covariance_m2)]
-        if not known.size:
+        known = [one for row in spread for one in row if math.isfinite(one)]
+        if not known:
             return CONDITIONS.memory_s[1]
-        variance = float(np.add.reduce(known)) / known.size
+        variance = sum(known) / len(known)
     return min(max(variance / SETTINGS.drift_common_m**2, CONDITIONS.memory_s[0]), CONDITIONS.memory_s[1])
