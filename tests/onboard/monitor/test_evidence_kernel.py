@@ -10,7 +10,9 @@ import pytest
 
 from tpmsd.foundation.kernels import kernels
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.first_start import first_by_arrays, first_by_compiled
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Table, Verdict
+from tpmsd.onboard.monitor.evidence.nuisance import squares_by_arrays, squares_by_compiled
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, by_arrays, by_compiled
 from tpmsd.onboard.monitor.evidence.sizes import (
     Sized,
@@ -162,3 +164,47 @@ def test_windows_of_different_wheels_are_declined() -> None:
     windows = [*some_windows((2, 3), 1, 1, sized=False), *some_windows((0, 1, 2, 3), 1, 1, sized=False)]
     with pytest.raises(ValueError, match="belong together"):
         by_compiled(windows)
+
+
+@pytest.mark.parametrize("wheels", WHEELS)
+@pytest.mark.parametrize("seed", range(3))
+def test_squares_and_volumes_are_alike(wheels: tuple[int, ...], seed: int) -> None:
+    """Mahalanobis distances and determinants of several changes, and of one change under each covariance."""
+    change, covariance, _, _ = some_changes(wheels, 1 + 4 * seed, seed)
+    for values in (change, np.broadcast_to(change[0], change.shape)):
+        found = squares_by_compiled(values, covariance)
+        assert found is not None
+        for ours, theirs in zip(squares_by_arrays(values, covariance), found, strict=True):
+            np.testing.assert_allclose(theirs, ours, rtol=SAME)
+
+
+def test_squares_of_no_covariance_are_left_to_arrays() -> None:
+    """As a comparison of it is."""
+    change, covariance, _, _ = some_changes((0, 1, 2, 3), 2, 1)
+    covariance[1, 2, 2] = -1.0
+    assert squares_by_compiled(change, covariance) is None
+    with pytest.raises(ValueError, match="belong together"):
+        squares_by_compiled(change[:1], covariance)
+
+
+@pytest.mark.parametrize("wheels", WHEELS)
+@pytest.mark.parametrize("seed", range(6))
+def test_first_radii_are_judged_alike(wheels: tuple[int, ...], seed: int) -> None:
+    """Wheels that are alike, and one that is 2 % smaller or larger than the others."""
+    change, covariance, _, radius = some_changes(wheels, 1, seed)
+    x, noise = change[0] / radius, covariance[0] / np.outer(radius, radius)
+    x[seed % len(wheels)] += (0.0, -0.02, 0.02)[seed % 3]
+    found = first_by_compiled(x, noise, list(wheels))
+    assert found is not None
+    for ours, theirs in zip(first_by_arrays(x, noise, list(wheels)), found, strict=True):
+        np.testing.assert_allclose(theirs, ours, rtol=SAME, atol=1e-13)
+
+
+def test_first_radii_known_by_no_covariance_are_left_to_arrays() -> None:
+    """A variance below zero has no factor, however wide the prior."""
+    change, covariance, _, radius = some_changes((0, 1, 2, 3), 1, 1)
+    covariance[0, 2, 2] = -1.0
+    noise = covariance[0] / np.outer(radius, radius)
+    assert first_by_compiled(change[0] / radius, noise, [0, 1, 2, 3]) is None
+    with pytest.raises(ValueError, match="belong together"):
+        first_by_compiled(change[0] / radius, noise[:3, :3].copy(), [0, 1, 2, 3])

@@ -29,6 +29,7 @@ from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.baseline.reference import RadiusReference, speed_range
+from tpmsd.onboard.monitor.evidence.nuisance import squared_distance
 from tpmsd.onboard.monitor.evidence.probability import chi_square_quantile
 from tpmsd.onboard.monitor.sampling.conditions import Conditions, ConditionTracker
 from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses, DriveEvidence
@@ -286,7 +287,7 @@ class TyreSetBaseline:
         before, before_own = self._against_expected(self._sum(), len(self._recent))
         change, own = self._against_expected(now, 1)
         off = change - before
-        jumped = bool(off @ np.linalg.solve(own + nuisance_m2 + before_own, off) > FIT_LIMIT[off.size])
+        jumped = squared_distance(off, own + nuisance_m2 + before_own) > FIT_LIMIT[off.size]
         self._compared = now, newest, nuisance_m2, jumped
         return jumped
 
@@ -308,8 +309,8 @@ class TyreSetBaseline:
         change, own_m2 = self._against_expected(total, samples)
         h = total[3] / samples
         covariance = own_m2 + h @ self.reference.covariance @ h.T * self._radius2
-        nis = float(change @ np.linalg.solve(covariance + nuisance_m2, change))
-        return Change(change, covariance, samples, own_m2, bool(nis <= FIT_LIMIT[change.size]))
+        nis = squared_distance(change, covariance + nuisance_m2)
+        return Change(change, covariance, samples, own_m2, nis <= FIT_LIMIT[change.size])
 
     def learn(
         self, estimate: RadiusEstimate, nuisance_m2: FloatArray, trusted: bool, elapsed_s: float

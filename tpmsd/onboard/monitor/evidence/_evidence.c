@@ -1,5 +1,5 @@
-/* Comparison of hypotheses about the radii, compiled: the same formulas as `hypotheses`, `sizes` and `posterior` have
- * for NumPy arrays, which are the reference (tests/onboard/monitor/test_evidence_kernel.py).
+/* Comparison of hypotheses about the radii, compiled: the same formulas as `hypotheses`, `sizes`, `posterior`, `nuisance` and
+ * `first_start` have for NumPy arrays, which are the reference (tests/onboard/monitor/test_evidence_kernel.py).
  *
  * In and out: C-contiguous double arrays; d wheels, n changes, r rows of sizes, h hypotheses of which the first s are
  * losses, g sizes of a loss. Nothing is allocated. Floating-point contraction is off (setup.py), so that machines
@@ -349,6 +349,113 @@ static PyObject *compare(PyObject *self, PyObject *const *args, Py_ssize_t given
     return Py_BuildValue("dd", nothing, suspicion);
 }
 
+/* ---- normal densities, and the first start ------------------------------------------------------------------ */
+
+/* squares(square_out [n], volume_out [n], value [n][d], covariance [n][d][d])
+ * -> whether each covariance has a factor: v' C^-1 v of each, and the log of the determinant */
+static PyObject *squares(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const int dimensions[4] = {1, 1, 2, 3};
+    Py_buffer v[4];
+    if (given != 4) {
+        PyErr_SetString(PyExc_ValueError, "four arguments are needed");
+        return NULL;
+    }
+    if (get_arrays(args, v, dimensions, 4, 2) < 0)
+        return NULL;
+    Py_ssize_t n = v[2].shape[0], d = v[2].shape[1];
+    if (!(d > 0 && d <= MOST_WHEELS && v[0].shape[0] == n && v[1].shape[0] == n && v[3].shape[0] == n &&
+          v[3].shape[1] == d && v[3].shape[2] == d))
+        return unfit(v, 4);
+    double *square = v[0].buf, *volume = v[1].buf, root[MOST_WHEELS * MOST_WHEELS], white[MOST_WHEELS];
+    const double *value = v[2].buf, *covariance = v[3].buf;
+    int found = 1;
+    for (Py_ssize_t j = 0; found && j < n; j++) {
+        found = factor(covariance + j * d * d, d, root);
+        if (!found)
+            break;
+        whiten(root, d, value + j * d, white);
+        square[j] = product(white, white, d);
+        volume[j] = 0.0;
+        for (Py_ssize_t a = 0; a < d; a++)
+            volume[j] += 2.0 * log(root[a * d + a]);
+    }
+    release(v, 4);
+    return PyBool_FromLong(found);
+}
+
+/* first(soft_out [d], larger_out [d], loss_out [d], scratch [m + 1][h], deviation [d], noise [d][d], shifts [h][d],
+ *       log_priors [h], shares [m], priors [m][d][d], losses [g])
+ * -> whether each covariance has a factor: as `first_start.judge_first`, before it decides between two wheels */
+static PyObject *first(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    enum { ARRAYS = 11, WRITTEN = 4 };
+    static const int dimensions[ARRAYS] = {1, 1, 1, 2, 1, 2, 2, 1, 1, 3, 1};
+    Py_buffer v[ARRAYS];
+    if (given != ARRAYS) {
+        PyErr_SetString(PyExc_ValueError, "eleven arguments are needed");
+        return NULL;
+    }
+    if (get_arrays(args, v, dimensions, ARRAYS, WRITTEN) < 0)
+        return NULL;
+    Py_ssize_t d = v[4].shape[0], h = v[7].shape[0], m = v[8].shape[0], g = v[10].shape[0];
+    if (!(d > 0 && d <= MOST_WHEELS && m > 0 && h == 1 + 2 * d * g && v[0].shape[0] == d && v[1].shape[0] == d &&
+          v[2].shape[0] == d && v[3].shape[0] == m + 1 && v[3].shape[1] == h && v[5].shape[0] == d &&
+          v[5].shape[1] == d && v[6].shape[0] == h && v[6].shape[1] == d && v[9].shape[0] == m && v[9].shape[1] == d &&
+          v[9].shape[2] == d))
+        return unfit(v, ARRAYS);
+    double *soft = v[0].buf, *larger = v[1].buf, *loss = v[2].buf, *logs = v[3].buf, *chance = logs + m * h;
+    const double *deviation = v[4].buf, *noise = v[5].buf, *shifts = v[6].buf, *log_priors = v[7].buf;
+    const double *shares = v[8].buf, *priors = v[9].buf, *losses = v[10].buf;
+    double total_m2[MOST_WHEELS * MOST_WHEELS], root[MOST_WHEELS * MOST_WHEELS], rest[MOST_WHEELS], white[MOST_WHEELS];
+    double top = -INFINITY, total = 0.0;
+    for (Py_ssize_t k = 0; k < m; k++) {
+        for (Py_ssize_t a = 0; a < d * d; a++)
+            total_m2[a] = priors[k * d * d + a] + noise[a];
+        if (!factor(total_m2, d, root)) {
+            release(v, ARRAYS);
+            Py_RETURN_FALSE;
+        }
+        double scale = log(shares[k]);
+        for (Py_ssize_t a = 0; a < d; a++)
+            scale -= log(root[a * d + a]);
+        for (Py_ssize_t i = 0; i < h; i++) {
+            for (Py_ssize_t a = 0; a < d; a++)
+                rest[a] = deviation[a] - shifts[i * d + a];
+            whiten(root, d, rest, white);
+            logs[k * h + i] = scale - 0.5 * product(white, white, d);
+        }
+    }
+    for (Py_ssize_t i = 0; i < h; i++) {
+        double most = -INFINITY, sum = 0.0;
+        for (Py_ssize_t k = 0; k < m; k++)
+            most = logs[k * h + i] > most ? logs[k * h + i] : most;
+        for (Py_ssize_t k = 0; k < m; k++)
+            sum += power(logs[k * h + i] - most);
+        chance[i] = most + log(sum) + log_priors[i];
+        top = chance[i] > top ? chance[i] : top;
+    }
+    for (Py_ssize_t i = 0; i < h; i++) {
+        chance[i] = power(chance[i] - top);
+        total += chance[i];
+    }
+    for (Py_ssize_t a = 0; a < d; a++) {
+        const double *of_loss = chance + 1 + a * g, *of_gain = of_loss + d * g;
+        double expected = 0.0;
+        soft[a] = larger[a] = 0.0;
+        for (Py_ssize_t l = 0; l < g; l++) {
+            soft[a] += of_loss[l];
+            larger[a] += of_gain[l];
+            expected += of_loss[l] * losses[l];
+        }
+        loss[a] = soft[a] > 0.0 ? expected / soft[a] : 0.0;
+        soft[a] /= total;
+        larger[a] /= total;
+    }
+    release(v, ARRAYS);
+    Py_RETURN_TRUE;
+}
+
 /* ---- the posterior -------------------------------------------------------------------------------------- */
 
 /* Logarithm of a sum of which the logarithms are given. */
@@ -597,6 +704,8 @@ static PyObject *marginals(PyObject *self, PyObject *const *args, Py_ssize_t giv
 static PyMethodDef methods[] = {
     FAST(with_sizes, "Changes under each row of sizes that counts."),
     FAST(compare, "Posterior over all subsets and losses."),
+    FAST(squares, "Squares of whitened values, and volumes."),
+    FAST(first, "Posterior of soft and larger wheels at the first start."),
     FAST(marginals, "Marginals of the bank of all windows."),
     {NULL, NULL, 0, NULL},
 };

@@ -27,6 +27,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
 from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.records import AlarmKind
 from tpmsd.onboard.monitor.settings import FIRST_START
 
@@ -56,8 +57,36 @@ def judge_first(
     deviation_m: FloatArray, covariance_m2: FloatArray, radius_m: FloatArray, wheels: list[int]
 ) -> FirstVerdict:
     """deviation_m (d,): radius minus nominal; covariance_m2 (d, d); radius_m (d,) nominal."""
-    d = len(wheels)
     x, noise = deviation_m / radius_m, covariance_m2 / np.outer(radius_m, radius_m)
+    found = first_by_compiled(x, noise, wheels) if compiled is not None else None
+    soft, larger, expected = first_by_arrays(x, noise, wheels) if found is None else found
+    soft, larger = _decided(soft, larger, wheels)
+    return FirstVerdict(
+        np.minimum(soft, 1.0), np.minimum(larger, 1.0), expected * radius_m, _other_of_axle(x, wheels)
+    )
+
+
+def first_by_compiled(
+    x: FloatArray, noise: FloatArray, wheels: list[int]
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return what `first_by_arrays` returns, computed by `_evidence.c`; None where a covariance has no
+    factor.
+    """
+    d = len(wheels)
+    soft, larger, expected = np.empty(d), np.empty(d), np.empty(d)
+    shifts, log_priors = _shifts(d)
+    shares, priors = _healthy(tuple(wheels))
+    scratch = np.empty((len(shares) + 1, len(log_priors)))
+    known = x, noise, shifts, log_priors, shares, priors, LOSS_GRID
+    return (soft, larger, expected) if compiled.first(soft, larger, expected, scratch, *known) else None
+
+
+def first_by_arrays(
+    x: FloatArray, noise: FloatArray, wheels: list[int]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the probabilities of a soft and of a larger wheel and the expected loss, (d,) each, of relative
+    deviations x (d,) known with `noise` (d, d): by NumPy, the reference."""
+    d = len(wheels)
     shifts, log_priors = _shifts(d)
     shares, priors = _healthy(tuple(wheels))
     whitener = np.linalg.inv(np.linalg.cholesky(priors + noise))
@@ -69,11 +98,7 @@ def judge_first(
     posterior /= posterior.sum()
     kinds = posterior[1:].reshape(2, d, LOSS_GRID.size)
     soft, larger = kinds.sum(axis=2)
-    expected = np.where(soft > 0.0, kinds[0] @ LOSS_GRID / np.maximum(soft, 1e-300), 0.0)
-    soft, larger = _decided(soft, larger, wheels)
-    return FirstVerdict(
-        np.minimum(soft, 1.0), np.minimum(larger, 1.0), expected * radius_m, _other_of_axle(x, wheels)
-    )
+    return soft, larger, np.where(soft > 0.0, kinds[0] @ LOSS_GRID / np.maximum(soft, 1e-300), 0.0)
 
 
 def _decided(soft: FloatArray, larger: FloatArray, wheels: list[int]) -> tuple[FloatArray, FloatArray]:

@@ -19,20 +19,15 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.evidence.probability import normal_cdf
 from tpmsd.onboard.monitor.evidence.sizes import Sized, Sizes, no_sizes, subsets
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
-
-try:
-    from tpmsd.onboard.monitor.evidence import _evidence as compiled
-except ImportError:  # not built: there was no compiler, or it was left out
-    compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
 NEGLIGIBLE = math.exp(-DRIVE_EVIDENCE.negligible_nats)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
+from tpmsd.onboard.monitor.evidence.kernel import compiled
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,31 @@ def mean_share(samples: int, correlation: float) -> float:
 
 def log_normal(value: FloatArray, covariance: FloatArray) -> FloatArray:
     """(n,) log densities of values (n, d) or (d,) under N(0, covariance (n, d, d)), but for a constant."""
+    square, log_volume = squares(np.broadcast_to(value, covariance.shape[:2]), covariance)
+    return np.asarray(-0.5 * (square + log_volume))
+
+
+def squared_distance(value: FloatArray, covariance: FloatArray) -> float:
+    """Squared Mahalanobis distance of a value (d,) from 0 under a covariance (d, d)."""
+    return float(squares(value[None], covariance[None])[0][0])
+
+
+def squares(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Squared Mahalanobis distance of each value (n, d), and the logarithm of each covariance's (n, d, d)
+    determinant, (n,) each: by compiled code where it was built."""
+    found = squares_by_compiled(values, covariance) if compiled is not None else None
+    return squares_by_arrays(values, covariance) if found is None else found
+
+
+def squares_by_compiled(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray] | None:
+    """Return `squares` computed by `_evidence.c`; None where a covariance has no factor."""
+    square, log_volume = np.empty(len(values)), np.empty(len(values))
+    given = np.ascontiguousarray(values), np.ascontiguousarray(covariance)
+    return (square, log_volume) if compiled.squares(square, log_volume, *given) else None
+
+
+def squares_by_arrays(values: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return `squares` computed by NumPy, the reference."""
     _, log_volume = np.linalg.slogdet(covariance)
-    values = np.broadcast_to(value, covariance.shape[:2])
     solved = np.linalg.solve(covariance, values[:, :, None])[:, :, 0]
-    return np.asarray(-0.5 * (np.einsum("nd,nd->n", values, solved) + log_volume))
+    return np.asarray(np.einsum("nd,nd->n", values, solved)), log_volume

@@ -30,19 +30,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Literal
 
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import Table, Verdict
+from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.evidence.sizes import subsets
-
-try:
-    from tpmsd.onboard.monitor.evidence import _evidence as compiled
-except ImportError:  # not built: there was no compiler, or it was left out
-    compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 Over = Literal["now", "minutes", "drive"]
 LEAST = 1e-300
@@ -96,7 +91,7 @@ class Posterior:
 def posterior(windows: Sequence[Window]) -> Posterior:
     """Marginals of the bank of these windows, the youngest first and the longest last: by compiled code where
     it was built."""
-    found = by_compiled(windows) if hasattr(compiled, "marginals") else None
+    found = by_compiled(windows) if compiled is not None else None
     return by_arrays(windows) if found is None else found
 
 

@@ -14,18 +14,13 @@ from __future__ import annotations
 import functools
 import itertools
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
+from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
-
-try:
-    from tpmsd.onboard.monitor.evidence import _evidence as compiled
-except ImportError:  # not built: there was no compiler, or it was left out
-    compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 
 @dataclass(frozen=True, slots=True)
