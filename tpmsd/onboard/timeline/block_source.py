@@ -49,7 +49,7 @@ class _Playback:
         self._host_s: list[float] = self._time_s if self.flows else latest_s.tolist()
         """Greatest host time up to each frame."""
         self._now_s: list[float] = (latest_s + self._shift_s).tolist() if self._shift_s else self._host_s
-        """The same as logical time."""
+        """These as logical times."""
         self._given = [0] * len(decoded.groups)
         """Number of frames of each group of signals that were handed on."""
         self._shown_s = -math.inf

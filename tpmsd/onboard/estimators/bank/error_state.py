@@ -158,7 +158,8 @@ class _OfLength:
             )
             for rough in (0.0, 1.0)
         )
-        """What `ProcessModel.constants` returns from `path_noise` on, of informative ticks and of others."""
+        """Variances that `ProcessModel.constants` returns from `path_noise` on, of informative ticks and of
+        others."""
 
 
 class ProcessModel:
