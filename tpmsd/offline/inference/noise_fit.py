@@ -30,6 +30,7 @@ from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED,
 
 SLOW = ("slow_m", "slow_tau_s")
 RADIUS_DRIFT = ("radius_drift", "radius_drift_tau_s")
+POSITION = (*SLOW, "white_m", "clock_s")
 VELOCITY = ("speed_white_mps", "speed_mps", "speed_memory")
 SLOWLY_VARYING = (*SLOW, *RADIUS_DRIFT, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
 """Parameters that could pass for a missing effect: not estimated before effects were looked for."""

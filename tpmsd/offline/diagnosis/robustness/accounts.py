@@ -83,7 +83,8 @@ def erring(found: Found) -> Found:
     terms = [one.term for one in found.selection.chosen]
     selector = Selector(found.evidence, study.hypotheses)
     design = selector.design(terms)
-    calm = replace(drive.noise, speed_mps=min(SETTINGS.robustness.drift_levels) * drive.noise.speed_mps)
+    quiet = min(SETTINGS.robustness.drift_levels) * drive.noise.speed_mps
+    calm = drive.under(replace(drive.noise, speed_mps=quiet))
     chosen = {term.effect for term in terms}
     likely: list[Term] = []
     for term in study.hypotheses.catalogue:

@@ -6,10 +6,15 @@ Warm-up, growth with speed and slopes act on all wheels alike, so that only the 
 slow drift. With such a term in the model the receiver's slow error is estimated smaller than it is, and
 the term looks the surer for it. So the term is asked again under the noise that fits best without it. The
 same holds of a single wheel's change and of terms over time against the radius drift.
+
+Which positions weigh less as outliers was decided beside the term: those that contradict it. A reflection
+swells over many seconds, and with a small weight it leaves a short memory to the rest. So what only the
+receiver shows is asked once more with all positions at their full weight, under the noise that fits then.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -25,9 +30,17 @@ from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, gain_of
-from tpmsd.offline.inference.noise import PRIORS, Noise
-from tpmsd.offline.inference.noise_fit import SLOW, log_posterior, refit_radius_drift, refit_slow
+from tpmsd.offline.inference.noise import PRIORS
+from tpmsd.offline.inference.noise_fit import (
+    POSITION,
+    SLOW,
+    log_posterior,
+    refit,
+    refit_radius_drift,
+    refit_slow,
+)
 from tpmsd.offline.inference.whitening import whiten
+from tpmsd.offline.inference.windows import EAST
 
 
 def confirmed(found: Found) -> Found:
@@ -43,14 +56,13 @@ def confirmed(found: Found) -> Found:
         terms = [other.term for other in selection.chosen if other is not one]
         selector = Selector(evidence, study.hypotheses)
         without, with_it = selector.design(terms), selector.design([*terms, one.term])
-        null = {
-            number: _noise_without(study.drives[number], without, common) for number in study.acting(one.term)
-        }
-        if (
-            under_other_noise(study, with_it, without.shape[1], null)
-            < SETTINGS.selection.admit_nats + one.term.penalty
-        ):
-            slower = study.under(null)
+        least = SETTINGS.selection.admit_nats + one.term.penalty
+        null = {number: _without(study.drives[number], without, common) for number in study.acting(one.term)}
+        asked = [null]
+        if common:
+            asked.append({number: _at_full_weight(drive, without) for number, drive in null.items()})
+        if min(under_other_noise(study, with_it, without.shape[1], other) for other in asked) < least:
+            slower = study.under({number: drive.noise for number, drive in null.items()})
             evidence = slower.evidence()
             return confirmed(Found(slower, Selector(evidence, study.hypotheses).judged(terms), evidence))
     return Found(study, _receivers_own(study, selection, evidence), evidence)
@@ -75,35 +87,43 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
     return selection
 
 
-def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise:
-    """Return the noise that fits a drive best with this design: the receiver's slow error, or
-    radius drift.
+def _without(drive: DriveStudy, design: FloatArray, common: bool) -> DriveStudy:
+    """Return a drive under the noise that fits it best with this design: the receiver's slow error, or radius
+    drift.
     """
     windows, columns = drive.reader.windows, drive.believed(design)
     if not common:
         start = replace(drive.noise, radius_drift=max(drive.noise.radius_drift, PRIORS["radius_drift"][0]))
         null = refit_radius_drift(windows, columns, start, drive.inflate)
         much = drive.noise.radius_drift >= SETTINGS.robustness.drifts_from
-        return (
-            replace(null, radius_drift=SETTINGS.robustness.drift_unsure * null.radius_drift) if much else null
-        )
+        unsure = SETTINGS.robustness.drift_unsure if much else 1.0
+        return drive.under(replace(null, radius_drift=unsure * null.radius_drift))
     middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
     starts = (drive.noise, replace(drive.noise, **middles))
     found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]
-    return max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate))
+    return drive.under(max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate)))
 
 
-def under_other_noise(study: Study, design: FloatArray, first: int, null: dict[int, Noise]) -> float:
-    """Log-likelihood that a design's columns from `first` on bring, under another noise of some drives."""
+def _at_full_weight(drive: DriveStudy, design: FloatArray) -> DriveStudy:
+    """Return a drive with no position weighing less than another, under the position noise that then fits."""
+    if drive.inflate is None:
+        return drive
+    inflate = drive.inflate.copy()
+    inflate[:, EAST:] = 1.0
+    noise = refit(drive.reader.windows, drive.believed(design), drive.noise, inflate, POSITION)
+    return drive.under(noise, inflate)
+
+
+def under_other_noise(study: Study, design: FloatArray, first: int, null: Mapping[int, DriveStudy]) -> float:
+    """Log-likelihood that a design's columns from `first` on bring, with some drives under another noise."""
     k = 1 + design.shape[1]
     gram = np.zeros((k, k))
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], k))
         if number in null:
-            acting = np.any(drive.own(design) != 0.0, axis=0)
-            windows, columns = drive.reader.windows, drive.believed(design)
+            other, acting = null[number], np.any(drive.own(design) != 0.0, axis=0)
             rows[:, :, np.concatenate([[True], acting])] = whiten(
-                windows, null[number], columns, drive.inflate
+                drive.reader.windows, other.noise, drive.believed(design), other.inflate
             )[0]
         else:
             rows[:, :, 0] = drive.white[:, :, 0]
