@@ -1,11 +1,12 @@
-"""Drives of cars of every size, many at once: four wheels, brush or Magic Formula tyres, concealed physics.
+"""Drives of cars of every size, many at once: four wheels, tyres of four laws, concealed physics.
 
 In: `Case`s, a generator. Out: `Recorded` for each case: columns of a `signals.csv` and the text of a
 `vehicle.toml`. Masses of 900 to 3,500 kg, wheelbases of 2.3 to 4 m, understeer and oversteer.
 
 Written from Pacejka, "Tire and Vehicle Dynamics", 3rd ed., 2012 (brush model of section 3.2, Magic Formula of
-section 4.3.1, first-order relaxation of section 5.3) and Hindiyeh and Gerdes, "A controller framework for
-autonomous drifting", 2014 (a longitudinal force takes sqrt(1 - (F_x / mu F_z)^2) of the friction that is left
+section 4.3.1, first-order relaxation of section 5.3), Dugoff, Fancher and Segel, "An analysis of tire
+traction properties", 1970, and Hindiyeh and Gerdes, "A controller framework for autonomous drifting", 2014 (a
+longitudinal force takes sqrt(1 - (F_x / mu F_z)^2) of the friction that is left
 to the side). The states of all cars are arrays, and Heun's rule takes steps of 2.5 ms.
 """
 
@@ -22,7 +23,7 @@ Array = NDArray[np.float64]
 STEP_S = 2.5e-3
 G = 9.80665
 RHO = 1.2041
-TYRES = ("linear", "brush", "magic")
+TYRES = ("linear", "brush", "magic", "dugoff")
 STYLES = ("lively", "ordinary", "slow", "fast")
 
 
@@ -307,9 +308,10 @@ class _Fleet:
         )
         angle_f, angle_r = np.where(soft, x[3], angle_f), np.where(soft, x[4], angle_r)
         pull = np.where(ask > 0.0, np.where(self.front_driven, 1.0, 0.0), 0.65) * ask
-        side_f, side_r = self._side_forces(
+        (side_f, side_r), along, twist = self._tyre_forces(
             np.stack([angle_f, angle_r]), np.stack([pull, ask - pull]), lat, ask
         )
+        pull = along[0]
         grip = np.where(r > 0.0, 1.0 - self.one_sided, 1.0)
         grip = grip * (1.0 - self.warm[0] * (1.0 - np.exp(-t / self.warm[1])))
         side_f, side_r = side_f * grip, side_r * grip
@@ -320,6 +322,7 @@ class _Fleet:
         gust = np.where((t >= onset) & (t < onset + last), 0.5 * RHO * 4.5 * u * speed, 0.0)
         force_y = side_f * np.cos(delta) + pull * np.sin(delta) + side_r + gust
         moment = self.a * (side_f * np.cos(delta) + pull * np.sin(delta)) - self.b * side_r + 0.25 * gust
+        moment = moment + 0.5 * self.track * twist
         moment = moment + self.iz * (
             self.speed_moment * u * u * np.tanh(20.0 * r) - self._control(delta, u, r)
         )
@@ -347,16 +350,16 @@ class _Fleet:
         apart = r - wanted
         return np.asarray(gain * np.sign(apart) * np.maximum(np.abs(apart) - beyond, 0.0))
 
-    def _side_forces(self, angle: Array, pull: Array, lat: Array, ask: Array) -> Array:
-        """Return the side force of each axle, (2, N), of two wheels whose loads differ."""
+    def _tyre_forces(self, angle: Array, pull: Array, lat: Array, ask: Array) -> tuple[Array, Array, Array]:
+        """Return side and longitudinal force of each axle, (2, N), of two wheels whose loads differ, and by
+        how much the right wheels pull more than the left ones."""
         base = self.a + self.b
-        load = np.stack([self.m * G * self.b, self.m * G * self.a]) / base
-        load[0] -= ask * self.h / base
-        load[1] += ask * self.h / base
+        static = np.stack([self.m * G * self.b, self.m * G * self.a]) / base
+        load = static + np.stack([-ask, ask]) * self.h / base
         part = np.clip(self.h * lat / (G * self.track), -0.45, 0.45)
         stiff = 0.5 * np.stack([self.cf, self.cr]) * (1.0 - self.loss * (2.0 * part) ** 2)
-        share = np.stack([0.5 - part, 0.5 + part])
-        limit = np.maximum(self.mu * load * share[:, None], 50.0)
+        side = np.stack([-part, part])[:, None]
+        limit = np.maximum(self.mu * load * (0.5 + side), 50.0)
         limit = limit * np.sqrt(1.0 - np.clip(0.5 * pull / limit, -0.95, 0.95) ** 2)
         linear = np.broadcast_to(stiff * angle, limit.shape)
         # parabolic pressure: F = C t - C^2 |t| t / 3 L + C^3 t^3 / 27 L^2, L = mu F_z, below 3 L / C
@@ -365,9 +368,24 @@ class _Fleet:
         # shape 1.3, curvature -0.5; its slope at the origin is the stiffness
         b = linear / (1.3 * limit)
         magic = limit * np.sin(1.3 * np.arctan(b + 0.5 * (b - np.arctan(b))))
-        return np.asarray(
-            np.where(self.tyres == 0, linear, np.where(self.tyres == 1, brush, magic)).sum(axis=0)
-        )
+        # the lateral transfer of the mass that the axle carries at rest
+        most = self.mu * np.maximum(0.5 * load + static * side, 0.0)
+        dugoff, along = _dugoff(stiff * np.tan(angle), 0.5 * pull, 8.0 * self.stated[0] * G, most)
+        slides = self.tyres == TYRES.index("dugoff")
+        along = np.where(slides, along, 0.5 * pull)
+        side_forces = np.choose(self.tyres, [linear, brush, magic, dugoff]).sum(axis=0)
+        return side_forces, along.sum(axis=0), (along[1] - along[0]).sum(axis=0)
+
+
+def _dugoff(side: Array, pull: Array, stiffness: Array, limit: Array) -> tuple[Array, Array]:
+    """Return side and longitudinal force of wheels by the linear side force.
+
+    The wheel slips by s, s / (1 + s) = F_x / C; both forces share the limit.
+    """
+    slip = pull / (stiffness - pull)
+    reach = limit * (1.0 + slip) / (2.0 * np.maximum(np.hypot(side, stiffness * slip), 1e-6))
+    share = np.where(reach < 1.0, (2.0 - reach) * reach, 1.0)
+    return np.asarray(side / (1.0 + slip) * share), np.asarray(pull * share)
 
 
 # -- the instruments -----------------------------------------------------------------------------------------

@@ -129,7 +129,8 @@ def cases(seeds: int, first_seed: int) -> list[Asked]:
     for _ in range(seeds):
         for k in range(12):
             model = ("single-track", "three-dof")[k % 2]
-            add("null", "null", model, {}, "linear", 5.0 if model == "single-track" else 2.5)
+            tyres, lat = ("linear", 5.0) if model == "single-track" else ("dugoff", 2.5)
+            add("null", "null", model, {}, tyres, lat)
         for name, values in SINGLE.items():
             add("single", name, "single-track", {name: values}, "linear", 5.0)
         for k, (name, values) in enumerate(SINGLE.items()):

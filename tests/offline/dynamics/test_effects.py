@@ -385,14 +385,18 @@ def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:
 
 
 def test_finite_angles_turn_the_forces_of_the_front_wheels() -> None:
-    """F_y = F_f cos(d) + F_x sin(d) + F_r with F_f = C_f (d - atan((v + a r) / u)); the coefficient is 1."""
+    """F_y = F_f cos(d) + F_x sin(d) + F_r with F_f = C_f (d - atan((v + a r) / u)); the coefficient is 1.
+
+    F_x is the front's share of m a_x + F_f sin(d): the wheels pull against the turned side force as well.
+    """
     steer, speed, ax, v, r = 0.2, 8.0, -2.0, -0.1, 0.5
     found = SingleTrack(CAR).rates(
         np.array([[v, r]]), held(steer, speed, ax), (make_dynamics_effect("large_angles", coefficient=1.0),)
     )[0]
     front = CAR.cornering_front_n * (steer - math.atan((v + CAR.front_m * r) / speed))
     rear = -CAR.cornering_rear_n * math.atan((v - CAR.rear_m * r) / speed)
-    along = CAR.brake_front_share * CAR.mass_kg * ax
+    pull = CAR.mass_kg * ax + front * math.sin(steer)
+    along = (CAR.brake_front_share if pull < 0.0 else CAR.drive_front_share) * pull
     turned = front * math.cos(steer) + along * math.sin(steer)
 
     assert found[0] == pytest.approx((turned + rear) / CAR.mass_kg - speed * r)

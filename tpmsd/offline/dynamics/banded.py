@@ -1,7 +1,6 @@
 """Block tridiagonal least squares over time by a banded Cholesky factor.
 
-In: diagonal blocks (n, s, s), blocks below the diagonal (n - 1, s, s), right-hand sides. Out: solutions, and
-samples of the Gaussian whose information matrix this is.
+In: diagonal blocks (n, s, s), blocks below the diagonal (n - 1, s, s), right-hand sides. Out: solutions.
 """
 
 from __future__ import annotations
@@ -41,10 +40,3 @@ class BandedFactor:
         columns = np.ascontiguousarray(right).reshape(len(right), -1).T
         out, _ = lapack.dtbtrs(self._factor, columns, uplo="L", overwrite_b=1)
         return np.asarray(out.T.reshape(right.shape))
-
-    def sample(self, white: FloatArray) -> FloatArray:
-        """Return draws of the Gaussian with this information matrix, (n, s, p), from standard normals."""
-        n, s = self._shape
-        columns = np.asfortranarray(white.reshape(n * s, -1))
-        out, _ = lapack.dtbtrs(self._factor, columns, uplo="L", trans="T")
-        return np.ascontiguousarray(out).reshape(white.shape)

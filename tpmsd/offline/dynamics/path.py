@@ -233,19 +233,46 @@ class Weighted:
         diagonal[1:, order, order] += step
         first = _start_information(setup, noise, diagonal.shape[1])
         diagonal[drive.starts[:, None], order, order] += first
-        self._starts = drive.starts
+        self._starts, self._start_weight = drive.starts, first
         self._start_pull = np.where(order < len(noise.white), 0.0, first)
         self.factor = BandedFactor(diagonal, -weighted)
 
     def gradient(self) -> FloatArray:
         """Return the right-hand side of the path's own step, (n, t)."""
+        out = self._asked(self.at.step_residual, self.at.reading_residual)
+        out[self._starts] -= self.at.path[self._starts] * self._start_pull
+        return out
+
+    def _asked(self, steps: FloatArray, readings: FloatArray) -> FloatArray:
+        """Return what residuals of steps and readings ask of the path, (n, t)."""
         at = self.at
-        out = np.einsum("nmi,nm->ni", at.outputs_by_state, self.reading_weight * _zeroed(at.reading_residual))
-        pull = self.step_weight * at.step_residual
+        out = np.einsum("nmi,nm->ni", at.outputs_by_state, self.reading_weight * _zeroed(readings))
+        pull = self.step_weight * steps
         out[1:] -= pull
         out[:-1] += np.einsum("nij,ni->nj", at.by_state, pull)
-        out[self._starts] -= at.path[self._starts] * self._start_pull
         return np.asarray(out)
+
+    def squares(self) -> FloatArray:
+        """Return the sums of squares, over variances, of the residuals that the path's own step leaves: of
+        each state's steps, then of each output's readings."""
+        return self._squares(self.at.step_residual, self.at.reading_residual, self.gradient())
+
+    def drawn_squares(self) -> FloatArray:
+        """Return the same of residuals that are drawn with this noise, each one standard deviation."""
+        steps = drawn(self.step_weight)
+        readings = np.where(self.reading_weight > 0.0, drawn(self.reading_weight), np.nan)
+        asked = self._asked(steps, readings)
+        starts = np.broadcast_to(self._start_weight, (len(self._starts), asked.shape[1]))
+        asked[self._starts] -= drawn(starts) * starts
+        return self._squares(steps, readings, asked)
+
+    def _squares(self, steps: FloatArray, readings: FloatArray, asked: FloatArray) -> FloatArray:
+        move = self.factor.solve(asked)
+        left = steps + move[1:] - np.einsum("nij,nj->ni", self.at.by_state, move[:-1])
+        unread = _zeroed(readings - np.einsum("nmi,ni->nm", self.at.outputs_by_state, move))
+        return np.concatenate(
+            [(self.step_weight * left**2).sum(axis=0), (self.reading_weight * unread**2).sum(axis=0)]
+        )
 
 
 def _zeroed(residual: FloatArray) -> FloatArray:
@@ -296,17 +323,38 @@ def path_cost(setup: Setup, at: Linear, noise: PathNoise) -> float:
 def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least: PathNoise) -> PathNoise:
     """Return the noise under which the residuals are as large as they are expected to be.
 
-    MacKay's fixed point: each variance is its sum of squares over the number of its residuals that the path
-    does not fit away; that number comes from one draw of the path's posterior. Few rows are enough.
+    MacKay's fixed point: each variance is its sum of squares over the one that is expected of it; that comes
+    from residuals drawn with this noise and smoothed as the real ones are. Few rows are enough. Steps of the
+    iteration that keep their direction grow, so that a variance near 0 gets there.
     """
     few, part = subset(setup, at)
-    draw = signs(part.path.size).reshape(*part.path.shape, 1)
+    power: FloatArray | float = 1.0
+    last: FloatArray | float = 0.0
     for _ in range(rounds):
         weighted = part.weighted(few, noise)
-        move = weighted.factor.solve(weighted.gradient())
-        sample = weighted.factor.sample(draw)[:, :, 0]
-        noise = _updated(few, part, noise, move, sample, least)
+        ratio = (weighted.squares() + 1e-12) / (weighted.drawn_squares() + 1e-12)
+        move = np.log(np.clip(ratio, 0.05, 20.0))
+        faster = np.minimum(power * SETTINGS.noise_faster, SETTINGS.noise_most_power)
+        power = np.where(move * last > 0.0, faster, 1.0)
+        noise = _scaled(noise, np.exp(0.5 * np.clip(power * move, -3.0, 3.0)), least)
+        last = move
     return noise
+
+
+def _scaled(noise: PathNoise, by: FloatArray, least: PathNoise) -> PathNoise:
+    """Return noise times factors of standard deviations, none below the least."""
+    states, free = len(noise.white), len(noise.disturbance)
+    return PathNoise(
+        np.maximum(noise.white * by[:states], least.white),
+        np.maximum(noise.disturbance * by[states : states + free], least.disturbance),
+        np.maximum(noise.outputs * by[states + free :], least.outputs),
+    )
+
+
+def drawn(weight: FloatArray) -> FloatArray:
+    """Return residuals of one standard deviation each, of either sign; 0 where the weight is."""
+    scale = np.where(weight > 0.0, 1.0 / np.sqrt(np.where(weight > 0.0, weight, 1.0)), 0.0)
+    return signs(weight.size).reshape(weight.shape) * scale
 
 
 def signs(count: int) -> FloatArray:
@@ -319,46 +367,6 @@ def signs(count: int) -> FloatArray:
         word = (word ^ (word >> np.uint64(shift))) * np.uint64(factor)
     word ^= word >> np.uint64(31)
     return np.where(word & np.uint64(1), 1.0, -1.0)
-
-
-def _updated(
-    setup: Setup, at: Linear, noise: PathNoise, move: FloatArray, sample: FloatArray, least: PathNoise
-) -> PathNoise:
-    dt = np.diff(setup.drive.time_s)
-    linked = setup.drive.linked
-    scale = noise.step_variance(dt)[linked]
-
-    def steps(path: FloatArray) -> FloatArray:
-        return np.asarray((path[1:] - np.einsum("nij,nj->ni", at.by_state, path[:-1]))[linked])
-
-    residual = (at.step_residual[linked] + steps(move)) ** 2 / scale
-    ratio = _ratio(residual, steps(sample) ** 2 / scale)
-    outputs = np.einsum("nmi,ni->nm", at.outputs_by_state, move)
-    drawn = np.einsum("nmi,ni->nm", at.outputs_by_state, sample)
-    left = (at.reading_residual - outputs) ** 2 / noise.outputs**2
-    known = np.isfinite(left)
-    reading = np.array(
-        [
-            float(_ratio(left[known[:, k], k], drawn[known[:, k], k] ** 2 / noise.outputs[k] ** 2))
-            for k in range(left.shape[1])
-        ]
-    )
-    count = len(noise.white)
-    return PathNoise(
-        np.maximum(noise.white * np.sqrt(ratio[:count]), least.white),
-        np.maximum(noise.disturbance * np.sqrt(ratio[count:]), least.disturbance),
-        np.maximum(noise.outputs * np.sqrt(reading), least.outputs),
-    )
-
-
-def _ratio(residual: FloatArray, fitted_away: FloatArray) -> FloatArray:
-    """Return by how much each variance is too small, from squares over it; axis 0 is rows."""
-    rows = len(residual)
-    if rows == 0:
-        return np.ones(residual.shape[1:])
-    free = np.maximum(rows - fitted_away.sum(axis=0), 0.01 * rows)
-    ratio = np.clip(residual.sum(axis=0) / free, 0.05, 20.0)
-    return np.asarray(np.where(ratio < 1.0, ratio**1.5, ratio))  # variances near 0 fall slowly
 
 
 def subset(setup: Setup, at: Linear) -> tuple[Setup, Linear]:

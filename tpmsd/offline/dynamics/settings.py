@@ -44,6 +44,10 @@ class DynamicsSettings:
     """Least noise of a reading over its white noise: a term must not explain what differs from row to row."""
     noise_rounds: int = 10
     """Steps of the fixed-point iteration for the noise: two figures are reached in five to ten."""
+    noise_faster: float = 1.5
+    """Growth of a step of that iteration, as a power of the factor, while it keeps its direction."""
+    noise_most_power: float = 6.0
+    """Its limit: variances that fall to 0 do so in fewer than ten steps."""
     noise_rows: int = 4000
     """Rows from which noise is estimated: standard deviations to 2 %."""
     last_fits: int = 4

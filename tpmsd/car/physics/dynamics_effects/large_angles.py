@@ -16,8 +16,9 @@ from tpmsd.car.physics.effect_records import Wording
 class LargeAngles(DynamicsEffect):
     """F_y = F_f cos(delta) + F_x sin(delta) + F_r, alpha = delta - atan(v_y / u) at the front.
 
-    F_x is the front axle's share of drive and brake force, with a_x of the recording. The coefficient is 1 in
-    every car; the linear single-track car takes angles as small and has 0. Source: [Rajamani 2012], ch. 2.
+    F_x is the front axle's share of drive and brake force, whose sum is m a_x + F_f sin(delta) with the
+    recorded a_x: the wheels pull against the turned side force as well. The coefficient is 1 in every car;
+    the linear single-track car takes angles as small and has 0. Source: [Rajamani 2012], ch. 2.
     """
 
     name = "large_angles"
@@ -53,7 +54,8 @@ class LargeAngles(DynamicsEffect):
 
     def add_forces(self, frame: Frame) -> None:
         """Turn the forces of the front wheels."""
-        along = frame.drive_front_share * frame.drive - frame.brake_front_share * frame.brake
+        sum_x = frame.drive - frame.brake + frame.side[0] * np.sin(frame.steer)
+        along = np.where(sum_x > 0.0, frame.drive_front_share, frame.brake_front_share) * sum_x
         turned = frame.side[0] * (np.cos(frame.steer) - 1.0) + along * np.sin(frame.steer)
         frame.force_y = frame.force_y + self.coefficient * turned
         frame.moment = frame.moment + self.coefficient * frame.front * turned
