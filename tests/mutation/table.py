@@ -41,8 +41,9 @@ def _modules(folder: str, *left_out: str) -> tuple[str, ...]:
 def _daemon_tests() -> tuple[str, ...]:
     """The tests of the daemon that run it in their own process."""
     names = (
-        *("can_errors", "descriptors", "feeder", "health", "inputs", "link_ends", "links", "loop", "notify"),
-        *("obd", "record", "recorder", "reset", "service_manager", "state_keeper", "state_lock", "time"),
+        *("can_errors", "descriptors", "feeder", "health", "inputs", "journal", "link_ends", "links", "loop"),
+        *("loop_log", "notify", "obd", "record", "recorder", "reset", "service_manager", "signals"),
+        *("state_keeper", "state_lock", "time"),
     )
     own = tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
     return (*own, "tests/car/config/test_signal_table.py")

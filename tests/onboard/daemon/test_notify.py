@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -163,3 +164,67 @@ def test_a_program_that_is_not_reaped_yet_is_killed_once(
     assert 1 == made.counts["killed"]
     process.kill()
     process.wait(5.0)
+
+
+@pytest.mark.parametrize(("events", "left_out"), [(32, 0), (33, 1)])
+def test_of_more_than_32_events_the_oldest_is_left_out(events: int, left_out: int) -> None:
+    """The newest say how it is."""
+    made = notices("x")
+    for number in range(events):
+        made.take(replace(DEFLATION, time_s=float(number)))
+    assert left_out == made.counts["left_out"]
+    assert [float(number) for number in range(left_out, events)] == [event.time_s for event in made._waiting]
+
+
+def test_events_that_wait_at_the_end_are_counted_and_started_no_more(tmp_path: Path) -> None:
+    """The program that runs may go on; nothing is started behind the daemon's end."""
+    made = notices(*script(tmp_path, "exit 0"), min_interval_s=10.0)
+    for _ in range(3):
+        made.take(DEFLATION)
+    made.service(0.0)
+    process = made._process
+    assert process is not None
+    made.close()
+    made.service(100.0)
+    process.wait(5.0)
+
+    assert {"run": 1, "failed": 0, "killed": 0, "left_out": 2} == made.counts
+
+
+def test_a_failure_behind_a_success_is_said_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A failure that goes on is said once; one that was over and is back is news."""
+    made = notices(*script(tmp_path, 'test "$TPMSD_KIND" = malfunction || exit 3'))
+    for event in (DEFLATION, DEFLATION, MALFUNCTION, DEFLATION):
+        made.take(event)
+        made.service(0.0)
+        assert made._process is not None
+        made._process.wait(5.0)
+        made.service(0.0)
+
+    assert [f"[notify] {tmp_path}/notice ended with 3"] * 2 == caplog.messages
+    assert (4, 3) == (made.counts["run"], made.counts["failed"])
+
+
+@pytest.mark.parametrize(("later_s", "killed"), [(5.0, 0), (5.25, 1)])
+def test_a_program_has_its_whole_time(later_s: float, killed: int, tmp_path: Path) -> None:
+    """It is killed behind its time limit, and not with it."""
+    made = notices(*script(tmp_path, "sleep 60"), timeout_s=5.0)
+    made.take(DEFLATION)
+    made.service(100.0)
+    process = made._process
+    assert process is not None
+    made.service(100.0 + later_s)
+    assert killed == made.counts["killed"]
+    process.kill()
+    process.wait(5.0)
+
+
+def test_a_program_knows_where_programs_are_and_which_language_is_spoken(tmp_path: Path) -> None:
+    """PATH and LANG are passed on; what the daemon does not have is not made up."""
+    made = notices(*script(tmp_path, 'env > "$2.new"; mv "$2.new" "$2"'))
+    made.take(DEFLATION)
+    serve(made, until=tmp_path / "out")
+    names = {line.partition("=")[0] for line in (tmp_path / "out").read_text("utf-8").splitlines()}
+
+    assert {"PATH", "LANG"} <= names
+    assert not {"HOME", "TZ", "LC_ALL", "PASSWORD"} & names

@@ -240,7 +240,7 @@ def test_the_speed_is_known_until_ten_requests_were_in_vain() -> None:
     assert [50] * (UNANSWERED - 1) + [None] == known
 
 
-@pytest.mark.parametrize(("silent_s", "asked"), [(59.5, 0), (60.5, 1)])
+@pytest.mark.parametrize(("silent_s", "asked"), [(59.5, 0), (60.0, 0), (60.5, 1)])
 def test_a_bus_that_was_silent_for_a_minute_has_slept(silent_s: float, asked: int) -> None:
     """Only then does its next frame say that somebody woke it up."""
     asker = ObdAsker(ObdConfig(speed=True))
@@ -248,3 +248,66 @@ def test_a_bus_that_was_silent_for_a_minute_has_slept(silent_s: float, asked: in
     asker.received(0x0B0, False, bytes(8), silent_s)
 
     assert asked == len(asker.frames(silent_s + LISTEN_S, False))
+
+
+@pytest.mark.parametrize("extended", [False, True])
+def test_the_filters_let_answers_and_a_testers_requests_through(extended: bool) -> None:
+    """By the mask of SocketCAN: those identifiers of that length, and no other; none for a car that is not
+    asked."""
+    config = ObdConfig(speed=True, extended_ids=extended)
+    filters = ObdAsker(config).filters()
+    around = range(0x18DA_0000, 0x18DC_0000) if extended else range(0x800)
+    let = {number for number in around for one in filters if not (number ^ one["can_id"]) & one["can_mask"]}
+
+    assert {config.request_id, *config.answer_ids} == let
+    assert [extended] * 2 == [one["extended"] for one in filters]
+    assert [] == ObdAsker(ObdConfig(extended_ids=extended)).filters()
+    if extended:
+        assert not any((0x7E8 ^ one["can_id"]) & one["can_mask"] == 0 for one in filters)
+
+
+def test_the_status_counts_requests_and_answers() -> None:
+    """Nothing is known before the first; a frame that is no answer counts for none."""
+    asker = ObdAsker(ObdConfig(speed=True))
+    assert {"asked": 0, "answered": 0, "speed_kmh": None, "stopped": ""} == asker.status()
+    asker.received(0x0B0, False, bytes(8), 0.0)
+    assert asker.frames(5.0, True)
+    for identifier, data in ((0x7E7, "03410d32"), (0x7F0, "03410d32"), (ANSWER, "03410c32")):
+        asker.received(identifier, False, bytes.fromhex(data), 5.1)
+    assert {"asked": 1, "answered": 0, "speed_kmh": None, "stopped": ""} == asker.status()
+    asker.received(0x7EF, False, bytes.fromhex("03410d00"), 5.2)
+    assert {"asked": 1, "answered": 1, "speed_kmh": 0, "stopped": ""} == asker.status()
+
+
+@pytest.mark.parametrize(
+    ("asked_before", "pause_s", "asked"),
+    [(0, 2.99, 0), (0, 3.0, 1), (1, 0.99, 0), (1, 1.0, 1), (9, 1.0, 1), (10, 59.5, 0), (10, 60.0, 1)],
+)
+def test_a_request_is_due_with_the_end_of_its_pause(asked_before: int, pause_s: float, asked: int) -> None:
+    """Three seconds of listening, then one; behind ten requests in vain a minute."""
+    asker, now_s = ObdAsker(ObdConfig(speed=True)), 0.0
+    asker.received(0x0B0, False, bytes(8), now_s)
+    for number in range(asked_before):
+        now_s += 1.0 if number else LISTEN_S
+        asker.received(0x0B0, False, bytes(8), now_s)
+        assert asker.frames(now_s, True)
+    asker.received(0x0B0, False, bytes(8), now_s + pause_s)
+
+    assert asked == len(asker.frames(now_s + pause_s, True))
+
+
+@pytest.mark.parametrize(("silent_s", "asked"), [(60.0, 1), (60.25, 0)])
+def test_on_a_silent_bus_nobody_is_asked(silent_s: float, asked: int) -> None:
+    """A receiver that says that the car moves wakes up no bus that has slept."""
+    asker = ObdAsker(ObdConfig(speed=True))
+    asker.received(0x0B0, False, bytes(8), 0.0)
+    assert asked == len(asker.frames(silent_s, True))
+
+
+def test_a_testers_request_is_said_once_and_by_its_own_identifier() -> None:
+    """The same number of the other length is another identifier; a second request is no news."""
+    asker = ObdAsker(ObdConfig(speed=True))
+    request = bytes.fromhex("02010c5555555555")
+    said = [asker.received(0x7DF, extended, request, 1.0) for extended in (True, False, False)]
+    assert ["", "[obd] the car is asked no more: another node sends 0x7DF", ""] == said
+    assert [] == asker.frames(20.0, True)

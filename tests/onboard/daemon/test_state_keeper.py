@@ -20,7 +20,7 @@ from tpmsd.car.config.model import Config
 from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
 from tpmsd.onboard.daemon.state_writer import StateWriter
 from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sinks.state_file import load_state, write_state
+from tpmsd.onboard.sinks.state_file import load_state, save_state, write_state
 
 LOG = logging.getLogger("tests.state")
 
@@ -383,3 +383,49 @@ def test_without_a_file_nothing_is_kept(tmp_path: Path) -> None:
     state.service(100.0, lambda: {"n": 2})
 
     assert not (tmp_path / "state.json").exists()
+
+
+@pytest.mark.parametrize("digit", ["0", "f"])
+def test_a_fingerprint_is_another_whichever_is_greater(
+    digit: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A state of another car is no state of this one, be its digest before or behind its own."""
+    config, database = car(tmp_path)
+    assert config.state.file is not None
+    assert "0" * 64 < fingerprint(config) < "f" * 64
+    snapshot = Pipeline(config, database).snapshot()
+    save_state(config.state.file, {"fingerprint": digit * 64, "pipeline": snapshot})
+    StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
+
+    assert [True] == ["with another vehicle or other signals" in message for message in caplog.messages]
+
+
+@pytest.mark.parametrize(
+    ("error", "reason"), [(ValueError("radii:\n  0.3"), "radii: 0.3"), (KeyError(), "KeyError")]
+)
+def test_the_reason_of_a_snapshot_that_does_not_fit_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, error: Exception, reason: str
+) -> None:
+    """On one line; an error without words is said by its type."""
+    config, _ = car(tmp_path)
+    StateKeeper(config, LOG).save(0.0, {"n": 1})
+    StateKeeper(config, LOG).restored(lambda: HalfRestored(error))  # type: ignore[return-value, arg-type]
+    assert [f": does not fit: {reason}; set aside as state.json.other, learning anew"] == [
+        message.removeprefix(str(config.state.file)) for message in caplog.messages
+    ]
+
+
+@pytest.mark.parametrize(("needs_s", "is_saved"), [(4.9, True), (5.1, False)])
+def test_at_the_end_a_slow_disk_has_five_seconds(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, needs_s: float, is_saved: bool
+) -> None:
+    """Twice that, for a write before it too, is within the 15 s that systemd gives the daemon to stop."""
+
+    class Slow(StateWriter):
+        def over(self, wait_s: float = 0.0) -> bool:
+            return wait_s >= needs_s and super().over(60.0)
+
+    config, _ = car(tmp_path)
+    StateKeeper(config, LOG, Slow()).save(0.0, {"n": 1})
+    complaints = [] if is_saved else [f"{config.state.file}: not saved: the disk does not answer"]
+    assert complaints == caplog.messages

@@ -224,3 +224,25 @@ def test_the_plane_rolls_on_two_kilometres_from_where_it_touches(distance_m: flo
     latitude, longitude, _ = vincenty_direct(math.radians(48.0), math.radians(11.0), 0.7, distance_m)
     plane.to_plane(math.degrees(latitude), math.degrees(longitude), 0.0)
     assert anchors == plane.anchors
+
+
+@pytest.mark.parametrize(("climb_m", "anchors"), [(4.99, 1), (5.01, 2), (-4.99, 1), (-5.01, 2)])
+def test_the_plane_rises_with_the_road_by_five_metres(climb_m: float, anchors: int) -> None:
+    """Up and down: the scale error of a height this far from the anchor's is 8e-7."""
+    plane = LocalPlane()
+    plane.to_plane(48.0, 11.0, 100.0)
+    plane.to_plane(48.0001, 11.0, 100.0 + climb_m)
+    assert anchors == plane.anchors
+
+
+@pytest.mark.parametrize("longitude", [180.0, -180.0])
+def test_a_fix_on_the_very_other_side_of_the_earth_is_borne(longitude: float) -> None:
+    """From there any way back is as short as any other: headings stay, nothing is divided by zero."""
+    plane = LocalPlane()
+    plane.to_plane(0.0, 0.0, 0.0)
+    assert all(map(math.isfinite, plane.to_plane(0.0, longitude, 0.0)))
+    assert math.isfinite(plane.heading_from_course(1.0))
+    up, east = (1.0, 0.0, 0.0), (0.0, 0.6, 0.8)
+    assert east == _carry(east, up, (-1.0, 0.0, 0.0))
+    nearly = math.radians(179.95)
+    assert east == _carry(east, up, (math.cos(nearly), math.sin(nearly), 0.0))

@@ -210,3 +210,78 @@ def test_a_level_takes_exactly_four_fixes_that_agree():
             tracker.update(T + k + 1.0 + spread_s * (k % 2), T + k)
             said.append(tracker.status)
         assert ["outlier"] * 3 + [last] == said
+
+
+def test_between_two_looks_at_the_envelope_its_value_is_approached_in_two_seconds():
+    """The 15 % quantile of all fixes, formed when 0.4 s have passed since it was last; until ten fixes are
+    there it counts at once, then 1 - exp(-t / 2 s) of what is missing."""
+    tracker, rng = UtcOffsetTracker(), np.random.default_rng(5)
+    offsets = 17.0 + rng.exponential(0.04, 75)
+    offsets[30:] += 0.05
+    expected_s = target_s = judged_s = 0.0
+    for k, offset_s in enumerate(offsets):
+        now_s = 0.125 * k
+        tracker.update(T + now_s + offset_s, T + now_s)
+        if k < 10 or now_s - judged_s >= 0.4:
+            target_s, judged_s = float(np.quantile(offsets[: k + 1], 0.15)), now_s
+        share = 1.0 if k < 10 else 1.0 - math.exp(-0.125 / 2.0)
+        expected_s += share * (target_s - expected_s)
+        assert pytest.approx(expected_s, abs=2e-6) == tracker.offset_s
+        assert "ok" == tracker.status
+
+
+def test_of_more_than_4096_fixes_the_oldest_is_forgotten():
+    """A receiver that speaks a thousand times a second for a while takes no more memory: the quantile of what
+    is left is that of the last 4096 offsets, which are 50 us apart."""
+    tracker, step_s = UtcOffsetTracker(), 5e-5
+    for k in range(4097):
+        before_s = tracker.offset_s
+        utc_s = T + 0.001 * k + (5.0 if k == 4096 else 0.0)
+        tracker.update(utc_s + step_s * k, utc_s)
+    quantile_s = step_s * (1 + 0.15 * 4095)
+    share = 1.0 - math.exp(-5.001 / 2.0)
+    assert pytest.approx(before_s + share * (quantile_s - before_s), abs=3e-6) == tracker.offset_s
+
+
+@pytest.mark.parametrize(("late", "lag_s"), [(31, 0.0), (32, 0.0625), (33, 0.125)])
+def test_the_usual_lag_is_the_median_of_the_last_64(late: int, lag_s: float):
+    """A fix without UTC is placed by it: half of the last 64 fixes came an eighth of a second late."""
+    tracker = UtcOffsetTracker()
+    for k in range(200):
+        tracker.update(T + 0.0625 * k + (0.125 if k >= 200 - late else 0.0), T + 0.0625 * k)
+    assert pytest.approx(T + 20.0 - lag_s, abs=1e-4) == tracker.update(T + 20.0, math.nan)
+    assert pytest.approx(lag_s, abs=1e-4) == tracker.lag_s
+
+
+@pytest.mark.parametrize(("off_s", "status"), [(0.25, "ok"), (0.265625, "outlier"), (-0.265625, "outlier")])
+def test_a_fix_a_quarter_of_a_second_off_is_doubted(off_s: float, status: str):
+    """Less is jitter."""
+    tracker = UtcOffsetTracker()
+    for k in range(30):
+        tracker.update(1024.0 + k, 1024.0 + k)
+    tracker.update(1054.0 + off_s, 1054.0)
+    assert status == tracker.status
+
+
+@pytest.mark.parametrize(("spread_s", "last"), [(0.140625, "step"), (0.15625, "outlier")])
+def test_fixes_agree_within_150_ms(spread_s: float, last: str):
+    """Four that lie further apart are no level; the level is the least of theirs."""
+    tracker = UtcOffsetTracker()
+    for k in range(30):
+        tracker.update(1024.0 + k, 1024.0 + k)
+    for k in range(30, 34):
+        tracker.update(1025.0 + k + (spread_s if k == 31 else 0.0), 1024.0 + k)
+    assert (last, 1.0 if last == "step" else 0.0) == (tracker.status, tracker.step_s)
+    assert pytest.approx(1.0 if last == "step" else 0.0, abs=1e-6) == tracker.offset_s
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "off_utc"), [(-0.0625, True), (-0.046875, False), (2.5, False), (2.515625, True)]
+)
+def test_a_host_on_utc_hears_of_a_fix_at_its_time_or_soon_after(lag_s: float, off_utc: bool):
+    """From 50 ms before, which is the clock's own error, to 2.5 s behind."""
+    tracker = UtcOffsetTracker(host_on_utc=True)
+    valid_s = tracker.update(1024.0 + lag_s, 1024.0)
+    assert off_utc == tracker.off_utc
+    assert (1024.0 + lag_s if off_utc else 1024.0) == valid_s
+    assert (0.0 if off_utc else lag_s) == tracker.lag_s

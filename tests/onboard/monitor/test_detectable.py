@@ -103,3 +103,17 @@ def test_a_load_hides_both_tyres_of_the_axle_that_bears_it() -> None:
     for wheels, of_axle in ((lost, least[2]), (lost[:2], least[0])):
         sight = LossSight(learned, changes, wheels, RADIUS, TYRES, THRESHOLD, ASKED)
         assert sight.losses().one_axle == of_axle
+
+
+def test_the_loss_of_each_wheel_is_said_in_metres_of_its_own_radius() -> None:
+    """Known alike relative to their radii, a larger wheel loses as many times more; the largest share of the
+    pressure is that of one tyre."""
+    radius_m = np.array([0.3, 0.3, 0.36, 0.36])
+    tyres = [tyre_model(TyreConfig(), float(radius)) for radius in radius_m]
+    found = detectable(np.diag((4e-4 * radius_m) ** 2), None, radius_m, tyres, THRESHOLD, ASKED)
+    each_m = np.array(found.each_m)
+
+    assert radius_m / 0.3 == pytest.approx(each_m / each_m[0])
+    shares = [tyre.pressure_loss(-one_m)[0] for tyre, one_m in zip(tyres, found.each_m, strict=True)]
+    assert found.one_tyre == pytest.approx(sum(shares) / 4)
+    assert THRESHOLD * 0.3 < each_m[0] < 0.3 * 0.01

@@ -169,3 +169,13 @@ def test_two_driven_axles_slip_by_half_each() -> None:
     both = RadiusReference(replace(VEHICLE, driven_axle="all")).slip(MODELS["low grip"])
     assert np.diag(both) == pytest.approx(np.full(4, one[0, 0] / 4.0))
     assert one[0, 0] == pytest.approx(MODELS["low grip"].slip_std ** 2)
+
+
+def test_driving_since_the_last_sample_counts_from_nothing() -> None:
+    """A new set of tyres has been driven for as long as it was driven informatively, and the saved state says
+    so: ticks that are not informative do not count."""
+    baseline = TyreSetBaseline(VEHICLE, WHEELS, 180.0)
+    for k in range(40):
+        seen = estimate(0.0)._replace(informative=k % 2 == 0)
+        baseline.update(Tick(k, 0.5 * k, 0.5, np.full(4, 33.0), np.full(4, 0.01)), seen)
+    assert (10.0, 10.0) == (baseline.learned_s, baseline.to_json()["since_s"])

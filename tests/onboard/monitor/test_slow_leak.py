@@ -518,3 +518,15 @@ def test_settings_are_in_order() -> None:
     assert 1.0 == pytest.approx(sum(share for _, _, share in TREND.leak_rates))
     assert 1.0 == pytest.approx(sum(TREND.refill_shares)) == pytest.approx(sum(TREND.change_shares))
     assert len(WHEEL_SETS) == len(TREND.refill_shares) == len(TREND.change_shares)
+
+
+def test_a_leak_goes_on_by_the_readings_of_the_last_days_that_had_any() -> None:
+    """As many days as it takes to clear it, each with all of its drives; days without one do not count."""
+    history, days = LeakHistory(), TREND.clear_days + 3
+    for day in range(days):
+        for hour in (8.0, 17.0):
+            history.add(20_000.0 + 2 * day + hour / 24.0, np.zeros(3), np.full(3, 1e-8))
+    last = [20_000.0 + 2 * day + hour / 24.0 for day in range(3, days) for hour in (8.0, 17.0)]
+
+    assert last == [one.day for one in history.last_since(0.0)]
+    assert last[3:] == [one.day for one in history.last_since(last[3])]

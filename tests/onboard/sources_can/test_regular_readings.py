@@ -230,3 +230,26 @@ def test_nothing_is_regular_while_no_speed_is_known() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert 0 == ahead(tracker, [1.01, 1.02], [17, 18]).regular
+
+
+@pytest.mark.parametrize("odd", [1, 2])
+def test_nothing_is_regular_while_a_reading_is_doubted(odd: int) -> None:
+    """Behind a value that nothing bears out the readings go one by one until it is dropped."""
+    tracker, times, values = turning(30)
+    for at in range(odd):
+        tracker.update(times[at], values[at] + 20000 + 7000 * at, 0.01, [])
+    assert 0 == ahead(tracker, times[odd:], values[odd:]).regular
+    tracker.update(times[odd], values[odd], 0.01, [])
+    tracker.update(times[odd + 1], values[odd + 1], 0.01, [])
+    taken = ahead(tracker, times[odd + 2 :], values[odd + 2 :])
+    assert len(times) - odd - 2 == taken.regular
+    assert_alike(tracker, taken, times[odd + 2 :], values[odd + 2 :], 0.01)
+
+
+def test_nothing_is_regular_behind_a_value_that_was_not_renewed() -> None:
+    """The next that changed goes by itself: it is judged over the time since the last that counted."""
+    tracker, times, values = turning(30)
+    tracker.update(times[0], values[0], 0.01, [])
+    for at in range(1, 4):
+        tracker.update(times[at], values[0], 0.01, [])
+    assert 0 == ahead(tracker, times[4:], values[4:]).regular

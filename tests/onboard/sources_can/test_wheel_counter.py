@@ -485,3 +485,29 @@ def test_a_reading_of_the_same_instant_is_late_and_changes_nothing() -> None:
 
     assert 1 == sum(wheel.faults.counts.values()) - sum(before.values())
     assert (time_s, total) == (wheel.counter._time_s, wheel.counter._raw)
+
+
+def test_a_value_that_goes_on_behind_repeated_ones_keeps_its_segment() -> None:
+    """At 20 m/s the same value for 400 ms, then all that the wheel has turned since: the frames between were
+    old, and the time is that since the last that was not."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    for step in range(1, 40):
+        assert [] == wheel.feed(1.0 + 0.01 * step, total)
+    turned = math.floor(20.0 * 0.4 / M_PER_COUNT)
+    (sample,) = wheel.feed(1.4, total + turned)
+
+    assert 0 == sample.segment
+    before = rotations(wheel.out)[-2]
+    assert math.isclose(turned * 2 * math.pi / TEETH, sample.angle_rad - before.angle_rad, rel_tol=1e-9)
+
+
+def test_a_value_that_stays_for_minutes_is_no_gap() -> None:
+    """A wheel at speed whose value froze, frame by frame: longer than a minute, and no segment begins."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    for second in range(2, 130):
+        wheel.feed(float(second), total)
+
+    assert {0} == {sample.segment for sample in rotations(wheel.out)}
+    assert 128 == wheel.faults.counts["rl.repeated"]

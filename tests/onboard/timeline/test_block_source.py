@@ -266,3 +266,30 @@ def test_samples_are_handed_on_where_a_tick_is_not_planned_or_an_observer_needs_
     assert taken == ([] if planned and not needs else [[1.0, 2.0]])
     playback.hand_on(4)
     assert [one for part in taken for one in part] == [1.0, 2.0, 3.0]
+
+
+def test_ticks_of_a_healthy_drive_are_planned(tmp_path: Path) -> None:
+    """Nine in ten are computed at once, before their frames are played. Each is asked for when it is
+    due: also without a receiver, whose sentences let time pass, not several at one instant."""
+    log, others = lines()
+    for file, content in others.items():
+        if file != "gnss.nmea":
+            (tmp_path / file).write_bytes(content)
+    (tmp_path / "can.log").write_text("\n".join(log) + "\n", "ascii")
+    config = load_config(tmp_path)
+    stream, database = FolderRecording(tmp_path).open(config)
+    source = TickSource(config, database)
+    planned: list[bool] = []
+    made_s: list[float] = []
+
+    class Planning(BlockSource):
+        def planned_tick(self, index: int, end_s: float) -> Any:
+            tick = super().planned_tick(index, end_s)
+            planned.append(tick is not None)
+            made_s.append(source.timeline._clock.latest_s)
+            return tick
+
+    ticks = list(play(stream, Planning(source)))
+    assert len(planned) == len(ticks) >= 200
+    assert sum(planned) >= 0.9 * len(planned)
+    assert [0.1] * 100 == pytest.approx(np.diff(made_s[50:151]).tolist(), abs=0.05)

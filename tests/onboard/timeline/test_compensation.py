@@ -239,3 +239,109 @@ def test_time_counts_from_the_beginning_of_the_first_tick() -> None:
     since_s = ticks[-1].time_s - 5000.0
     growth_m = amplitude_m * (1.0 - math.exp(-since_s / time_constant_s))
     assert RADIUS * (ratio - 1.0) == pytest.approx(np.full(4, growth_m), rel=0.02)
+
+
+def _read(covariate: str, ticks: list[Tick], most: float, config: Config = CONFIG) -> list[float]:
+    """Values of a covariate at each tick: a spline over it of slope one is all that the gyro has too much."""
+    shape = _shape("yaw_rate", covariate, [-1.0, 1.0], (-most, most))
+    compensation = Compensation(config, ExtendedModel((shape,)))
+    return [most * (tick.yaw_rate_radps - compensation.apply(tick).yaw_rate_radps) for tick in ticks]
+
+
+def _tick(k: int, speed_mps: float, yaw_rate: float = 0.0, config: Config = CONFIG, **fields: float) -> Tick:
+    """The k-th tenth of a second, at a speed of the rear axle."""
+    half_m = 0.5 * config.vehicle.track_rear_m
+    speeds = speed_mps + yaw_rate * np.array([-0.75, 0.75, -half_m, half_m])
+    return Tick(
+        k, 0.1 * k, 0.1, speeds * 0.1 / RADIUS, np.full(4, 0.01), **{"yaw_rate_radps": yaw_rate, **fields}
+    )
+
+
+def test_speed_and_its_change_are_smoothed_over_half_a_second() -> None:
+    """From 10 to 20 m/s at once: what is missing falls by exp(-dt / 0.5 s) each tick, and the acceleration is
+    the smoothed change of the smoothed speed."""
+    ticks = [_tick(k, 10.0 if k <= 20 else 20.0) for k in range(1, 41)]
+    left = math.exp(-0.1 / 0.5)
+    n = np.arange(21)
+    speed = 20.0 - 10.0 * left**n
+    accel = 10.0 * (1.0 - left) ** 2 / 0.1 * n * left ** (n - 1)
+    assert [10.0] * 19 + speed.tolist() == pytest.approx(_read("speed", ticks, 40.0), abs=1e-9)
+    assert [0.0] * 19 + accel.tolist() == pytest.approx(_read("accel_long", ticks, 40.0), abs=1e-9)
+
+
+def test_the_rate_of_steering_is_smoothed_over_300_ms() -> None:
+    """A wheel that begins to turn at 0.2 rad/s: 1 - exp(-t / 0.3 s) of it."""
+    ticks = [_tick(k, 20.0, steering_wheel_angle_rad=0.02 * max(k - 5, 0)) for k in range(1, 16)]
+    expected = [0.2 * (1.0 - math.exp(-0.1 * max(k - 5, 0) / 0.3)) for k in range(1, 16)]
+    # The first angle has no rate yet.
+    assert expected[1:] == pytest.approx(_read("steering_rate", ticks, 1.0)[1:], abs=1e-9)
+
+
+@pytest.mark.parametrize("gyro", [True, False])
+def test_the_yaw_rate_is_the_gyros_or_else_the_rear_wheels(gyro: bool) -> None:
+    """From straight on into a bend of 0.1 rad/s: smoothed over half a second, with its lateral acceleration
+    and the angle of a steering wheel of ratio 15."""
+    rates = [0.0] * 10 + [0.1] * 20
+    ticks = [_tick(k, 20.0, rate) for k, rate in enumerate(rates, 1)]
+    if not gyro:
+        ticks = [dataclasses.replace(tick, yaw_rate_radps=math.nan) for tick in ticks]
+    expected = np.array([0.1 * (1.0 - math.exp(-0.1 * max(k - 10, 0) / 0.5)) for k in range(1, 31)])
+    wheel = 15.0 * np.arctan(2.6 * expected / 20.0)
+    for name, values in (("yaw_rate", expected), ("accel_lat", 20.0 * expected), ("steering", wheel)):
+        shape = _shape("gnss_speed", name, [-1.0, 1.0], (-8.0, 8.0))
+        compensation = Compensation(CONFIG, ExtendedModel((shape,)))
+        fix = Fix(0.0, 1.0, 0.0, 0.0, 1.0, speed_mps=20.0, heading_rad=0.0)
+        out = [compensation.apply(dataclasses.replace(tick, fixes=(fix,))) for tick in ticks]
+        found = [8.0 * (20.0 - tick.fixes[0].speed_mps) for tick in out]
+        assert values.tolist() == pytest.approx(found, abs=1e-6)
+
+
+@pytest.mark.parametrize(("ratio", "wheel"), [(None, 15.0), (18.0, 18.0)])
+def test_the_steering_wheel_turns_by_the_cars_own_ratio(ratio: float | None, wheel: float) -> None:
+    """As it is configured; else by a common one."""
+    config = dataclasses.replace(CONFIG, vehicle=dataclasses.replace(CONFIG.vehicle, steering_ratio=ratio))
+    ticks = [_tick(k, 20.0, 0.05) for k in range(1, 120)]
+    angle = wheel * math.atan(2.6 * 0.05 / 20.0)
+    # The shape is taken out of the gyro itself, whose smoothed rate is then 0.05 rad/s less that.
+    (found,) = _read("steering", ticks, 40.0, config)[-1:]
+    assert wheel * math.atan(2.6 * (0.05 - found / 40.0) / 20.0) == pytest.approx(found, abs=1e-6)
+    assert angle > found > 0.9 * angle
+
+
+@pytest.mark.parametrize(("speed_mps", "bends"), [(0.9, False), (1.1, True)])
+def test_a_car_that_barely_moves_has_no_curvature(speed_mps: float, bends: bool) -> None:
+    """Below 1 m/s the yaw rate over the speed is noise."""
+    ticks = [_tick(k, speed_mps, 0.1) for k in range(1, 60)]
+    assert bends == (_read("steering", ticks, 40.0)[-1] > 1.0)
+
+
+def test_the_accelerometer_stands_before_the_wheels() -> None:
+    """It reads the force itself, on a slope as well: the slope is not added a second time."""
+    ticks = []
+    for k in range(1, 200):
+        fix = Fix(0.1 * k, 1.0, 0.0, 0.0, 1.0, up_m=0.05 * 2.0 * k)
+        ticks.append(dataclasses.replace(_tick(k, 20.0, accel_long_mps2=0.7), fixes=(fix,)))
+    assert 0.7 == pytest.approx(_read("accel_long", ticks, 5.0)[-1], abs=1e-9)
+    assert math.asin(0.05) == pytest.approx(_read("grade", ticks, 1.0)[-1], abs=1e-6)
+    blind = [dataclasses.replace(tick, accel_long_mps2=math.nan) for tick in ticks]
+    assert GRAVITY_MPS2 * 0.05 == pytest.approx(_read("accel_long", blind, 5.0)[-1], abs=1e-5)
+
+
+@pytest.mark.parametrize("kind", ["gnss_speed", "gnss_course"])
+def test_an_error_of_speed_or_course_alone_is_taken_out(kind: str) -> None:
+    """The other of the two stays as it is; a fix without it is borne."""
+    ticks = [_tick(k, 20.0) for k in range(1, 30)]
+    for speed_mps in (21.0, math.nan):
+        fix = Fix(2.9, 1.0, 0.0, 0.0, 1.0, speed_mps=speed_mps, heading_rad=0.5)
+        last = dataclasses.replace(ticks[-1], fixes=(fix,))
+        (out,) = _last(ExtendedModel((_shape(kind, "speed", [0.0, 0.2]),)), [*ticks[:-1], last]).fixes
+        faster, course = (0.1, 0.0) if kind == "gnss_speed" else (0.0, 0.1)
+        assert (speed_mps - faster, 0.5 - course) == pytest.approx(
+            (out.speed_mps, out.heading_rad), nan_ok=True
+        )
+
+
+def test_a_latency_is_never_negative() -> None:
+    """A model that makes fixes younger than they are configured to be makes them no prophets."""
+    model = ExtendedModel((make_effect("gnss_latency", latency_s=-0.25),))
+    assert 0.0 == adjusted(CONFIG, model).gnss.latency_s

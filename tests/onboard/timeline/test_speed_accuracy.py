@@ -86,3 +86,24 @@ def test_variances_grow_with_the_square() -> None:
     ]
 
     assert 9.0 == pytest.approx((variance[2] - variance[0]) / (variance[1] - variance[0]))
+
+
+def test_the_usual_statement_is_the_lower_quarter_of_the_last_600_renewed_every_ten() -> None:
+    """It is renewed by each of the first nine and by every tenth: another sky is followed."""
+    rng = np.random.default_rng(4)
+    stated = np.concatenate([rng.uniform(0.05, 0.08, 45), rng.uniform(0.1, 0.15, 780)])
+    expected, usual, since = [], math.nan, 0
+    for k in range(1, len(stated) + 1):
+        since += 1
+        if k < 10 or since == 10:
+            usual, since = float(np.quantile(stated[max(k - 600, 0) : k], 0.25)), 0
+        expected.append(max(stated[k - 1] / usual, 1.0))
+
+    assert expected == pytest.approx(factors(stated.tolist()), rel=1e-12)
+    assert max(expected[50:]) > 1.5 > 1.4 > max(expected[700:])
+
+
+@pytest.mark.parametrize(("stated_mps", "factor"), [(1.49, 29.8), (1.5, 30.0), (1.6, 30.0)])
+def test_a_speed_of_two_metres_per_second_error_carries_nothing(stated_mps: float, factor: float) -> None:
+    """Thirty times the usual is the most; nothing is more accurate than usual."""
+    assert [factor, 1.0] == pytest.approx(factors([OPEN] * 20 + [stated_mps, 0.01])[-2:])

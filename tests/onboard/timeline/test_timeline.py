@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.timeline.events import QUANTUM, START_S, fixes, merged, play, rotations, stamp_of
-from tpmsd.onboard.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
+from tpmsd.onboard.sources.events import (
+    Event,
+    GnssFix,
+    InertialSample,
+    RotationRun,
+    RotationSample,
+    SourceFault,
+)
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.timeline import HOLDBACK_S, Timeline
 
@@ -412,3 +419,76 @@ def test_no_sequence_of_events_stops_the_timeline(moves: list[tuple[float, str, 
     ticks += timeline.finish()
     assert np.all(np.diff([tick.index for tick in ticks]) == 1)
     assert np.all(np.diff([tick.time_s for tick in ticks]) > 0)
+
+
+@pytest.mark.parametrize("back_s", [0.0, 3600.0])
+def test_many_samples_at_once_are_placed_as_each_by_itself(back_s: float) -> None:
+    """Wheels and readings at the host's stamps, before and behind a step of its clock."""
+    one, many = Timeline(10.0), Timeline(10.0)
+    ticks = [play(timeline, rotations(20.0, 2.0, 0.01), finish=False) for timeline in (one, many)]
+    begin_s = START_S + 2.0 - back_s
+    for timeline, made in zip((one, many), ticks, strict=True):
+        made += timeline.advance(begin_s)
+    times_s = [begin_s + 0.02 * k for k in range(1, 150)]
+    angles = [20.0 * (2.0 + 0.02 * k) for k in range(1, 150)]
+    for time_s, angle_rad in zip(times_s, angles, strict=True):
+        ticks[0] += one.advance(time_s)
+        for wheel in range(4):
+            ticks[0] += one.add(RotationSample(time_s, wheel, angle_rad, QUANTUM, 0))
+        ticks[0] += one.add(InertialSample(time_s, "yaw_rate", angle_rad))
+    shift_s = many.shift_s
+    assert (back_s > 0.0) == (shift_s != 0.0)
+    frames = list(range(len(times_s)))
+    many.take(
+        [RotationRun(wheel, 0, QUANTUM, frames, times_s, angles) for wheel in range(4)],
+        [("yaw_rate", times_s, angles), ("odometer", times_s, angles)],
+        shift_s,
+    )
+    ticks[1] += many.advance(times_s[-1])
+    assert same(ticks[0], ticks[1])
+    assert len(ticks[0]) > 40
+    assert 2.0 == pytest.approx(ticks[0][-1].rotation_rad[3], abs=1e-4)
+
+
+@pytest.mark.parametrize(("pause_s", "gaps"), [(5.0, 0), (5.0625, 1)])
+def test_a_pause_of_five_seconds_is_filled_with_ticks(pause_s: float, gaps: int) -> None:
+    """A longer one is a gap. Stamps are binary fractions, so that the bound itself is met."""
+    timeline = Timeline(16.0)
+    for k in range(64):
+        timeline.add(RotationSample(1024.0 + k / 64, 0, float(k), QUANTUM, 0))
+    last_s = 1024.0 + 63 / 64
+    assert timeline.continues(last_s + pause_s) == (not gaps)
+    assert timeline.is_continuous(np.array([last_s + pause_s])) == (not gaps)
+    before = timeline.counts["ticks"]
+    ticks = timeline.advance(last_s + pause_s)
+    assert (gaps, before + len(ticks)) == (timeline.counts["gaps"], timeline.counts["ticks"])
+    assert len(ticks) == (math.floor(16 * HOLDBACK_S) if gaps else 80)
+
+
+def test_time_is_continuous_up_to_half_a_second_back() -> None:
+    """Before the first stamp nothing is; a stamp further back is a step of the clock."""
+    timeline = Timeline(16.0)
+    assert not timeline.is_continuous(np.array([1024.0]))
+    timeline.advance(1024.0)
+    assert timeline.is_continuous(np.array([1025.0, 1024.5, 1029.5]))
+    assert not timeline.is_continuous(np.array([1025.0, 1024.4375]))
+    assert not timeline.is_continuous(np.array([1025.0, 1031.0]))
+    assert (True, False) == (timeline.continues(1024.0), timeline.continues(1023.9375))
+
+
+@pytest.mark.parametrize(("before_s", "placed"), [(0.0, True), (0.02, True), (0.05, False)])
+def test_a_fix_that_missed_its_tick_by_30_ms_is_taken_at_the_start_of_the_next(
+    before_s: float, placed: bool
+) -> None:
+    """One metre on a motorway; an older one is late."""
+    timeline, seen = Timeline(10.0), list[GnssFix]()
+    timeline.observe_fixes(seen.append)
+    first = fixes(0.0, 1.0, lag_s=0.0)
+    ticks = play(timeline, merged(first, rotations(20.0, 2.0, 0.01)), finish=False)
+    valid_s = ticks[-1].time_s - before_s
+    late = GnssFix(START_S + 1.99, valid_s, 50.0, 8.0, 100.0, 1, 0.8, 1.5, 20.0, 0.0)
+    timeline.add(late)
+    later = play(timeline, rotations(20.0, 2.0, 0.01, begin_s=2.0))
+    found = [(tick.index, fix.fraction) for tick in later for fix in tick.fixes]
+    assert [(ticks[-1].index + 1, pytest.approx(0.0, abs=1e-4))] * placed == found
+    assert (1 - placed, [*first, late]) == (timeline.counts["late_fixes"], seen)

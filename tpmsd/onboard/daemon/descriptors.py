@@ -33,7 +33,7 @@ class Descriptors:
 
     def follow(self, link: Fickle) -> None:
         """Watch a link's present descriptor, and no more the one before; call before every wait."""
-        generation, watched = self._followed.get(id(link), (-1, None))
+        generation, watched = self._followed.get(id(link), (None, None))
         if generation == link.generation:
             return
         if watched is not None:

@@ -18,12 +18,14 @@ STOP_SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 class SignalPipe:
     """A context manager for the main thread; what was installed before is put back at its end."""
 
+    _wakeup: int
+    """Descriptor that was woken up before."""
+
     def __init__(self) -> None:
         self._reader, self._writer = socket.socketpair()
         self._reader.setblocking(False)
         self._writer.setblocking(False)
         self._handlers: dict[signal.Signals, Any] = {}
-        self._wakeup = -1
 
     def fileno(self) -> int:
         """Readable when a signal has come."""

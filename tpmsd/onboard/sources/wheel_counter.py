@@ -253,7 +253,7 @@ class WheelCounter:
         self, speed: FloatArray, span: FloatArray, interval: FloatArray, period_s: FloatArray
     ) -> tuple[IntArray, FloatArray]:
         """Return the bounds of `_possible` for readings (n,) with these speeds before them."""
-        stamp = np.where(period_s <= 0.0, interval, period_s + np.abs(interval - period_s))
+        stamp = period_s + np.abs(interval - period_s)
         limit = self._max_speed * (interval + np.where(period_s > 0.0, period_s, interval))
         moved = speed * interval
         slack = 0.5 * self._accel * interval * (span + interval) + SLACK_BITS + interval / span
@@ -303,7 +303,7 @@ class WheelCounter:
     def _possible(self, interval: float, period_s: float) -> tuple[int, float]:
         """Return the least (rounded up) and greatest number of bits that the wheel can have moved."""
         # The sender's clock ticks on when a frame is held up, and its count may be a period old.
-        stamp_s = interval if period_s <= 0.0 else period_s + abs(interval - period_s)
+        stamp_s = period_s + abs(interval - period_s)
         limit = self._max_speed * (interval + (period_s if period_s > 0.0 else interval))
         speed = self._speed
         if speed != speed:  # NaN

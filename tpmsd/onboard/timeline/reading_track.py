@@ -36,14 +36,9 @@ class ReadingTrack:
 
     def add(self, time_s: float, value: float) -> None:
         """Take a reading."""
-        times = self._times
-        if not times or time_s >= times[-1]:
-            times.append(time_s)
-            self._values.append(value)
-        else:  # of before a step of the clock
-            index = bisect_right(times, time_s)
-            times.insert(index, time_s)
-            self._values.insert(index, value)
+        index = bisect_right(self._times, time_s)  # the last, but for those of before a step of the clock
+        self._times.insert(index, time_s)
+        self._values.insert(index, value)
 
     def extend(self, times_s: list[float], values: list[float]) -> None:
         """Take readings in the order of their times."""

@@ -126,7 +126,7 @@ class RotationTrack:
         angles, edges_s = np.concatenate([self._angles, angle_rad]), edges_s[: len(after)]
         segments = np.concatenate([[mark[0] for mark in self._marks], np.full(len(time_s), segment)])
         quanta = np.concatenate([[mark[1] for mark in self._marks], np.full(len(time_s), quantum_rad)])
-        before = np.maximum(after - 1, 0)
+        before = after - 1  # of the first reading it is the last: of no account, as `after` is 0
         there_s, before_s, before_rad = times[after], times[before], angles[before]
         span_s = there_s - before_s
         exact = there_s == edges_s
