@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,9 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, initial_state
 from tpmsd.onboard.estimators.base import Stated
 from tpmsd.onboard.estimators.settings import SETTINGS
+
+if TYPE_CHECKING:
+    from tpmsd.onboard.estimators.bank.kernel import BankKernel
 
 UNUSED = -1e9
 """Log-weight of a place in the bank that holds no hypothesis yet."""
@@ -68,8 +72,7 @@ class Bank:
 
     def weights(self) -> FloatArray:
         """(N,) normalised."""
-        weights = np.exp(self.log_weights - np.maximum.reduce(self.log_weights))
-        return np.asarray(weights / np.add.reduce(weights))
+        return normalised(self.log_weights)
 
     def ascending(self) -> NDArray[np.intp]:
         """(N,) places by their weights, those alike in their order in the bank."""
@@ -165,26 +168,23 @@ class JumpHypotheses:
         return next_wheel
 
 
-def stated(bank: Bank) -> Stated:
+def normalised(log_weights: FloatArray) -> FloatArray:
+    """(N,) weights that add up to 1, of their logarithms."""
+    weights = np.exp(log_weights - np.maximum.reduce(log_weights))
+    return np.asarray(weights / np.add.reduce(weights))
+
+
+def stated(bank: Bank, kernel: BankKernel) -> Stated:
     """Return the statement of the radii: moments of the hypotheses that assume no change within
     `recent_change_s`, or of the others where these are more probable, by weights of prior and evidence
     (`Bank.raised`).
     """
     log_weights = bank.log_weights - bank.raised
-    weights = np.exp(log_weights - np.maximum.reduce(log_weights))
-    weights /= np.add.reduce(weights)
     recent = bank.since_s <= SETTINGS.recent_change_s
-    probability = float(weights @ recent)
-    weights *= recent if probability > 0.5 else ~recent
-    weights /= np.add.reduce(weights)
-    radii, spread = bank.state[MU:], bank.spread[MU:, MU:]
-    mean = radii @ weights
-    off = radii - mean[:, None]
-    wheels = len(radii)
-    within = (spread.reshape(wheels * wheels, -1) @ weights).reshape(wheels, wheels)
-    upper = np.triu(within, 1)  # a kernel may keep this triangle alone
-    covariance = upper + upper.T + np.diag(np.diag(within)) + (off * weights) @ off.T
-    return Stated(mean, covariance, probability)
+    probability = float(normalised(log_weights) @ recent)
+    counted = recent if probability > 0.5 else ~recent
+    said = kernel.summary(bank, np.where(counted, log_weights, -np.inf))
+    return Stated(said.mean[MU:], said.radii_m2, probability)
 
 
 @functools.cache

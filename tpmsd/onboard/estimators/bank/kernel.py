@@ -22,7 +22,7 @@ from tpmsd.onboard.estimators.bank.batched_kalman import (
     symmetrise,
 )
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, ProcessModel, TickMotion
-from tpmsd.onboard.estimators.bank.jump_hypotheses import Bank
+from tpmsd.onboard.estimators.bank.jump_hypotheses import Bank, normalised
 from tpmsd.onboard.estimators.resampling import effective_number
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -86,8 +86,8 @@ class BankKernel(Protocol):
         """Make the covariances whole where a kernel keeps a part of them, for all who read them elsewhere."""
         ...
 
-    def summary(self, bank: Bank) -> Summary:
-        """Mean and covariance over the mixture."""
+    def summary(self, bank: Bank, log_weights: FloatArray | None = None) -> Summary:
+        """Mean and covariance over the mixture; `log_weights` (N,) instead of the bank's own."""
         ...
 
 
@@ -122,9 +122,9 @@ class ArrayKernel:
     def complete(self, bank: Bank) -> None:
         """Return what `BankKernel` returns."""
 
-    def summary(self, bank: Bank) -> Summary:
+    def summary(self, bank: Bank, log_weights: FloatArray | None = None) -> Summary:
         """Return what `BankKernel` returns."""
-        weights = bank.weights()
+        weights = bank.weights() if log_weights is None else normalised(log_weights)
         state, spread = bank.state, bank.spread
         mean = state @ weights
         wheels = len(state) - MU
@@ -199,11 +199,12 @@ class CompiledKernel:
     def complete(self, bank: Bank) -> None:
         """Return what `BankKernel` returns."""
 
-    def summary(self, bank: Bank) -> Summary:
+    def summary(self, bank: Bank, log_weights: FloatArray | None = None) -> Summary:
         """Return what `BankKernel` returns."""
         count, size = bank.mean.shape
         mean, radii_m2, weights = np.empty(size), np.empty((size - MU, size - MU)), np.empty(count)
-        pose = self._moments(mean, radii_m2, weights, bank.state, bank.spread, bank.log_weights)
+        log_weights = bank.log_weights if log_weights is None else log_weights
+        pose = self._moments(mean, radii_m2, weights, bank.state, bank.spread, log_weights)
         return Summary(mean, radii_m2, *pose)
 
 

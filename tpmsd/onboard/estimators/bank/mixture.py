@@ -238,7 +238,7 @@ class MixtureBelief:
             self._learn(block, moment.gyro_trusted)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
-        self._stated = stated(self.bank)
+        self._stated = stated(self.bank, self._kernel)
 
     def _propose_changes(self, block: Block, gyro_trusted: bool) -> None:
         """Branch hypotheses off: what may have changed within the block."""

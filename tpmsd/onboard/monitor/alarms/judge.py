@@ -6,6 +6,7 @@ probable a deflation and a deviation are, how much radius and how much pressure 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import deque
 from dataclasses import dataclass, field, replace
@@ -447,9 +448,14 @@ class Judge:
         return out
 
 
+@functools.cache
+def _centring(d: int) -> FloatArray:
+    """(d, d) matrix that takes the mean off each of d values."""
+    return np.asarray(np.eye(d) - np.ones((d, d)) / d)
+
+
 def _contrast_std(covariance_m2: FloatArray) -> float:
-    d = len(covariance_m2)
-    centring = np.eye(d) - np.ones((d, d)) / d
+    centring = _centring(len(covariance_m2))
     return math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
 
 
