@@ -24,7 +24,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
     RollingDiagnosis,
     Where,
 )
-from tpmsd.offline.diagnosis.reporting.beside_known import beside
+from tpmsd.offline.diagnosis.reporting.with_known import with_known
 
 SPEC = Spec(
     duration_s=420.0,
@@ -132,7 +132,7 @@ def test_a_known_ripple_is_no_finding_whatever_its_phase(amplitude_rad: float, w
         MISMATCH, "", (ripple(amplitude_rad, wheel),), 100.0, 1.0, 0.0, 1.0, None, ExtendedModel((found,))
     )
 
-    made = beside(known, rest)
+    made = with_known(known, rest)
 
     assert left == len(made.findings)
     assert (CONSISTENT, MISMATCH)[left] == made.verdict

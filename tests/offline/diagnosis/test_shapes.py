@@ -129,7 +129,7 @@ def test_a_shape_that_is_hardly_better_than_two_effects_gets_their_names() -> No
     shape = next(
         terms for _, terms in selector.candidates([]) if terms[0].free and "accel_long" == terms[0].covariate
     )
-    net, _ = selector.pairs_over("accel_long", [])[0]
+    penalised_gain, _ = selector.pairs_over("accel_long", [])[0]
 
-    assert selector.gain(shape) - shape[0].penalty > selector.gain([]) + net
+    assert selector.gain(shape) - shape[0].penalty > selector.gain([]) + penalised_gain
     assert {"brake_slip", "longitudinal_slip"} == {term.effect for term in selector._named(shape)}

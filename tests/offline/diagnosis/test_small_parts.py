@@ -17,7 +17,13 @@ from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_co
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.robustness.verdict import outweighed
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
+from tpmsd.offline.diagnosis.selection.described import (
+    effect_of,
+    neutral_of,
+    nonlinear_of,
+    tolerance_note,
+    words_of,
+)
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.rings.miscount import all_recounted, one_recounted, wrong_teeth
@@ -100,10 +106,10 @@ def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
         one = term(effect, parameter)
         return Chosen(one, 50.0, 40.0, 30.0, 1.0, (), np.array([value]), np.array([0.1 * value]))
 
-    assert "0.050 +- 0.005 s" in usual(chosen("velocity_lag", "lag_s", 0.05), speeds=False)
-    assert "" == usual(chosen("velocity_lag", "lag_s", 0.5), speeds=False)
-    assert "3.0e-04 +- 3.0e-05 rad/s" in usual(chosen("yaw_rate_bias", "bias", 3e-4), speeds=False)
-    assert "" == usual(chosen("yaw_rate_bias", "bias", 1e-3), speeds=False)
+    assert "0.050 +- 0.005 s" in tolerance_note(chosen("velocity_lag", "lag_s", 0.05), speeds=False)
+    assert "" == tolerance_note(chosen("velocity_lag", "lag_s", 0.5), speeds=False)
+    assert "3.0e-04 +- 3.0e-05 rad/s" in tolerance_note(chosen("yaw_rate_bias", "bias", 3e-4), speeds=False)
+    assert "" == tolerance_note(chosen("yaw_rate_bias", "bias", 1e-3), speeds=False)
 
 
 @pytest.mark.parametrize(

@@ -62,9 +62,9 @@ def test_a_lag_that_may_be_usual_is_priced_as_such(
 ) -> None:
     """0.074 s known to 0.013 s may be the 0.052 s that receivers have; known to 2 ms they are not."""
     lag = Term("velocity_lag", columns(1, width=2), ("lag_s",), 3.5)
-    net = gain * (1.0 - share_nearer**2) - 3.5 - against_nats
+    penalised_gain = gain * (1.0 - share_nearer**2) - 3.5 - against_nats
 
-    assert net == pytest.approx(Candidates.net(lag, gain, 0.074))
+    assert penalised_gain == pytest.approx(Candidates.penalised_gain(lag, gain, 0.074))
 
 
 @pytest.mark.parametrize(

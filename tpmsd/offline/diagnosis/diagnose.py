@@ -24,8 +24,8 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted, against, unfit
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.proposal.search import proposals
-from tpmsd.offline.diagnosis.reporting.beside_known import beside
 from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.reporting.with_known import with_known
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.stages import estimated, examine
 from tpmsd.offline.inference.known_effects import without_effects
@@ -61,7 +61,7 @@ def diagnose(
     """
     if known is not None and len(known):
         rest = [one if unfit(one) else without_effects(one, known) for one in recordings]
-        return beside(known, diagnose(rest, progress, certify, propose))
+        return with_known(known, diagnose(rest, progress, certify, propose))
     readers, notes = admitted(recordings)
     if not readers:
         return insufficient(notes)

@@ -102,7 +102,7 @@ class SelectionSettings:
     model_error: float = 4e-3
     """Relative standard deviation of any value: the reference motion that it multiplies is no better
     known."""
-    beside_effects: float = 0.03
+    spline_over_effects: float = 0.03
     """Share of what effects gain that a spline beside them must gain: so well their formulas hold."""
     over_same_covariate: float = 0.05
     """Share of a spline's gain that an effect over the same covariate must gain beside it: a spline is one
@@ -232,7 +232,7 @@ class RobustnessSettings:
     """Beyond, no slow noise of a receiver is the reason: reflections that weigh less can make 80."""
     clear_of_drift_nats: float = 3000.0
     """Value for a wheel that changes against the others, and the drift of radii."""
-    sure: float = 0.95
+    confident_from: float = 0.95
     """Confidence below which an effect is not told from what instruments usually make."""
     drifts_from: float = 1e-4
     """Relative standard deviation of the radii's drift that is more than usual: five times that."""

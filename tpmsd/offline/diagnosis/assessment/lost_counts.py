@@ -41,10 +41,10 @@ def lost_in(drives: Sequence[DriveStudy]) -> list[Lost]:
 
 
 def _lost_finding(one: Lost, seconds: float) -> Finding:
-    sure = one.gain - SETTINGS.counters.lost_admit_nats
+    margin = one.gain - SETTINGS.counters.lost_admit_nats
     return Finding(
         effect=LOST.name,
-        confidence=1.0 / (1.0 + math.exp(-float(np.clip(sure, -50.0, 50.0)))),
+        confidence=1.0 / (1.0 + math.exp(-float(np.clip(margin, -50.0, 50.0)))),
         parameters={
             "wheels": Quantity(" ".join(one.wheels), None, ""),
             "below_mps": Quantity(one.below_mps, one.below_std_mps, "m/s"),

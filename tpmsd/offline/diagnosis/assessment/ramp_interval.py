@@ -32,16 +32,16 @@ def is_linear_ramp(term: Term) -> bool:
 
 
 def ramp_stds(
-    study: Study, selection: Selection, which: int, beside: Sequence[dict[int, FloatArray]]
+    study: Study, selection: Selection, which: int, joint_slopes: Sequence[dict[int, FloatArray]]
 ) -> dict[str, float]:
-    """Return standard deviations of a chosen ramp's size, onset and duration; `beside` are slopes of other
-    terms by drive, fitted along.
+    """Return standard deviations of a chosen ramp's size, onset and duration; `joint_slopes` are slopes of
+    other terms by drive, fitted along.
     """
     one = selection.chosen[which]
     begin, end = one.term.span_s
     nodes = _nodes(study, one.term)
     pairs = _pairs(nodes, begin, end)
-    gains, sizes = _profiled(study, selection, which, beside, nodes, pairs)
+    gains, sizes = _profiled(study, selection, which, joint_slopes, nodes, pairs)
     ratio = max(one.gain / max(one.admitted_by + one.term.penalty, 1e-9), 1.0)
     ratio = min(ratio, SETTINGS.selection.most_overdispersion)
     lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats * ratio, float(gains[0]))
@@ -106,7 +106,7 @@ def _profiled(
     study: Study,
     selection: Selection,
     which: int,
-    beside: Sequence[dict[int, FloatArray]],
+    joint_slopes: Sequence[dict[int, FloatArray]],
     nodes: FloatArray,
     pairs: _Pairs,
 ) -> tuple[FloatArray, FloatArray]:
@@ -114,14 +114,14 @@ def _profiled(
     term = selection.chosen[which].term
     others = [one.term.design for k, one in enumerate(selection.chosen) if k != which]
     rest = np.concatenate([study.hypotheses.nuisance, *others], axis=1)
-    known, pieces = 1 + rest.shape[1] + len(beside), 2 * len(nodes) - 1
+    known, pieces = 1 + rest.shape[1] + len(joint_slopes), 2 * len(nodes) - 1
     gram = np.zeros((known + pieces, known + pieces))
     spans = [(float(at), 0.0) for at in nodes] + list(zip(nodes[:-1], np.diff(nodes), strict=True))
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
         rows[:, :, 1 : 1 + rest.shape[1]] = drive.acting(rest)
-        for k, slopes in enumerate(beside):
+        for k, slopes in enumerate(joint_slopes):
             if number in slopes:
                 rows[:, :, 1 + rest.shape[1] + k] = drive.whitened(slopes[number][:, :, None])[:, :, 0]
         if number in study.acting(term):

@@ -62,8 +62,8 @@ def _of_ramps(
     out = {}
     for k, one in enumerate(selection.chosen):
         if is_linear_ramp(one.term):
-            beside = [slope for slope, owned in zip(tangents, owners, strict=True) if owned != k]
-            out[k] = ramp_stds(study, selection, k, beside)
+            joint_slopes = [slope for slope, owned in zip(tangents, owners, strict=True) if owned != k]
+            out[k] = ramp_stds(study, selection, k, joint_slopes)
     return out
 
 

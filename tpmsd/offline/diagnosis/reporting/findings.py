@@ -40,7 +40,7 @@ from tpmsd.offline.diagnosis.reporting.traces import ground, traces
 from tpmsd.offline.diagnosis.reporting.where import where_of, whole_range
 from tpmsd.offline.diagnosis.robustness.verdict import status_of, verdict_of, without
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
+from tpmsd.offline.diagnosis.selection.described import neutral_of, nonlinear_of, tolerance_note, words_of
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, shape_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.sensors.unusual import unusual
@@ -62,7 +62,7 @@ def report(
     whole = float(selection.heldout[blocks].sum())
     written = _Written(list(notes), nonlinear_stds(study, selection), compared(study, selection))
     for k, one in enumerate(selection.chosen):
-        if note := usual(one, study.speeds):
+        if note := tolerance_note(one, study.speeds):
             written.notes.append(note)
         elif status := status_of(one, selection):
             rest = terms[:k] + terms[k + 1 :]
@@ -284,10 +284,10 @@ def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[
 def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where | None:
     """Structure that is still significant after the chosen terms."""
     options = [entry for entry in selector.candidates(terms) if not entry[1][0].calibrates]
-    for net, found in options[:3]:
+    for penalised_gain, found in options[:3]:
         term = found[0]
         ratio = selector.ratio([*terms, term], len(terms))
-        gain = (net + term.penalty) / ratio - term.penalty
+        gain = (penalised_gain + term.penalty) / ratio - term.penalty
         rest = evidence_gain(selector, terms, term)
         if gain > 2 * SETTINGS.selection.admit_nats and rest > SETTINGS.selection.admit_nats:
             return whole_range(study, term)

@@ -13,7 +13,7 @@ from tpmsd.offline.diagnosis.assessment.result import Ground, Trace
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.where import values_of, where_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
-from tpmsd.offline.diagnosis.selection.described import usual
+from tpmsd.offline.diagnosis.selection.described import tolerance_note
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
@@ -27,7 +27,7 @@ def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
     for k, one in enumerate(selection.chosen):
-        if usual(one, study.speeds):
+        if tolerance_note(one, study.speeds):
             continue
         covariate = where_of(study, one).covariate
         values = values_of(study, one.term, covariate)

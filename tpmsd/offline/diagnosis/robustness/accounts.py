@@ -66,9 +66,9 @@ def changed(found: Found, earlier: Selection) -> Found:
         for one in likely
     ]
     if accounts:
-        beside, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
-        if beside.log_likelihood - drifting.log_likelihood > term.penalty + SETTINGS.selection.admit_nats:
-            terms, noise = [*terms, term], beside.noise
+        jointly, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
+        if jointly.log_likelihood - drifting.log_likelihood > term.penalty + SETTINGS.selection.admit_nats:
+            terms, noise = [*terms, term], jointly.noise
     study = study.under({0: noise})
     evidence = study.evidence()
     return Found(study, Selector(evidence, study.hypotheses, last=True).judged(terms), evidence)
@@ -95,10 +95,10 @@ def erring(found: Found) -> Found:
         return found
     alone = _account(drive, design, VELOCITY).log_likelihood
     accounts = [(_account(drive, selector.design([*terms, term]), VELOCITY), term) for term in likely]
-    beside, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
-    if beside.log_likelihood - alone <= term.penalty + SETTINGS.selection.admit_nats:
+    jointly, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
+    if jointly.log_likelihood - alone <= term.penalty + SETTINGS.selection.admit_nats:
         return found
-    study = study.under({0: beside.noise})
+    study = study.under({0: jointly.noise})
     evidence = study.evidence()
     judged = Selector(evidence, study.hypotheses, last=True).judged([*terms, term])
     return Found(study, judged, evidence) if any(one.term is term for one in judged.chosen) else found
@@ -109,8 +109,8 @@ def _account(drive: DriveStudy, design: FloatArray, names: Sequence[str] = RADIU
     and a near and quick one.
     """
     windows, columns = drive.reader.windows, drive.believed(design)
-    usual = replace(drive.noise, **{name: getattr(Noise, name) for name in names})
-    found = [refit(windows, columns, start, drive.inflate, names) for start in (drive.noise, usual)]
+    default = replace(drive.noise, **{name: getattr(Noise, name) for name in names})
+    found = [refit(windows, columns, start, drive.inflate, names) for start in (drive.noise, default)]
     accounts = [Account(log_posterior(windows, columns, noise, drive.inflate), noise) for noise in found]
     return max(accounts, key=lambda account: account.log_likelihood)
 
@@ -139,7 +139,7 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
             : SETTINGS.robustness.judged
         ]:
             # What a few blocks decide is less sure than it looks.
-            worth = alone + gain / selector.ratio([*terms, term], len(terms)) - term.penalty
-            if best is None or worth > best[0]:
-                best = (worth, term)
+            margin = alone + gain / selector.ratio([*terms, term], len(terms)) - term.penalty
+            if best is None or margin > best[0]:
+                best = (margin, term)
     return None if best is None else best[1]

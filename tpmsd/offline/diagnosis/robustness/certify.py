@@ -287,9 +287,10 @@ def _of_term(
     rest = terms[:which] + terms[which + 1 :]
     one = selection.chosen[which]
     search = Candidates(evidence, study.hypotheses)
-    net = search.net(one.term, one.gain, float(one.values[0]))
+    penalised_gain = search.penalised_gain(one.term, one.gain, float(one.values[0]))
     value = min(
-        search.studentised(rest, one.term, net), (net + one.term.penalty) / dispersion - one.term.penalty
+        search.studentised(rest, one.term, penalised_gain),
+        (penalised_gain + one.term.penalty) / dispersion - one.term.penalty,
     )
     response = (
         acts * one.term.design @ (one.values if one.term.free or one.term.calibrates else _acting(one)[1])
@@ -305,9 +306,9 @@ def _largest_gain(search: Candidates, rest: list[Term]) -> float:
     """Return the largest studentised gain of a term that could be a finding. Calibration is left out, and so
     are effects of which every instrument has small values."""
     largest = -math.inf
-    for net, (term, *_) in search.candidates(rest):
-        if net <= largest:  # no ratio is below one
+    for penalised_gain, (term, *_) in search.candidates(rest):
+        if penalised_gain <= largest:  # no ratio is below one
             break
         if not term.calibrates and term.kind_of.penalty(0.0) >= 0.0:
-            largest = max(largest, search.studentised(rest, term, net))
+            largest = max(largest, search.studentised(rest, term, penalised_gain))
     return largest

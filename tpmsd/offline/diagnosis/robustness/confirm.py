@@ -78,11 +78,11 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
     """Return what may as well be an instrument's usual making is that, and no finding."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
-        usual = one.term.kind_of.confounding.tested_jointly_with
-        if not usual or one.confidence >= SETTINGS.robustness.sure:
+        joint = one.term.kind_of.confounding.tested_jointly_with
+        if not joint or one.confidence >= SETTINGS.robustness.confident_from:
             continue
-        same = [t for t in study.hypotheses.catalogue if t.effect in usual and t.drive == one.term.drive]
-        if same and not any(term.effect in usual for term in terms):
+        same = [t for t in study.hypotheses.catalogue if t.effect in joint and t.drive == one.term.drive]
+        if same and not any(term.effect in joint for term in terms):
             return Selector(evidence, study.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
     return selection
 

@@ -25,8 +25,8 @@ from tpmsd.offline.inference.noise import PRIORS
 from tpmsd.offline.inference.noise_fit import refit
 from tpmsd.offline.inference.windows import GYRO
 
-USUAL = PRIORS["gyro_drift_radps"][0]
-DRIFTS = SETTINGS.robustness.gyro_walks_from * USUAL
+TYPICAL = PRIORS["gyro_drift_radps"][0]
+DRIFTS = SETTINGS.robustness.gyro_walks_from * TYPICAL
 """Estimated walk (rad/s per square root of a second) that is more than usual."""
 GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
 READING = "yaw_rate"
@@ -41,24 +41,24 @@ def drifting(found: Found) -> Found:
         return found
     terms = [one.term for one in selection.chosen]
     others = [term for term in terms if term.kind_of.confounding.drifts_into != READING]
-    usual = drive.under(replace(drive.noise, gyro_drift_radps=USUAL))
-    selector = Selector(study.trial([usual]).evidence(), study.hypotheses, last=True)
+    typical = drive.under(replace(drive.noise, gyro_drift_radps=TYPICAL))
+    selector = Selector(study.trial([typical]).evidence(), study.hypotheses, last=True)
     shape = _best_shape(selector, others)
     if shape is not None:
         # What drifts was in the gyro's white noise as well.
         design = drive.believed(selector.design([*others, shape]))
-        refitted = refit(drive.reader.windows, design, usual.noise, usual.inflate, GYRO_NOISE)
+        refitted = refit(drive.reader.windows, design, typical.noise, typical.inflate, GYRO_NOISE)
         tried = study.under({0: refitted})
         calm = tried.evidence()
         selector = Selector(calm, study.hypotheses, last=True)
-        sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
+        margin = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
         if (
-            sure > SETTINGS.selection.admit_nats
+            margin > SETTINGS.selection.admit_nats
             and _peak_to_peak(selector, others, shape) > SETTINGS.robustness.gyro_far_radps
         ):
             judged = selector.judged([*others, shape])
             if any(one.term is shape for one in judged.chosen):
-                return Found(tried, _as_sure_as(judged, shape, sure), calm)
+                return Found(tried, _with_confidence(judged, shape, margin), calm)
     return found
 
 
@@ -79,13 +79,13 @@ def _peak_to_peak(selector: Selector, others: list[Term], shape: Term) -> float:
     return float(np.ptp(heights))
 
 
-def _as_sure_as(selection: Selection, shape: Term, sure: float) -> Selection:
+def _with_confidence(selection: Selection, shape: Term, margin: float) -> Selection:
     """Return the selection with its shape's own certainty: knots leave some of the bend between them, so the
     scatter from block to block is its own: how sure it is, is told by what it predicts.
     """
-    confidence = 1.0 / (1.0 + math.exp(-min(sure, 50.0)))
+    confidence = 1.0 / (1.0 + math.exp(-min(margin, 50.0)))
     chosen = tuple(
-        replace(one, admitted_by=sure, confidence=confidence) if one.term is shape else one
+        replace(one, admitted_by=margin, confidence=confidence) if one.term is shape else one
         for one in selection.chosen
     )
     return replace(selection, chosen=chosen)

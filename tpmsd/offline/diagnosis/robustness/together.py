@@ -38,12 +38,12 @@ def together(found: Found, before: Selection) -> Found:
         return found
     if drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
-    usual = replace(
+    typical = replace(
         drive.noise,
         radius_drift=PRIORS["radius_drift"][0],
         radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
     )
-    tried = study.under({0: usual})
+    tried = study.under({0: typical})
     calm = tried.evidence()
     selector = Selector(calm, study.hypotheses, last=True)
     terms = [one.term for one in selection.chosen]

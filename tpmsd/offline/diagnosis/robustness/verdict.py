@@ -55,9 +55,11 @@ def decided(
             finding,
             p_value=one.p_value,
             p_value_is_bound=one.is_bound,
-            status=FINDING if sure and above and finding.status == FINDING else SUSPICION,
+            status=FINDING if is_certain and above and finding.status == FINDING else SUSPICION,
         )
-        for finding, one, sure, above in zip(diagnosis.findings, chances, certain, above_control, strict=True)
+        for finding, one, is_certain, above in zip(
+            diagnosis.findings, chances, certain, above_control, strict=True
+        )
     )
     return replace(
         diagnosis,

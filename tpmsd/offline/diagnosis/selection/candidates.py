@@ -46,10 +46,10 @@ class Candidates:
 
         The values of the terms stand where they stand in their own fit.
         """
-        usual = set(of.kind_of.confounding.estimated_jointly_with) - {term.effect for term in terms}
+        joint = set(of.kind_of.confounding.estimated_jointly_with) - {term.effect for term in terms}
         by_effect: dict[str, Term] = {}
         for t in self.hypotheses.catalogue:
-            if t.effect in usual and t.drive is None:
+            if t.effect in joint and t.drive is None:
                 by_effect[t.effect] = max(by_effect.get(t.effect, t), t, key=lambda one: len(one.parameters))
         more = list(by_effect.values())
         fit = self.evidence.fit(self.design([*terms, *more]))
@@ -92,11 +92,11 @@ class Candidates:
         ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
         return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
 
-    def studentised(self, chosen: Sequence[Term], term: Term, net: float) -> float:
+    def studentised(self, chosen: Sequence[Term], term: Term, penalised_gain: float) -> float:
         """Return a penalised gain beside the chosen terms, its gain divided by the term's block-wise variance
         ratio.
         """
-        return (net + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
+        return (penalised_gain + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
 
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
         """(gain less penalty, terms) of what may be added to these terms, the best first."""
@@ -118,7 +118,7 @@ class Candidates:
                 continue
             usable.append(term)
             gain, first = term.gain(gram, b)
-            out.append((self.net(term, gain, first), [term]))
+            out.append((self.penalised_gain(term, gain, first), [term]))
         if everything:
             shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
             scanned = self.hypotheses.ramp_gains(gram, b)
@@ -184,14 +184,14 @@ class Candidates:
         """
         every = self.candidates(chosen)
         out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
-        for net, terms in every[6:]:
-            if net > SETTINGS.selection.admit_nats and terms[0].effect not in met:
+        for penalised_gain, terms in every[6:]:
+            if penalised_gain > SETTINGS.selection.admit_nats and terms[0].effect not in met:
                 met.add(terms[0].effect)
-                out.append((net, terms))
+                out.append((penalised_gain, terms))
         return out
 
     @staticmethod
-    def net(term: Term, gain: float, first: float) -> float:
+    def penalised_gain(term: Term, gain: float, first: float) -> float:
         """Return what a term's gain is worth against alternatives to it."""
         if not term.free:
             return gain - likeliest_penalty(term, gain, first)

@@ -22,7 +22,7 @@ def neutral_of(effect: str, parameter: str) -> float:
     return known.neutral if isinstance(known, Parameter) else 0.0
 
 
-def usual(one: Chosen, speeds: bool) -> str:
+def tolerance_note(one: Chosen, speeds: bool) -> str:
     """Return what is said of a term that is an instrument's usual making; empty of one that is a finding.
 
     `speeds` says that the bus has wheel speeds and no counts.

@@ -123,9 +123,12 @@ class Selector(Candidates):
         threshold = self._threshold(chosen)
         best: tuple[float, list[Term]] | None = None
         for gain, terms in [*self.foremost(chosen), *self.pairs(chosen)[:3]]:
-            sure, needed = self._sure(chosen, terms, gain, threshold), self._least(chosen, terms[0])
-            if sure > needed and (best is None or sure > best[0]):
-                best = (sure, terms)
+            studentised_gain, needed = (
+                self._studentised_gain(chosen, terms, gain, threshold),
+                self._least(chosen, terms[0]),
+            )
+            if studentised_gain > needed and (best is None or studentised_gain > best[0]):
+                best = (studentised_gain, terms)
         return None if best is None else best[1]
 
     def _least(self, chosen: list[Term], term: Term) -> float:
@@ -137,12 +140,14 @@ class Selector(Candidates):
             return threshold
         free = [one for one in chosen if one.free or one.ramp]
         effects = self.gain(chosen) - self.gain(free)
-        return max(threshold, SETTINGS.selection.beside_effects * effects)
+        return max(threshold, SETTINGS.selection.spline_over_effects * effects)
 
-    def _sure(self, chosen: list[Term], terms: list[Term], net: float, threshold: float) -> float:
+    def _studentised_gain(
+        self, chosen: list[Term], terms: list[Term], penalised_gain: float, threshold: float
+    ) -> float:
         """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance.
 
-        `net` is the one without it. Minus infinity where the terms cannot stand there.
+        `penalised_gain` is the one without it. Minus infinity where the terms cannot stand there.
         """
         now = [*chosen, *terms]
         at = range(len(chosen), len(now))
@@ -151,12 +156,12 @@ class Selector(Candidates):
         # Both members of a pair must be needed, or the better one alone would have been found.
         if len(terms) == 2 and min(self._needed(now, k) for k in at) < threshold:
             return -math.inf
-        if min(self._spare(now, k) for k in at) < 0.0:
+        if min(self._surplus(now, k) for k in at) < 0.0:
             return -math.inf
         penalty = sum(term.penalty for term in terms)
         ratio = max(self.ratio(now, k) for k in at)
         more = SETTINGS.selection.admit_nats if len(terms) == 2 else 0.0
-        return (net + penalty) / ratio - penalty - more
+        return (penalised_gain + penalty) / ratio - penalty - more
 
     def _sane(self, terms: list[Term]) -> bool:
         """Return whether the terms can be told apart at all, and their values are physically thinkable."""
@@ -207,7 +212,7 @@ class Selector(Candidates):
         gain = self.gain(terms) - self.gain(rest)
         return gain / self.ratio(terms, which) - terms[which].penalty
 
-    def _spare(self, terms: list[Term], which: int) -> float:
+    def _surplus(self, terms: list[Term], which: int) -> float:
         """Return what an effect brings more than it must beside spline terms over the covariate that it
         depends on.
 
@@ -218,7 +223,7 @@ class Selector(Candidates):
         over, apart = self._over(terms, which), self._apart(terms, which)
         if not over and not apart:
             return math.inf
-        free = [*terms, *self._beside(terms, which)]
+        free = [*terms, *self._joint_terms(terms, which)]
         least = SETTINGS.selection.admit_nats if over else -math.inf
         for shape in [*over, *apart]:
             alone = [term for term in terms if term is not shape and term is not terms[which]]
@@ -258,17 +263,17 @@ class Selector(Candidates):
             other.free and other.covariate == term.covariate != "time" for other in chosen
         )
 
-    def _beside(self, terms: list[Term], which: int) -> list[Term]:
+    def _joint_terms(self, terms: list[Term], which: int) -> list[Term]:
         """Return what else an effect must be told from where spline terms act over its covariate: a shape of
         its own for each axle, unless that is the effect in other words, and the effects that it names itself.
         """
         over = self._over(terms, which)
         if not over:
             return []
-        usual = {t.pattern: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
+        by_pattern = {t.pattern: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
         patterns = {term.pattern for term in over}
-        wanted = ("all" if "all" not in patterns else "front",) if "all" in usual else ("front", "rear")
-        out = [usual[pattern] for pattern in wanted if pattern in usual and pattern not in patterns]
+        wanted = ("all" if "all" not in patterns else "front",) if "all" in by_pattern else ("front", "rear")
+        out = [by_pattern[pattern] for pattern in wanted if pattern in by_pattern and pattern not in patterns]
         out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
         similar = set(terms[which].kind_of.confounding.tested_jointly_with) - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in similar]
@@ -293,11 +298,13 @@ class Selector(Candidates):
             improved = False
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
-                now = self.net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
+                now = self.penalised_gain(
+                    chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k)
+                )
                 better = [
                     terms
-                    for net, terms in self.candidates(rest)[:4]
-                    if self._is_better(rest, (net, terms[0]), (now, chosen[k]))
+                    for penalised_gain, terms in self.candidates(rest)[:4]
+                    if self._is_better(rest, (penalised_gain, terms[0]), (now, chosen[k]))
                 ]
                 better = [terms for terms in better if self._stays([*rest, *terms])]
                 if better:
@@ -318,7 +325,7 @@ class Selector(Candidates):
         by_gain = other[0] > one[0] + SETTINGS.selection.exchange_nats
         if one[1].free == other[1].free:
             return by_gain
-        now, then = (self.studentised(rest, term, net) for net, term in (one, other))
+        now, then = (self.studentised(rest, term, penalised_gain) for penalised_gain, term in (one, other))
         by_scatter = then > now + SETTINGS.selection.exchange_nats
         return by_gain or by_scatter if one[1].free else by_gain and by_scatter
 
@@ -329,7 +336,7 @@ class Selector(Candidates):
         """
         last = len(terms) - 1
         least = SETTINGS.selection.needed_share * self._least(terms[:last], terms[last])
-        return self._sane(terms) and self._spare(terms, last) >= 0.0 and self._needed(terms, last) >= least
+        return self._sane(terms) and self._surplus(terms, last) >= 0.0 and self._needed(terms, last) >= least
 
     def _exchanged_patterns(self, chosen: list[Term]) -> list[Term]:
         """Let a shape act on other wheels, if a term beside it is then not needed.
@@ -377,28 +384,30 @@ class Selector(Candidates):
                     named = self._prune([*rest, *terms])
                     if self._margin(named) > must and self._sane(named):
                         return self._named(named)
-            usual = self._usual_set(others, shape, self._margin(chosen) - ahead)
-            if usual:
-                return self._named(usual)
+            common = self._common_set(others, shape, self._margin(chosen) - ahead)
+            if common:
+                return self._named(common)
         return chosen
 
-    def _usual_set(self, others: list[Term], shape: Term, worth: float) -> list[Term]:
+    def _common_set(self, others: list[Term], shape: Term, margin: float) -> list[Term]:
         """Effects that every car has, as one model instead of a spline term and of those of them that stand
-        beside it among the `others`; empty where the model with the shape is `worth` more (nats)."""
+        beside it among the `others`; empty where the model with the shape is `margin` more (nats)."""
         if shape.covariate in ("time", "distance") or shape.drive is not None:
             return []
         rest = [term for term in others if not term.kind_of.confounding.common]
         gram, b = self.evidence.projected(self.design(rest))
-        found = max((best_set(usual, gram, b) for usual in self._usual(rest)), key=lambda one: one.log_bayes)
+        found = max(
+            (best_set(common, gram, b) for common in self._common_sets(rest)), key=lambda one: one.log_bayes
+        )
         named = [*rest, *found.terms]
-        better = self._margin(rest) + found.log_bayes > worth + SETTINGS.selection.exchange_nats
+        better = self._margin(rest) + found.log_bayes > margin + SETTINGS.selection.exchange_nats
         return named if found.terms and better and self._sane(named) else []
 
-    def _usual(self, beside: list[Term]) -> list[list[Term]]:
+    def _common_sets(self, joint: list[Term]) -> list[list[Term]]:
         """Return the catalogue's terms of effects that every car has, which may stand beside others; once for
         each effect of which one is the limit.
         """
-        limits = {term.kind_of.confounding.limit for term in beside}
+        limits = {term.kind_of.confounding.limit for term in joint}
         every = [
             term
             for term in self.hypotheses.catalogue
@@ -424,11 +433,11 @@ class Selector(Candidates):
     def _prune(self, chosen: list[Term]) -> list[Term]:
         while len(chosen) > 1:
             threshold = SETTINGS.selection.needed_share * self._threshold(chosen)
-            spare = [
-                min(self._needed(chosen, k) - threshold, self._spare(chosen, k)) for k in range(len(chosen))
+            surplus = [
+                min(self._needed(chosen, k) - threshold, self._surplus(chosen, k)) for k in range(len(chosen))
             ]
-            worst = int(np.argmin(spare))
-            if spare[worst] >= 0.0:
+            worst = int(np.argmin(surplus))
+            if surplus[worst] >= 0.0:
                 break
             chosen = chosen[:worst] + chosen[worst + 1 :]
         return chosen
@@ -443,22 +452,22 @@ class Selector(Candidates):
         fit = self.evidence.fit(self.design(chosen))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
-        beside = self.valued([*chosen, *self._beside(chosen, which)], term)
-        ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, SETTINGS.selection.most_overdispersion)
+        joint = self.valued([*chosen, *self._joint_terms(chosen, which)], term)
+        ratios = np.clip(self.evidence.sandwich(joint)[at], 1.0, SETTINGS.selection.most_overdispersion)
         gain = fit.gain - self.gain(rest)
-        sure = gain / float(ratios.max()) - term.penalty
+        studentised_gain = gain / float(ratios.max()) - term.penalty
         alternatives = self._alternatives(rest, term, gain, float(fit.values[start]), float(ratios.max()))
         return Chosen(
             term=term,
             gain=gain,
-            admitted_by=sure,
+            admitted_by=studentised_gain,
             heldout_gain=self._heldout_gain(chosen, which),
-            confidence=confidence(term.effect, sure, alternatives),
+            confidence=confidence(term.effect, studentised_gain, alternatives),
             confounded_with=confounded(alternatives),
-            values=beside.values[at],
+            values=joint.values[at],
             stds=np.sqrt(
-                np.diag(beside.covariance)[at] * ratios
-                + (SETTINGS.selection.model_error * beside.values[at]) ** 2
+                np.diag(joint.covariance)[at] * ratios
+                + (SETTINGS.selection.model_error * joint.values[at]) ** 2
             ),
         )
 
@@ -473,10 +482,10 @@ class Selector(Candidates):
         alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
         divided = len(alone) == 2 and float(alone.max()) <= gain - similar
         doubt = ratio + SETTINGS.selection.confounded_share * gain
-        own = self.net(term, gain, first)
+        own = self.penalised_gain(term, gain, first)
         out = []
-        for net, (other, *_) in self.candidates(rest):
-            raw, better = net + other.penalty, net - own
+        for penalised_gain, (other, *_) in self.candidates(rest):
+            raw, better = penalised_gain + other.penalty, penalised_gain - own
             weight = math.exp(min(better / doubt, 0.0))
             if same_statement(other, term, first) or not self._replaces_term(rest, other, term, gain, raw):
                 continue

@@ -61,8 +61,8 @@ def log_bayes(terms: Sequence[Term], gram: FloatArray, b: FloatArray) -> float:
     A, s = part.T @ gram[np.ix_(rows, rows)] @ part, part.T @ b[rows]
     left = (s - A @ means) * stds
     M = np.eye(len(s)) + A * np.outer(stds, stds)
-    usual = float(means @ s - 0.5 * means @ A @ means)
-    return usual + 0.5 * float(left @ np.linalg.solve(M, left) - np.linalg.slogdet(M)[1])
+    at_means = float(means @ s - 0.5 * means @ A @ means)
+    return at_means + 0.5 * float(left @ np.linalg.solve(M, left) - np.linalg.slogdet(M)[1])
 
 
 def best_set(terms: Sequence[Term], gram: FloatArray, b: FloatArray) -> EffectSet:

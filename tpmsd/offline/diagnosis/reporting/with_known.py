@@ -16,7 +16,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 RIPPLE = "amplitude_rad"
 
 
-def beside(known: ExtendedModel, rest: RollingDiagnosis) -> RollingDiagnosis:
+def with_known(known: ExtendedModel, rest: RollingDiagnosis) -> RollingDiagnosis:
     """Return the diagnosis of what known effects left, with these in its baseline and its model.
 
     The ripple of a ring stays in the readings, since its phase is each drive's own: one of the known size is
