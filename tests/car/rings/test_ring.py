@@ -17,7 +17,7 @@ from tpmsd.car.rings.ring import (
     share_of,
     turns_hz,
 )
-from tpmsd.car.rings.ripple import noise_beside, ripple_gain, robust_std
+from tpmsd.car.rings.ripple import noise_power, ripple_gain, robust_std
 
 TEETH, RADIUS_M = 48.0, 0.31
 
@@ -69,5 +69,5 @@ def test_the_ripple_shows_the_share_that_is_missing() -> None:
     noise[:50] = 1.0
 
     assert shares[int(gains.argmax())] == pytest.approx(0.002, abs=1.5e-4)
-    assert noise_beside(power)[:, 0] == pytest.approx(3.0, rel=0.1)
+    assert noise_power(power)[:, 0] == pytest.approx(3.0, rel=0.1)
     assert robust_std(noise) == pytest.approx(1e-3, rel=0.05)

@@ -85,8 +85,8 @@ def _no_file(path: Path) -> BadValueError:
     """Return what is wrong about a DBC's path that is no file. Raises OSError where it cannot be seen."""
     if path.exists() or path.is_symlink():
         return BadValueError("not a file", show(str(path)))
-    beside = [p.name for p in path.parent.glob("*.dbc")] if path.parent.is_dir() else []
-    return BadValueError("no such file", show(str(path)), suggestion=nearest(path.name, beside))
+    found = [p.name for p in path.parent.glob("*.dbc")] if path.parent.is_dir() else []
+    return BadValueError("no such file", show(str(path)), suggestion=nearest(path.name, found))
 
 
 class _ConfigParser:
@@ -288,11 +288,11 @@ class _ConfigParser:
                 return override
             self._problems.append(Problem(str(override), None, "", "no such DBC file"))
             return None
-        beside = self._document.file.parent / DBC_FILE
+        next_to_it = self._document.file.parent / DBC_FILE
         if "dbc" not in self._given["can"]:
-            if beside.is_file():
-                return beside
-            hint = f"the path of a DBC file (or {DBC_FILE} beside this file)"
+            if next_to_it.is_file():
+                return next_to_it
+            hint = f"the path of a DBC file (or {DBC_FILE} next to this file)"
             self._report(BadValueError("missing", allowed=hint), "can", "dbc")
             return None
         path: Path | None = can.get("dbc")

@@ -62,7 +62,7 @@ def line_power(
     return np.asarray(np.square(np.abs(np.exp(-1j * np.outer(frequencies, phase)) @ rapid)))
 
 
-def noise_beside(power: FloatArray) -> FloatArray:
+def noise_power(power: FloatArray) -> FloatArray:
     """(..., 1) mean power of the noise by the median over the last axis, of which a line takes few.
 
     The median of an exponential distribution is log 2 of its mean.
@@ -83,7 +83,7 @@ def ripple_gain(
     elsewhere.
     """
     power = line_power(angle_rad, ripple_rad * np.exp(-1j * angle_rad), shares)
-    return np.asarray(power / max(len(ripple_rad) * variance_rad2, float(noise_beside(power)[0]), 1e-30))
+    return np.asarray(power / max(len(ripple_rad) * variance_rad2, float(noise_power(power)[0]), 1e-30))
 
 
 def of_one_size(gains: FloatArray, blocks: int) -> FloatArray:

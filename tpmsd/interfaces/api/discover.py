@@ -125,8 +125,8 @@ def discover(
         drive = drive.folder
     paths = [Path(drive)] if isinstance(drive, str | Path) else [Path(path) for path in drive]
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    beside = folder / "bus.dbc" if (folder / "bus.dbc").is_file() else None
-    file = beside if dbc is None else Path(dbc)
+    own_dbc = folder / "bus.dbc" if (folder / "bus.dbc").is_file() else None
+    file = own_dbc if dbc is None else Path(dbc)
     notes: list[str] = []
     raw = read_drive(paths, notes.append)
     database = None if file is None else load_database(file)

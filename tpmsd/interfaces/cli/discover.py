@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--tyre {args.tyre}: not a tyre's size, such as 205/55R16")
     if args.no_dbc and args.dbc is not None:
         raise ConfigError("--dbc and --no-dbc contradict each other")
-    dbc = None if args.no_dbc else args.dbc or _beside(args.drive)
+    dbc = None if args.no_dbc else args.dbc or _dbc_of_drive(args.drive)
     if args.write is not None:
         refuse(args.write, args.force)
         if dbc is None or _is_copied(dbc, args.write):
@@ -89,10 +89,10 @@ def run(args: argparse.Namespace) -> int:
     return 0 if found.wheels_decided else EXIT_UNDECIDED
 
 
-def _beside(paths: list[Path]) -> Path | None:
+def _dbc_of_drive(paths: list[Path]) -> Path | None:
     folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    beside = folder / "bus.dbc"
-    return beside if beside.is_file() else None
+    dbc = folder / "bus.dbc"
+    return dbc if dbc.is_file() else None
 
 
 def refuse(path: Path, force: bool) -> None:
@@ -116,21 +116,21 @@ def write_files(found: BusDiscovery, dbc: Path | None, target: Path) -> list[Pat
     from tpmsd.offline.discovery.text import dbc_of_bus, dbc_text, further_buses, vehicle_text
 
     written = [target]
-    beside = target.with_suffix(".dbc")
+    own_dbc = target.with_suffix(".dbc")
     if dbc is None:
-        replace_file(beside, dbc_text(found))
-        written.append(beside)
+        replace_file(own_dbc, dbc_text(found))
+        written.append(own_dbc)
         for bus in further_buses(found):
-            of_bus = beside.with_name(dbc_of_bus(beside.name, found.channel(bus)))
+            of_bus = own_dbc.with_name(dbc_of_bus(own_dbc.name, found.channel(bus)))
             replace_file(of_bus, dbc_text(found, bus))
             written.append(of_bus)
     elif _lies_elsewhere(dbc, target):
         if _is_copied(dbc, target):
-            replace_file(beside, dbc.read_bytes())
-            written.append(beside)
+            replace_file(own_dbc, dbc.read_bytes())
+            written.append(own_dbc)
     else:
-        beside = dbc
-    replace_file(target, vehicle_text(found, beside.name))
+        own_dbc = dbc
+    replace_file(target, vehicle_text(found, own_dbc.name))
     return written
 
 
@@ -141,8 +141,8 @@ def _lies_elsewhere(dbc: Path, target: Path) -> bool:
 
 def _is_copied(dbc: Path, target: Path) -> bool:
     """True if a copy of the DBC has to be written; False if the file beside it is that copy."""
-    beside = target.with_suffix(".dbc")
-    is_there = beside.is_file() and dbc.is_file() and beside.read_bytes() == dbc.read_bytes()
+    own_dbc = target.with_suffix(".dbc")
+    is_there = own_dbc.is_file() and dbc.is_file() and own_dbc.read_bytes() == dbc.read_bytes()
     return _lies_elsewhere(dbc, target) and not is_there
 
 
@@ -163,12 +163,12 @@ def what_was_written(written: list[Path], drive: list[Path], decided: bool, out:
 
 def replace_file(path: Path, content: str | bytes) -> None:
     """Write beside, then rename: a full disk leaves the old file."""
-    beside = path.with_name(f".{path.name}.new")
+    temporary = path.with_name(f".{path.name}.new")
     try:
-        beside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        beside.replace(path)
+        temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        temporary.replace(path)
     except OSError as error:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 

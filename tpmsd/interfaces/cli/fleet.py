@@ -242,9 +242,9 @@ def _report(args: argparse.Namespace) -> int:
         {"--html": lambda: report_page(document, tables, pages), "--json": lambda: json_text(document)}
     )
     if args.html is not None:
-        beside = f" and {counted(len(pages), 'page')} of drives" if pages else ""
+        of_drives = f" and {counted(len(pages), 'page')} of drives" if pages else ""
         print(
-            f"tpmsd: wrote {args.html}{beside}; open it with a browser: {args.html.resolve().as_uri()}",
+            f"tpmsd: wrote {args.html}{of_drives}; open it with a browser: {args.html.resolve().as_uri()}",
             file=sys.stderr,
         )
     return 0

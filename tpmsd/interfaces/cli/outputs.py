@@ -110,7 +110,7 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
         OutputError: it cannot be written; the old file is whole.
     """
     data = content.encode("utf-8") if isinstance(content, str) else content
-    beside: str | None = None
+    temporary: str | None = None
     try:
         if target.exists() and not stat.S_ISREG(target.stat().st_mode):
             target.write_bytes(data)
@@ -118,25 +118,25 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
         import tempfile  # a tenth of what `tpmsd status` takes, which writes no files
 
         real = target.resolve()
-        handle, beside = tempfile.mkstemp(prefix=f".{real.name}.", suffix=".new", dir=real.parent)
+        handle, temporary = tempfile.mkstemp(prefix=f".{real.name}.", suffix=".new", dir=real.parent)
         with os.fdopen(handle, "wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        Path(beside).chmod(real.stat().st_mode & 0o777 if real.exists() else 0o666 & ~_umask())
+        Path(temporary).chmod(real.stat().st_mode & 0o777 if real.exists() else 0o666 & ~_umask())
         if backup and real.exists():
             kept = real.with_name(f"{real.name}.bak")
             kept.unlink(missing_ok=True)
             os.link(real, kept)
-        Path(beside).replace(real)
-        beside = None
+        Path(temporary).replace(real)
+        temporary = None
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise OutputError(f"{target}: cannot be written: {reason}") from None
     finally:
-        if beside is not None:
+        if temporary is not None:
             with contextlib.suppress(OSError):
-                Path(beside).unlink()
+                Path(temporary).unlink()
 
 
 def _problem(option: str, target: str, configuration: bool) -> str | None:

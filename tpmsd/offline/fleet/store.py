@@ -175,7 +175,7 @@ def _no_number(name: str) -> None:
 def write_atomic(file: Path, content: str | bytes) -> None:
     """Write beside the file and rename: a reader sees the old content or the new one, whoever is killed."""
     data = content.encode("utf-8") if isinstance(content, str) else content
-    handle, beside = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+    handle, temporary = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
     try:
         with os.fdopen(handle, "wb") as out:
             # As other new files: the workers of a cluster may be other users.
@@ -183,7 +183,7 @@ def write_atomic(file: Path, content: str | bytes) -> None:
             out.write(data)
             out.flush()
             os.fsync(out.fileno())
-        Path(beside).replace(file)
+        Path(temporary).replace(file)
     except BaseException:
-        Path(beside).unlink(missing_ok=True)
+        Path(temporary).unlink(missing_ok=True)
         raise

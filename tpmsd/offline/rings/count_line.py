@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from tpmsd.car.rings.ring import TURN_RAD
-from tpmsd.car.rings.ripple import OUTLIER_STDS, line_power, noise_beside, robust_std
+from tpmsd.car.rings.ripple import OUTLIER_STDS, line_power, noise_power, robust_std
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.rings.counter import Counter
 from tpmsd.offline.rings.settings import TOOTH_COUNTS, ToothCountSettings
@@ -130,7 +130,7 @@ def log_evidence(
     """
     if not blocks.counts:
         return np.zeros(len(candidates))
-    noise = noise_beside(powers(blocks, between))
+    noise = noise_power(powers(blocks, between))
     return _mixture(powers(blocks, candidates) / np.maximum(noise, 1e-12), other_lines)
 
 

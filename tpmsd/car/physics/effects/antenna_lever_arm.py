@@ -10,7 +10,7 @@ from tpmsd.car.physics.effect_records import Confounding, Identification, Wordin
 from tpmsd.car.physics.motion import Car
 from tpmsd.car.physics.priors import ANTENNA_FORWARD_M
 
-BEHIND_M, BESIDE_M = 1.5, 1.2
+BEHIND_M, SIDEWAYS_M = 1.5, 1.2
 """Reach of a car's roof behind the rear axle, before the front one and off the middle, m."""
 
 
@@ -76,5 +76,5 @@ class AntennaLeverArm(Effect):
         longest = car.geometry.wheelbase_m + BEHIND_M
         return {
             "forward_m": (-BEHIND_M - ahead, longest - ahead),
-            "left_m": (-BESIDE_M - left, BESIDE_M - left),
+            "left_m": (-SIDEWAYS_M - left, SIDEWAYS_M - left),
         }
