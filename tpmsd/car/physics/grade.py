@@ -1,8 +1,8 @@
 """The slope of the road, from the receiver's heights (effect `road_grade` of the catalogue).
 
-In: way rolled and heights of fixes. Out: the factor from way along the road to way over the map. Wheels roll
-along the slope, the receiver reports the horizontal: 6 % of grade are 0.18 % of way, more than a third of a
-20 % pressure loss.
+In: distance rolled and heights of fixes. Out: the factor from distance along the road to that over the map.
+Wheels roll along the slope, the receiver reports the horizontal: 6 % of grade are 0.18 % of the distance,
+more than a third of a 20 % pressure loss.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ REBASE_M = 2000.0
 
 
 class GradeTracker:
-    """Least-squares slope of height over way, over the last `WINDOW_M`."""
+    """Least-squares slope of height over distance, over the last `WINDOW_M`."""
 
     def __init__(self) -> None:
         self._distance_m = 0.0
@@ -28,7 +28,7 @@ class GradeTracker:
         self._sums = (0.0, 0.0, 0.0, 0.0)
         """Sums of distance, height, their square and product over the points, both from the origin on."""
         self.sine = 0.0
-        """Height gained per way along the road."""
+        """Height gained per distance along the road."""
 
     def reset(self) -> None:
         """Start anew (after a gap)."""
@@ -38,7 +38,7 @@ class GradeTracker:
 
     @property
     def horizontal(self) -> float:
-        """Way over the map per way along the road."""
+        """Distance over the map per distance along the road."""
         return math.sqrt(1.0 - self.sine**2)
 
     def move(self, distance_m: float) -> None:

@@ -42,7 +42,7 @@ class Motion:
     steering_rad: FloatArray
     """Mean angle of the road wheels, positive to the left."""
     measured: Mapping[str, FloatArray] = field(default_factory=dict)
-    """(n,) each: what instruments tell beside, by the names of `tpmsd.car.physics.covariates`: steering,
+    """(n,) each: what other instruments read, by the names of `tpmsd.car.physics.covariates`: steering,
     steering_rate, torque, temperature."""
 
     def __post_init__(self) -> None:

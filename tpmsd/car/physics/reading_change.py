@@ -72,7 +72,7 @@ class FixChange:
 
 
 class AntennaChange:
-    """The antenna's way with and without effects."""
+    """The antenna's path with and without effects."""
 
     def __init__(self, motion: Motion, car: Car, model: ExtendedModel) -> None:
         self._time_s = motion.time_s

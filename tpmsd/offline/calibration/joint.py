@@ -71,7 +71,7 @@ STILL = 0.02
 CLUSTER_S = 20.0
 SCALE_FLOOR = 1e-4
 """Relative standard deviation that all radii share whatever the data say: slopes too short to show in the
-receiver's heights make the way longer than it looks from above (1.4 % of slope: 1e-4)."""
+receiver's heights make the distance longer than it looks from above (1.4 % of slope: 1e-4)."""
 
 SLANT = 0.01
 """Standard deviation of a road's lasting slant across."""
@@ -203,7 +203,7 @@ def _share_done(iteration: int, drives: float) -> float:
 
 
 def reference_speed(recordings: list[Recording], car: Vehicle) -> float:
-    """Return the root of the mean square speed along the way of all drives, by the rear wheels."""
+    """Return the root of the mean square speed along the path of all drives, by the rear wheels."""
     speed = np.concatenate([r.rotation_rad[:, 2] * car.radius_m[2] / r.dt_s for r in recordings])
     speed = speed[np.isfinite(speed) & (speed > 1.0)]
     return float(np.sqrt(np.sum(speed**3) / np.sum(speed))) if speed.size else 0.0
@@ -301,8 +301,8 @@ def _widened(
     radii = np.array([name.startswith("radius") for name in names], dtype=np.float64)
     left = np.array([name in ("radius_fl", "radius_rl") for name in names], dtype=np.float64)
     sides = radii - 2.0 * left
-    # A road that slants all the way looks like radii that differ: as much as its slant is seen to vary may
-    # last, and no less than what load transfer makes of a usual slant.
+    # A road that slants along all of the drive looks like radii that differ: as much as its slant is seen to
+    # vary may last, and no less than what load transfer makes of a usual slant.
     at = names.index("load_lateral")
     load = float(np.hypot(values[at], np.sqrt(covariance[at, at])))
     usual = load * GRAVITY_MPS2 * SLANT / float(radius_m.mean())

@@ -149,7 +149,7 @@ def _turned_to_positions(
 ) -> FloatArray:
     """Return (n + 1,) what turns the nominal path along the positions: their drift across it, over the speed.
 
-    An error of heading costs its square half in way, so what is left of it must be small.
+    An error of heading costs its square half in distance, so what is left of it must be small.
     """
     known = np.isfinite(recording.east_m)
     if known.sum() < 10:

@@ -63,8 +63,8 @@ class PreparationSettings:
     """Each has some three hundred columns of its own."""
     near_m: float = 100.0
     near_share: float = 0.03
-    """Two paths are beside each other within this, and this share of the way from the start: the receiver's
-    slow error, and dead reckoning."""
+    """Two paths are beside each other within this, and this share of the distance from the start: the
+    receiver's slow error, and dead reckoning."""
     block_s: float = 30.0
     """Blocks of cross-validation and of the sandwich variance: longer than the receiver's errors are
     correlated."""
@@ -103,13 +103,13 @@ class SelectionSettings:
     """Relative standard deviation of any value: the reference motion that it multiplies is no better
     known."""
     spline_over_effects: float = 0.03
-    """Share of what effects gain that a spline beside them must gain: so well their formulas hold."""
+    """Share of what effects gain that a spline fitted jointly must gain: so well their formulas hold."""
     over_same_covariate: float = 0.05
-    """Share of a spline's gain that an effect over the same covariate must gain beside it: a spline is one
-    of many that would do, and what its form leaves looks like whatever depends on the same."""
+    """Share of a spline's gain that an effect over the same covariate must gain jointly with it: a spline is
+    one of many that would do, and what its form leaves looks like whatever depends on the same."""
     over_other_covariate: float = 1e-3
-    """Share of a spline's gain that an effect on differences between wheels must gain beside it even over
-    another covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
+    """Share of a spline's gain that an effect on differences between wheels must gain jointly with it even
+    over another covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
     same_effect: float = 0.97
     """Share of an effect's response from which a spline on those wheels is the same effect without a
     name."""
@@ -293,7 +293,7 @@ class SensorSettings:
     model_error: float = 0.02
     """Relative standard deviation of any value: the motion that it multiplies is no better known."""
     least_share: float = 1e-3
-    """Fraction of a column that must be left beside the others, squared, for its value to be told."""
+    """Fraction of a column that the others must leave, squared, for its value to be reported."""
     beyond_stds: float = 4.0
     """Beyond the usual size of an error: one in 30,000 by chance, for some ten errors of a drive."""
 

@@ -31,7 +31,7 @@ from tpmsd.offline.discovery.wheels import Follower, clusters
 Order = tuple[int, ...]
 _AXLES_SIMILAR = 0.15
 """Standard deviation of what the axles' differences differ by, in parts of their mean: tracks by 3 %, the
-longer way of the front axle in a bend, and loads that shift (0.1)."""
+longer path of the front axle in a bend, and loads that shift (0.1)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ rear axle) runs
     u = v - y r + x^2 r^2 / (2 v)        (first order in r x / v; Lundquist 2013, ch. 5, for the rear axle)
 
 so against the common speed a left wheel falls behind in a left turn by half a track, and a front wheel gains
-by its longer way. Decoys that follow the car's speed have neither, or are late. Places and delays of all
+by its longer path. Decoys that follow the car's speed have neither, or are late. Places and delays of all
 series come from one regression each, and roles from their likelihoods.
 """
 
@@ -59,7 +59,7 @@ class Follower:
 def drag_slip_std() -> float:
     """Return the standard deviation of a wheel's slip by air drag against the mean of four wheels, s2/m2.
 
-    By what cars have, and some simulated ones have not. Left out, this slip passes for a longer way of the
+    By what cars have, and some simulated ones have not. Left out, this slip passes for a longer path of the
     other axle in bends, for it is largest where nothing bends.
     """
     return 0.5 * math.hypot(DRAG_SLIP_S2PM2.mean, DRAG_SLIP_S2PM2.std)

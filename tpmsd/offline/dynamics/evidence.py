@@ -118,7 +118,7 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Addition:
-    """Log-likelihood gain of a set of columns beside the model that stands."""
+    """Log-likelihood gain of a set of columns jointly with the present model."""
 
     information: FloatArray
     """(a, a) with the model's own columns eliminated."""

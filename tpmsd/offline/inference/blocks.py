@@ -38,7 +38,7 @@ class Steps:
     jump: FloatArray
     """(w,) factor by which a far-off position widens the receiver's slow error; 1 elsewhere."""
     read: FloatArray
-    """(w, 4) variance of a wheel's way at an instant."""
+    """(w, 4) variance of a wheel's distance at an instant."""
 
     @property
     def broken(self) -> np.ndarray:
@@ -232,7 +232,7 @@ class Layout:
 
     @cached_property
     def turning(self) -> list[int]:
-        """States that turn the way."""
+        """States that turn the heading."""
         out, first = [], 0
         for block in self.blocks:
             out += [first + state for state in block.turning]

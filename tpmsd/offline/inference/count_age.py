@@ -3,14 +3,15 @@
 In: a `Recording`. Out: the same one less a common age, or the very same where there is none.
 
 A count on the bus may be that of the control unit's last own reading of the rings, up to 20 ms before the
-stamp, in a rhythm that beats against the frames. A common age a(t) makes the way of all wheels v * a shorter
-at once, which at 25 m/s is half a metre: far more than the counts resolve. It acts as a white error of the
-stamps.
+stamp, in a rhythm that beats against the frames. A common age a(t) makes the distance of all wheels v * a
+shorter at once, which at 25 m/s is half a metre: far more than the counts resolve. It acts as a white error
+of the stamps.
 
-Its size is told by third differences of the way D that the wheels have rolled in the mean. Those of a car
-that moves with jerk j are j * dt^3, a millimetre in 0.1 s; an error of standard deviation s of each D makes
-sqrt(20) * s. What is beyond the counts' own resolution and grows with speed is age. The way itself is then
-smoothed by penalised least squares (Whittaker, Proceedings of the Edinburgh Mathematical Society 41, 1923):
+Its size is told by third differences of the distance D that the wheels have rolled in the mean. Those of a
+car that moves with jerk j are j * dt^3, a millimetre in 0.1 s; an error of standard deviation s of each D
+makes sqrt(20) * s. What is beyond the counts' own resolution and grows with speed is age. The distance itself
+is then smoothed by penalised least squares (Whittaker, Proceedings of the Edinburgh Mathematical Society 41,
+1923):
 
     sum (S - D)^2 / (r^2 + (s v)^2) + sum (third difference of S)^2 / (j dt^3)^2 -> min,
 
@@ -104,7 +105,8 @@ def common_age(recording: Recording) -> CommonAge | None:
 
 
 def _std_s(distance_m: FloatArray, speed: FloatArray, read_m: float) -> float:
-    """Standard deviation of the age by the third differences of the way; 0 where too little is driven."""
+    """Standard deviation of the age by the third differences of the distance; 0 where too little is
+    driven."""
     third = np.convolve(distance_m, [1.0, -2.0, 1.0], mode="valid")
     v = speed[1:-1]
     fast = np.isfinite(third) & (v > FAST_MPS)
@@ -122,7 +124,8 @@ def _std_s(distance_m: FloatArray, speed: FloatArray, read_m: float) -> float:
 
 
 def _rolled(shown: FloatArray, std: FloatArray, third_m: float) -> FloatArray:
-    """(m,) the way that the car has rolled, of what the counters show (m,), with the error's deviations."""
+    """(m,) the distance that the car has rolled, of what the counters show (m,), with the error's
+    deviations."""
     n = len(shown)
     weight, stiff = (third_m / std) ** 2, np.zeros((4, n))
     for k, factor in enumerate(DIFFERENCE):

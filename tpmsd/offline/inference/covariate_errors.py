@@ -56,7 +56,7 @@ def covariate_stds(reader: Reader, noise: Noise) -> dict[str, float]:
 
 def covariate_errors(windows: Windows, about: ReferenceTrajectory, noise: Noise) -> dict[str, FloatArray]:
     """(w,) standard deviation of each covariate's error, SI units, from the smoother of all channels. Zero of
-    what is given (time and way) or read from the bus."""
+    what is given (time and distance) or read from the bus."""
     made = Whitener.of(windows, noise, np.isfinite(windows.measured))
     stds = np.concatenate([made.motion_stds(), np.zeros((len(windows), 1))], axis=1)
     out = {

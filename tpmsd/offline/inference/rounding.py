@@ -1,10 +1,10 @@
 """The rounding of wheel speeds while a car holds its speed: one error, read again and again.
 
-In: a recording. Out: by window and wheel, the variance that this adds to a wheel's way. Rounding is noise
-from reading to reading where a signal moves by more than a step between them (Widrow, Kollar and Liu, IEEE
-Transactions on Instrumentation and Measurement 45, 1996); a cruise on a bus with steps of 0.06 km/h holds one
-and the same error of up to half a step for half a minute: 0.13 mm of a radius at 20 m/s. All readings of such
-a run tell no more than one: their variances are that of one rounding times their number.
+In: a recording. Out: by window and wheel, the variance that this adds to a wheel's distance. Rounding is
+noise from reading to reading where a signal moves by more than a step between them (Widrow, Kollar and Liu,
+IEEE Transactions on Instrumentation and Measurement 45, 1996); a cruise on a bus with steps of 0.06 km/h
+holds one and the same error of up to half a step for half a minute: 0.13 mm of a radius at 20 m/s. All
+readings of such a run tell no more than one: their variances are that of one rounding times their number.
 
 Steps are found as the common measure of the speeds that stayed, for a window each where enough of them did:
 a tick is the mean of its readings, and two in a row may be alike anywhere between two steps. Speeds without

@@ -152,8 +152,8 @@ class Reader:
         return self._base[1]
 
     def by_radius(self, wheel: int, share: FloatArray, base: ExtendedModel) -> FloatArray:
-        """(w,) change of a wheel's way by a metre more radius times a share (n + 1,) at the ticks' edges, at
-        a model: rate is speed over radius, so its derivative is minus rate over radius."""
+        """(w,) change of a wheel's distance by a metre more radius times a share (n + 1,) at the ticks'
+        edges, at a model: rate is speed over radius, so its derivative is minus rate over radius."""
         motion, car = self.reference.motion, self.reference.car
         if self._turning is None or self._turning[0] is not base:
             rates = wheel_rates(motion, car, base) / wheel_radii(motion, car, base)

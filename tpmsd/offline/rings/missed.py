@@ -2,9 +2,9 @@
 
 In: `Recording`, `ReferenceTrajectory`. Out: `Missed` per wheel that loses counts.
 
-Fewer counts per way are a larger radius or counts that are lost. The ripple that every ring has once per turn
-(`car.rings.ripple`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as ever,
-of counts that are lost after fewer. So two accounts of a wheel's angle are compared by the power of the
+Fewer counts per distance are a larger radius or counts that are lost. The ripple that every ring has once per
+turn (`car.rings.ripple`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as
+ever, of counts that are lost after fewer. So two accounts of a wheel's angle are compared by the power of the
 ripple in them (Schuster 1898): the counts as they are; and the counts with a share put back that is the same
 all the time, or that comes and goes as the other wheel of the axle shows. Phases are free in each block, so
 that only the angle within a block counts, and nothing hangs on radii or on the receiver's scale.

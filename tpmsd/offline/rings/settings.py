@@ -95,8 +95,8 @@ class CounterSettings:
     single_admit_nats: float = 6.0
     """Gain of losses over symmetric noise from which they are a finding: odds of four hundred."""
     single_least_own: float = 0.05
-    """Share of a wheel's way that the motion must leave open: without a gyro half of it is, on two wheels
-    nothing."""
+    """Share of a wheel's distance that the motion must leave open: without a gyro half of it is, on two
+    wheels nothing."""
     missed_stds: float = 3.0
     """Standard deviations from which a share is lost: what is less and fluctuates with bends is load."""
     missed_from_hz: float = 4.0

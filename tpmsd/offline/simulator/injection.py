@@ -27,7 +27,7 @@ from tpmsd.offline.inference.trajectory import reference
 
 FINER_S = 0.08
 """Width (s) of the Gaussian by which the part of a reading that rounding took away is estimated: at 3 m/s2 it
-is off by 10 mm of a wheel's way, a quarter of a tooth of 48, and it holds some readings of every bus."""
+is off by 10 mm of a wheel's path, a quarter of a tooth of 48, and it holds some readings of every bus."""
 MARGIN = 1e-6
 """Distance of a finer reading from its ends, in steps of rounding: sums in floating point stay within, and
 changes below it are none."""

@@ -3,7 +3,7 @@
 In: role -> `SignalReadings` in SI units, the nominal radii. Out: `Signals`. Pure.
 
 Wheel speeds become angles by the trapezoidal rule; counts that roll over are unwrapped by their modulus;
-positions in a simulator's plane are laid on the ellipsoid so that lengths and angles along the way stay.
+positions in a simulator's plane are laid on the ellipsoid so that lengths and angles along the path stay.
 """
 
 from __future__ import annotations

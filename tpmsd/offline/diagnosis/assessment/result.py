@@ -155,7 +155,7 @@ class Remaining:
     """The best of all hypotheses that were not chosen, against what chance makes of them."""
 
     gain: float
-    """Penalised gain beside what was chosen, nats."""
+    """Penalised gain jointly with what was chosen, nats."""
     p_value: float
     """Fraction of drives in which nothing else acts that would show as much."""
     exceeded: int

@@ -280,7 +280,7 @@ def first_hat(pattern: str) -> int:
     """Number of the first hat that a spline term on a wheel or reading needs.
 
     All hats together are a constant. Calibration holds that of a wheel, so its first is left out. A reading
-    has none: without its own, a shape of the gyro would need a bias beside it.
+    has none: without its own, a spline of the gyro would need a bias fitted jointly.
     """
     return 0 if pattern in READINGS else 1
 
@@ -321,8 +321,8 @@ def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:
 def _of_radius(reader: Reader, wheel: int) -> FloatArray:
     """(w, 9) response to a metre more radius: the wheel turns less.
 
-    By the predicted way: the measured one shares its reading errors with the residual, and with thousands
-    of windows that product adds up to a radius that grows with speed.
+    By the predicted distance: the measured one shares its reading errors with the residual, and with
+    thousands of windows that product adds up to a radius that grows with speed.
     """
     out = np.zeros((len(reader.windows), CHANNELS))
     out[:, wheel] = -reader.rolled_m[:, wheel] / reader.reference.car.radius_m[wheel]

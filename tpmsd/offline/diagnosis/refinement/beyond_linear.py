@@ -1,7 +1,7 @@
 """Removes terms that only explain the linearisation error of the others.
 
-In: a `Study` and its `Selection`. Out: what is significant beside the exact response of the others, and how
-sure it is beside alternatives that act exactly.
+In: a `Study` and its `Selection`. Out: what is significant jointly with the exact response of the others, and
+how sure it is against alternatives that act exactly.
 
 A lag of 0.3 s is a shift, its linear response the slope: the error is the curvature, and a faint low-pass has
 the same. So each term is tested again with the linearisation error of the other terms subtracted from the
@@ -69,7 +69,7 @@ def beyond_linear(study: Study, selector: Selector, terms: Sequence[Term]) -> fl
 
 
 def exact_gain(study: Study, selector: Selector, others: Sequence[Term], term: Term) -> float:
-    """Log-likelihood that a term brings beside others which act by the forward model (nats)."""
+    """Log-likelihood that a term brings jointly with others which act by the forward model (nats)."""
     before = selector.design(others)
     design = np.concatenate([before, term.design], axis=1)
     acting = [drive.acting(design) for drive in study.drives]

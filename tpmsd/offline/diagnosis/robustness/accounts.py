@@ -1,12 +1,12 @@
 """Names what the noise model took for slow noise: a change of a radius, an event, a constant velocity error.
 
-In: what was `Found`. Out: the same with the term that a drive demands, and the noise beside it.
+In: what was `Found`. Out: the same with the term that a drive demands, and the noise fitted jointly.
 
 How much radii drift is estimated from the drive, and a change that stays raises that estimate, the more the
 larger it is: a step of 2 mm makes a drift of 0.7 mm, in which it is nothing unusual. Gains under one noise
 cannot tell the two apart. So two accounts of the drive are compared as wholes, each with the drift that is
 likeliest in it (generalised likelihood ratio; the jump of Willsky and Jones, IEEE Transactions on Automatic
-Control 21, 1976): radii that drift alone, and radii that drift beside a change.
+Control 21, 1976): radii that drift alone, and radii that drift and change.
 
 The same holds of the receiver's speed. Along a motorway a heading changes within minutes, so an error that
 stands in the earth's frame is a slow error of speed, and the noise estimated with it in the drive holds it.
@@ -36,7 +36,7 @@ from tpmsd.offline.inference.noise_fit import RADIUS_DRIFT, VELOCITY, log_poster
 
 @dataclass(frozen=True)
 class Account:
-    """A model of a drive with the radius drift that is likeliest beside it."""
+    """A model of a drive with the radius drift that is likeliest jointly with it."""
 
     log_likelihood: float
     noise: Noise

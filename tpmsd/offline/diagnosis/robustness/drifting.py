@@ -1,7 +1,7 @@
 """Names what the noise model took for a gyro that drifts, where it drifts far and smoothly.
 
 In: what was `Found`. Out: the same, with a spline term of the yaw rate over time instead of a constant bias,
-if there is one to tell, and the noise beside it.
+if there is one to tell, and the noise fitted jointly.
 
 A gyro's bias walks at random, and how fast is estimated from the drive. A bias that fades as the sensor warms
 raises that estimate, and beside so fast a walk its shape is not sure: what was left of it got the name of a

@@ -1,11 +1,11 @@
 """Names what the noise model took for radius drift, where wheels drift together.
 
 In: what was `Found`, and what was chosen before slow noise was asked. Out: the same, with a spline term over
-time if there is one to tell, or the change of a wheel's radius, and the noise beside it.
+time if there is one to tell, or the change of a wheel's radius, and the noise fitted jointly.
 
 Every wheel's radius drifts for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
-But then one group of wheels holds nearly all of the drift, and with wheels that go each their own way none
+But then one group of wheels holds nearly all of the drift, and with wheels that drift independently none
 does: there the best one has little more than half of what four separate wheels bring, and an axle that brakes
 warm has all of it. So the shape is asked for under the usual noise.
 """

@@ -1,7 +1,7 @@
 """Refines changes of radii and the radius drift jointly.
 
-In: a study of one drive and terms. Out: the study with exact ramps and the drift that is likeliest beside
-them, and the terms.
+In: a study of one drive and terms. Out: the study with exact ramps and the drift that is likeliest jointly
+with them, and the terms.
 
 A ramp that is some seconds off leaves a residual that passes for drift, and beside much drift its likeliest
 course is another one: single steps between the two end at a local maximum. So both are fitted in turn until

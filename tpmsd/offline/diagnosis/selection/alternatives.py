@@ -15,7 +15,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 
 @dataclass(frozen=True)
 class Alternative:
-    """An alternative to a chosen term beside the other chosen ones."""
+    """An alternative to a chosen term, given the other chosen ones."""
 
     name: str
     effect: str

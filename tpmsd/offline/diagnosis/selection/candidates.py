@@ -93,8 +93,8 @@ class Candidates:
         return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
 
     def studentised(self, chosen: Sequence[Term], term: Term, penalised_gain: float) -> float:
-        """Return a penalised gain beside the chosen terms, its gain divided by the term's block-wise variance
-        ratio.
+        """Return a penalised gain jointly with the chosen terms, its gain divided by the term's block-wise
+        variance ratio.
         """
         return (penalised_gain + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
 

@@ -425,7 +425,7 @@ class Selector(Candidates):
         ]
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
-        """Return whether a term brings most of its gain beside its alternative too: then they explain
+        """Return whether a term brings most of its gain jointly with its alternative too: then they explain
         different things.
         """
         return self.gain([*terms, term]) - self.gain(terms) > SETTINGS.selection.independent_share * gain
@@ -474,8 +474,8 @@ class Selector(Candidates):
     def _alternatives(
         self, rest: list[Term], term: Term, gain: float, first: float, ratio: float
     ) -> list[Alternative]:
-        """Return the alternatives of a term that gains so much beside the rest, with its first value and its
-        variance ratio, the best first.
+        """Return the alternatives of a term that gains so much jointly with the rest, with its first value
+        and its variance ratio, the best first.
         """
         similar = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         # Both of two values are needed: where one does alone, no alternative replaces the other one.
