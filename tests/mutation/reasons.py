@@ -107,4 +107,8 @@ REASONS: dict[str, str] = {
     "os.O_WRONLY + os.O_CREAT": "same: flags of different bits add up as they are joined",
     "count in range(1, 6)": "same: a car has four wheels, and no sample of five is looked up",
     ">> (interval_s <= MAX_PAUSE_S)": "same: stamps that do not flow are then asked one by one",
+    "len(ages) * len(late_ages)": _HAS_TEST,
+    "for track in []:": _HAS_TEST,
+    "MAX_AHEAD_S = 2.0": _HAS_TEST,
+    "tick_source.py:79": "held by tests/onboard/gnss/test_gnss_on_can.py, which has joined the room's list",
 }

@@ -62,6 +62,7 @@ PACKAGES = {
             "tests/onboard/timeline",
             "tests/onboard/gnss/test_utc_offset.py",
             "tests/onboard/gnss/test_local_plane.py",
+            "tests/onboard/gnss/test_gnss_on_can.py",
         ),
         "test_any_stamps or test_faulty_lines or test_faulty_buses",
     ),
@@ -472,6 +473,99 @@ NAMED = (
             ("            self._flush(sync=True)", "            self._flush(sync=False)"),
             ("self.seen.frames - frames_before", "self.seen.frames >> frames_before"),
             ("sync=monotonic_s - synced_s >= SYNC_S", "sync=monotonic_s - synced_s < SYNC_S"),
+        )
+    ),
+    # The samples of seeds 6011, 6012, 6021: survivors that act otherwise, with the test that kills each.
+    *(
+        Named(f"tpmsd/onboard/{module}", old, new, (f"tests/onboard/{test}.py",))
+        for module, old, new, test in (
+            (
+                "monitor/slow_leaks/history.py",
+                "[-self._settings.clear_days :]",
+                "[~self._settings.clear_days :]",
+                "monitor/test_slow_leak",
+            ),
+            (
+                "monitor/baseline/baseline.py",
+                "_learned_s = 0.0\n        self._since_s = 0.0",
+                "_learned_s = 0.0\n        self._since_s = 1.0",
+                "monitor/test_grip",
+            ),
+            (
+                "monitor/evidence/detectable.py",
+                "np.array(smallest) * radius_m",
+                "np.array(smallest) + radius_m",
+                "monitor/test_detectable",
+            ),
+            ("daemon/state_keeper.py", "split()) or type", "split()) and type", "daemon/test_state_keeper"),
+            ("daemon/state_keeper.py", 'int") != self', 'int") > self', "daemon/test_state_keeper"),
+            ("daemon/state_keeper.py", "FINISH_S = 5.0", "FINISH_S = 4.0", "daemon/test_state_keeper"),
+            (
+                "sources/wheel_counter.py",
+                "or self._suspect is not None",
+                "and self._suspect is not None",
+                "sources_can/test_regular_readings",
+            ),
+            (
+                "sources/wheel_counter.py",
+                "if raw == self._raw else self._time_s",
+                "if raw != self._raw else self._time_s",
+                "sources_can/test_wheel_counter",
+            ),
+            ("timeline/utc_offset.py", "_FIXES = 4096", "_FIXES = 4097", "gnss/test_utc_offset"),
+            ("timeline/utc_offset.py", "maxlen=64", "maxlen=65", "gnss/test_utc_offset"),
+            (
+                "timeline/compensation.py",
+                "tick.dt_s / RATE_SMOOTHING_S",
+                "tick.dt_s ** RATE_SMOOTHING_S",
+                "timeline/test_compensation",
+            ),
+            (
+                "timeline/compensation.py",
+                "speed > 1.0 else",
+                "speed != 1.0 else",
+                "timeline/test_compensation",
+            ),
+            (
+                "timeline/block_source.py",
+                "if tick is None:\n",
+                "if not tick is None:\n",
+                "timeline/test_block_source",
+            ),
+            (
+                "timeline/block_source.py",
+                "(latest_s + self._shift_s)",
+                "(latest_s ** self._shift_s)",
+                "timeline/test_block_source",
+            ),
+            ("timeline/local_plane.py", "cos < -0.999999", "cos == -0.999999", "gnss/test_local_plane"),
+            ("timeline/timeline.py", "[at_s + shift_s", "[at_s ^ shift_s", "timeline/test_timeline"),
+            ("timeline/speed_accuracy.py", "_since += 1", "_since += 0", "timeline/test_speed_accuracy"),
+            ("daemon/journal.py", ") and not stream", ") or not stream", "daemon/test_journal"),
+            ("daemon/signals.py", "in STOP_SIGNALS:", "in []:", "daemon/test_signals"),
+            ("daemon/signals.py", "in self._handlers.items():", "in []:", "daemon/test_signals"),
+            (
+                "daemon/loop.py",
+                "if self._manager.is_ready and",
+                "if not self._manager.is_ready and",
+                "daemon/test_loop_log",
+            ),
+            ("daemon/loop.py", "if frames:\n", "if not frames:\n", "daemon/test_loop_log"),
+            ("timeline/timeline.py", "MAX_AHEAD_S = 1.0", "MAX_AHEAD_S = 2.0", "timeline/test_timeline"),
+            (
+                "timeline/timeline.py",
+                "for track in self._tracks:\n                track.forget",
+                "for track in []:\n                track.forget",
+                "timeline/test_block_source",
+            ),
+            (
+                "timeline/utc_offset.py",
+                "len(ages) - len(late",
+                "len(ages) * len(late",
+                "gnss/test_utc_offset",
+            ),
+            ("daemon/notify.py", "MOST_WAITING = 32", "MOST_WAITING = 33", "daemon/test_notify"),
+            ("daemon/obd_asker.py", "if not self:", "if not not self:", "daemon/test_obd"),
         )
     ),
 )

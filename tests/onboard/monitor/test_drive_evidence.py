@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,11 +14,20 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.alarms.judge import Judge, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.baseline.reference import CAR, DRAG, GROWTH, HILL, SIZE, RadiusReference
+from tpmsd.onboard.monitor.baseline.reference import (
+    CAR,
+    DRAG,
+    GROWTH,
+    HILL,
+    KNOTS_MPS,
+    SIZE,
+    RadiusReference,
+    hats,
+)
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.sizes import no_sizes
 from tpmsd.onboard.monitor.sampling.conditions import Conditions
-from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
@@ -310,3 +320,27 @@ def test_driven_wheels_that_slip_at_low_grip_are_no_loss(seed: int) -> None:
     assert np.all(found.deflated < settings.raise_probability)
     assert np.all(found.deviates < settings.raise_probability)
     assert sum(found.drive_models[name] for name in DRIVE_EVIDENCE.slipping) > 0.99
+
+
+def test_speeds_lie_between_the_two_nearest_knots() -> None:
+    """Weights are linear between knots, add up to one, and belong to the outer knot beyond it."""
+    assert np.array_equal(np.eye(KNOTS_MPS.size), [hats(knot) for knot in KNOTS_MPS.tolist()])
+    for low, (slow, fast) in enumerate(pairwise(KNOTS_MPS.tolist())):
+        expected = np.zeros(KNOTS_MPS.size)
+        expected[low], expected[low + 1] = 0.75, 0.25
+        assert expected == pytest.approx(hats(slow + 0.25 * (fast - slow)))
+    assert np.array_equal(hats(0.0), hats(KNOTS_MPS[0]))
+    assert np.array_equal(hats(200.0), hats(KNOTS_MPS[-1]))
+
+
+def test_hypotheses_of_another_size_begin_anew() -> None:
+    """Those of the first row have wheels as learned and are left out; the others weigh what went before."""
+    n, rows = 5, np.array([0, 1, 0, 2, 1])
+    given = ChangeHypotheses(
+        np.arange(4.0 * n).reshape(n, 4), np.tile(np.eye(4), (n, 1, 1)), np.arange(float(n)), rows,
+        *(rows, np.arange(n), 0.01 * np.arange(n), 0.001 * np.arange(n), 7),
+    )  # fmt: skip
+    found = given.resized(-2.5)
+    assert ([1, 2, 1], [1, 3, 4], 7) == (found.row.tolist(), found.index.tolist(), found.samples)
+    assert [-1.5, 0.5, 1.5] == found.log_weight.tolist()
+    assert np.array_equal(given.change_m[[1, 3, 4]], found.change_m)

@@ -11,7 +11,7 @@ import pytest
 from tests.onboard.monitor.drives import ALL, RADIUS_M
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching
+from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching, _Malfunction
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
@@ -115,3 +115,18 @@ def test_a_fix_is_stale_after_ten_seconds(age_s: float, stale: bool) -> None:
     reported = watched.play(limit_s + 20.0, age_s=age_s)
     raised = [("raised", "no usable fix from", pytest.approx(limit_s, abs=0.6))]
     assert (raised if stale else []) == reported
+
+
+@pytest.mark.parametrize(("good_s", "cleared"), [(1.5, 0), (2.0, 1)])
+def test_a_malfunction_is_cleared_with_the_end_of_its_time_in_good_order(good_s: float, cleared: int) -> None:
+    """A tenth of the time that raised it, and two seconds at least; what never stood is never cleared."""
+    events: list[AlarmEvent] = []
+    lasting = _Malfunction("it is so")
+    for second in range(24):
+        tick = Tick(second, 0.5 * second, 0.5, NAN4, NAN4, host_time_s=0.5 * second)
+        events += lasting.update(second < 20, second >= 20, 10.0, tick) if second < 20 + 2.0 * good_s else []
+    assert ["raised"] + ["cleared"] * cleared == [event.state for event in events]
+    never = _Malfunction("it was not")
+    for second in range(60):
+        tick = Tick(second, 0.5 * second, 0.5, NAN4, NAN4, host_time_s=0.5 * second)
+        assert [] == never.update(second < 2, second >= 2, 10.0, tick)

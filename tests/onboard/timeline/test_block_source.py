@@ -293,3 +293,19 @@ def test_ticks_of_a_healthy_drive_are_planned(tmp_path: Path) -> None:
     assert len(planned) == len(ticks) >= 200
     assert sum(planned) >= 0.9 * len(planned)
     assert [0.1] * 100 == pytest.approx(np.diff(made_s[50:151]).tolist(), abs=0.05)
+
+
+def test_readings_that_no_tick_needs_any_more_are_forgotten(tmp_path: Path) -> None:
+    """At no tick of a drive of 22 s does a wheel keep those of more than 1.5 s, holdback included."""
+    log, others = lines()
+    for file, content in others.items():
+        (tmp_path / file).write_bytes(content)
+    (tmp_path / "can.log").write_text("\n".join(log) + "\n", "ascii")
+    config = load_config(tmp_path)
+    stream, database = FolderRecording(tmp_path).open(config)
+    source, seen = TickSource(config, database), list[Any]()
+    source.timeline.observe_rotations(Samples(seen))
+    tracks = source.timeline._tracks
+    kept = [max(len(track._times) for track in tracks) for _ in play(stream, BlockSource(source))]
+    assert 200 <= len(kept) <= len(seen) / 4
+    assert max(kept) <= 1.5 * len(seen) / 4 / 22.0

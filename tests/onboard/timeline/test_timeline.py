@@ -492,3 +492,15 @@ def test_a_fix_that_missed_its_tick_by_30_ms_is_taken_at_the_start_of_the_next(
     found = [(tick.index, fix.fraction) for tick in later for fix in tick.fixes]
     assert [(ticks[-1].index + 1, pytest.approx(0.0, abs=1e-4))] * placed == found
     assert (1 - placed, [*first, late]) == (timeline.counts["late_fixes"], seen)
+
+
+@pytest.mark.parametrize(("ahead_s", "early"), [(0.9, 0), (1.1, 1)])
+def test_a_fix_that_is_valid_within_a_second_waits_for_its_tick(ahead_s: float, early: int) -> None:
+    """A receiver whose time leaps by more is reported, and the fix is not kept until then."""
+    timeline = Timeline(10.0)
+    first = fixes(0.0, 2.0, lag_s=0.0)
+    leapt = GnssFix(START_S + 2.0, START_S + 2.0 + ahead_s, 50.0, 8.0, 100.0, 1, 0.8, 1.5, 0.0, 0.0)
+    ticks = play(timeline, merged([*first, leapt], rotations(20.0, 5.0, 0.01)))
+    placed = [fix.time_s - START_S for tick in ticks for fix in tick.fixes]
+    assert [0.0, 1.0, *[2.0 + ahead_s] * (not early)] == pytest.approx(placed, abs=1e-4)
+    assert early == timeline.counts["early_fixes"]
