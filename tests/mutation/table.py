@@ -551,6 +551,27 @@ NAMED = (
                 "daemon/test_loop_log",
             ),
             ("daemon/loop.py", "if frames:\n", "if not frames:\n", "daemon/test_loop_log"),
+            (
+                "daemon/link.py",
+                "self._until_data = False\n        self._delay_s",
+                "self._until_data = True\n        self._delay_s",
+                "daemon/test_link_ends",
+            ),
+            ("daemon/feeder.py", "monotonic_s + HOLD_S", "monotonic_s // HOLD_S", "daemon/test_feeder"),
+            ("daemon/clock.py", "INSTANT_S = 1e-3", "INSTANT_S = 1.001", "daemon/test_time"),
+            (
+                "daemon/loop.py",
+                "in self._receiver.read(monotonic_s, now_s):",
+                "in []:",
+                "daemon/test_loop_log",
+            ),
+            (
+                "daemon/loop.py",
+                "enumerate(config.can.buses.values(), 1)}",
+                "enumerate(config.can.buses.values(), 0)}",
+                "daemon/test_loop_log",
+            ),
+            ("daemon/drive_recording.py", "exist_ok=True", "exist_ok=False", "daemon/test_record"),
             ("timeline/timeline.py", "MAX_AHEAD_S = 1.0", "MAX_AHEAD_S = 2.0", "timeline/test_timeline"),
             (
                 "timeline/timeline.py",

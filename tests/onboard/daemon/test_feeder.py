@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.onboard.daemon.fakes import car, wheels_frame
-from tpmsd.onboard.daemon.feeder import Feeder
+from tpmsd.onboard.daemon.feeder import HOLD_S, Feeder
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.recorder import DriveRecorder
-from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.drive import FolderStream, Sentence
 
 GRACE_S = 0.25
@@ -62,3 +62,29 @@ def test_a_quarter_of_a_second_is_a_step_of_the_clock(step_s: float, steps: int,
         feeder.feed(now_s, monotonic_s, lambda _: [])
 
     assert steps == feeder.clock_steps
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_behind_a_step_of_the_clock_a_stamp_is_waited_for(stamped: bool, tmp_path: Path) -> None:
+    """A replay notices the step with the first stamp behind it: until then, or for a second, time stands."""
+    config, database = car(tmp_path)
+    moved_s: list[float] = []
+
+    class Moved(Pipeline):
+        def advance(self, time_s: float) -> list[Step]:
+            moved_s.append(monotonic_s)
+            return super().advance(time_s)
+
+    queue = InputQueue()
+    feeder = Feeder(Moved(config, database), queue, None, GRACE_S)
+    for quarter in range(40):
+        monotonic_s = 0.25 * quarter
+        now_s = 1000.0 + monotonic_s + (3600.0 if monotonic_s >= 5.0 else 0.0)
+        if stamped and monotonic_s == 5.5:
+            queue.put_frame(wheels_frame(now_s - GRACE_S), now_s - GRACE_S, now_s)
+        feeder.feed(now_s, monotonic_s, lambda _: [])
+    held_s = [0.25 * k for k in range(20, 40) if 0.25 * k not in moved_s]
+
+    assert [0.25 * k for k in range(20)] == [at_s for at_s in moved_s if at_s < 5.0][:20]
+    assert [5.0 + 0.25 * k for k in range(2 if stamped else round(4.0 * HOLD_S))] == held_s
+    assert 1.0 == HOLD_S

@@ -12,7 +12,7 @@ from tests.onboard.daemon.fakes import FakeBus, wheels_frame
 from tests.onboard.daemon.test_links import FRAME, LOG, link_of
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.onboard.daemon.bus_link import READ_AT_ONCE, READS_AT_ONCE, _is_up
-from tpmsd.onboard.daemon.link import Link
+from tpmsd.onboard.daemon.link import STABLE_S, Link
 from tpmsd.onboard.daemon.receiver_link import READS_AT_ONCE as RECEIVER_READS
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver
 from tpmsd.onboard.sources.can.frame import CanFrame
@@ -260,3 +260,20 @@ def test_each_opening_and_each_failure_is_a_generation() -> None:
         seen.append(link.generation)
 
     assert [0, 1, 2, 3, 4] == seen
+
+
+def test_a_link_that_was_well_again_needs_no_data_the_next_time() -> None:
+    """Behind a bus-off only data shows that the bus is well; behind a plug that was pulled a quiet while
+    does, also where a bus-off was before it and is over."""
+    link = Link("CAN x", LOG)
+    link._opened(0.0)
+    link._failed(1.0, "bus-off", until_data=True)
+    link._opened(2.0)
+    link._well(2.0 + STABLE_S, False)
+    assert link.is_down
+    link._well(20.0, True)
+    assert not link.is_down
+    link._failed(30.0, "unplugged")
+    link._opened(31.0)
+    link._well(31.0 + STABLE_S, False)
+    assert (False, "") == (link.is_down, link.reason)

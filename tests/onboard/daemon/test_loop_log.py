@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import signal
 from itertools import pairwise
@@ -15,7 +16,8 @@ from tests.onboard.daemon.fakes import DrivingBus, FakeBus, LeapingClock, car, l
 from tests.onboard.daemon.test_loop import LOG, run
 from tests.onboard.daemon.test_obd import may_ask
 from tpmsd.car.config.load import load_config
-from tpmsd.onboard.pipeline import Step
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks.reset_request import ResetRequest, to_sentence
 from tpmsd.onboard.sources.can.decoder import load_database
 from tpmsd.onboard.sources.can.frame import CanFrame
 
@@ -147,7 +149,21 @@ def test_a_second_bus_is_opened_read_and_asked_by_its_own_number(tmp_path: Path)
             say("third", 0x7E8, "03410d48aaaaaaaa")
             say("fake", 0x7E8, "03410d31aaaaaaaa")
 
-    daemon = listening(config, load_database(config.can.dbc), clock, open_bus, watch, grace_s=0.06, log=LOG)
+    numbers: set[tuple[int, int]] = set()
+
+    class Taking(Pipeline):
+        def on_frame(
+            self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
+        ) -> list[Step]:
+            numbers.add((arbitration_id, bus))
+            return super().on_frame(time_s, arbitration_id, is_extended, data, bus)
+
+    daemon = listening(
+        *(config, load_database(config.can.dbc), clock, open_bus, watch),
+        make_pipeline=Taking,
+        grace_s=0.06,
+        log=LOG,
+    )
     daemon.run(4.8)
 
     assert [("fake", "fake"), ("second", "second"), ("third", "third")] == opened
@@ -155,6 +171,7 @@ def test_a_second_bus_is_opened_read_and_asked_by_its_own_number(tmp_path: Path)
     assert [] == buses["second"].sent
     assert {0x6F0} == {number for number, _ in buses["fake"].sent}
     assert 72 == daemon.document()["obd"]["speed_kmh"]
+    assert {(0xB0, 0), (0x7E8, 0), (0x7E8, 1), (0x7E8, 2), (0x100, 2)} == numbers
     assert [1, 1, 1] == [bus.closed for bus in buses.values()]
 
 
@@ -200,3 +217,55 @@ def test_a_bus_that_falls_silent_is_said_to_be(tmp_path: Path) -> None:
     daemon.run(16.0)
     assert ["ok", "silent"] == list(states)
     assert (12.0, 12.0) == pytest.approx((states["ok"][-1], states["silent"][0]), abs=0.15)
+
+
+class Talking:
+    """A receiver that says a sentence each second of the given clock, and what was asked of it."""
+
+    def __init__(self, clock: LeapingClock, reader: int) -> None:
+        self._clock, self._reader, self._due_s = clock, reader, 0.0
+        self.did: list[str] = []
+
+    def open(self) -> None:
+        self.did.append("opened")
+
+    def fileno(self) -> int:
+        return self._reader
+
+    def read(self) -> bytes:
+        if self._clock.leapt_s < self._due_s:
+            return b""
+        self._due_s += 1.0
+        return to_sentence(ResetRequest("winter")) + b"\r\n$GNTXT,01,01,02,hello\r\n"
+
+    def close(self) -> None:
+        self.did.append("closed")
+
+
+def test_sentences_of_the_receiver_come_to_the_pipeline_and_resets_of_its_do_not(tmp_path: Path) -> None:
+    """Each with its stamp, in its turn; the sentence of a reset is the daemon's own alone."""
+    config, database = car(tmp_path, '[gnss]\ndevice = "fake"\n')
+    clock, taken = LeapingClock(), list[tuple[float, bytes]]()
+
+    class Taking(Pipeline):
+        def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
+            taken.append((time_s, line))
+            return super().on_sentence(time_s, line)
+
+    ends = os.pipe()
+    receiver = Talking(clock, ends[0])
+    bus, began_s = DrivingBus(clock.now), clock.now()
+    daemon = listening(
+        *(config, database, clock, bus.opener(), lambda step: None),
+        open_receiver=lambda _: receiver,
+        make_pipeline=Taking,
+        grace_s=0.06,
+        log=LOG,
+    )
+    daemon.run(5.5)
+    for end in ends:
+        os.close(end)
+
+    assert [b"$GNTXT,01,01,02,hello"] * 6 == [line for _, line in taken]
+    assert [float(k) for k in range(6)] == pytest.approx([at_s - began_s for at_s, _ in taken], abs=0.1)
+    assert ["opened", "closed"] == receiver.did

@@ -14,7 +14,12 @@ import pytest
 from tests.onboard.daemon.fakes import FakeBus
 from tests.onboard.daemon.test_links import link_of
 from tpmsd.interfaces.cli.main import main
-from tpmsd.onboard.daemon.drive_recording import SYNC_S, DriveRecording, RecordingProgress
+from tpmsd.onboard.daemon.drive_recording import (
+    SYNC_S,
+    DriveRecording,
+    RecordingError,
+    RecordingProgress,
+)
 from tpmsd.onboard.daemon.recorder import Appender
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import read_can_log
@@ -136,3 +141,13 @@ def test_a_power_cut_costs_seconds_and_the_rate_is_that_of_the_last_one(
     made.run(lambda: False, report, 23.0)
     assert [(2 * int(second // SYNC_S), 30.0) for second in range(1, 23)] == seen
     assert 2 * int(23.0 // SYNC_S) + 2 == len(synced)
+
+
+def test_a_folder_that_is_there_may_be_recorded_into_once(tmp_path: Path) -> None:
+    """An empty folder, or one with a configuration, is as good as none; a recording is not overwritten."""
+    (tmp_path / "vehicle.toml").write_text("", "utf-8")
+    for folder in (tmp_path, tmp_path / "of" / "today"):
+        link = link_of(FakeBus())
+        DriveRecording(folder, link, None, time.time, time.monotonic, 1 << 20)
+        with pytest.raises(RecordingError, match="holds a recording already"):
+            DriveRecording(folder, link, None, time.time, time.monotonic, 1 << 20)

@@ -111,3 +111,19 @@ def test_something_now_and_then_makes_no_bursts() -> None:
     every = Every(1.0)
 
     assert [True, False, True, False, True] == [every.due(t) for t in (0.0, 0.9, 7.5, 8.4, 8.5)]
+
+
+@pytest.mark.parametrize(("took_s", "looks"), [(0.0005, 2), (0.002, 10)])
+def test_two_readings_a_millisecond_apart_are_of_one_instant(took_s: float, looks: int) -> None:
+    """Those further apart are taken again, five times at most: a process may be held up each time."""
+    times = [0.0]
+
+    def monotonic() -> float:
+        times.append(times[-1] + took_s)
+        return times[-1]
+
+    clock = Clock(wall=HandClock(1.7e9), monotonic=monotonic)
+    before = len(times)
+    now_s, monotonic_s = clock.read()
+    assert (1.7e9, looks) == (now_s, len(times) - before)
+    assert looks * took_s == pytest.approx(monotonic_s)
