@@ -384,6 +384,19 @@ def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:
     assert between[0] == pytest.approx(0.5 * (plain[0] + brush[0]))
 
 
+def test_wheels_give_way_to_the_force_of_finite_angles() -> None:
+    """With C / (1 + k C) at the front in C's place the car moves alike, its angles finite or small."""
+    stiff, coefficient = CAR.cornering_front_n, 0.002
+    k = coefficient * (CAR.front_m + CAR.rear_m) / (CAR.mass_kg * CAR.rear_m)
+    turned = make_dynamics_effect("large_angles", coefficient=1.0)
+    gives = make_dynamics_effect("compliance_steer", coefficient=coefficient)
+    softer = make_dynamics_effect("cornering_stiffness_error", front=1.0 / (1.0 + k * stiff) - 1.0, rear=0.0)
+    at, inputs = np.array([[-0.3, 0.6]]), held(0.25, 7.0, 1.0)
+    for others in ((), (turned,)):
+        found, expected = (SingleTrack(CAR).rates(at, inputs, (*others, one)) for one in (gives, softer))
+        assert found == pytest.approx(expected, rel=1e-12)
+
+
 def test_finite_angles_turn_the_forces_of_the_front_wheels() -> None:
     """F_y = F_f cos(d) + F_x sin(d) + F_r with F_f = C_f (d - atan((v + a r) / u)); the coefficient is 1.
 

@@ -17,6 +17,7 @@ from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import EQUATIONS, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.competitors import CompetitorNats
 from tpmsd.offline.dynamics.look import Look, Slot
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
@@ -42,12 +43,15 @@ BINS = 12
 """Bins of a covariate in which residuals are shown."""
 
 
-def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
+def findings_of(
+    search: Search, look: Look, fitted: CompetitorNats | None = None
+) -> tuple[DynamicsFinding, ...]:
     """Return findings and suspicions, the strongest on held-out blocks first.
 
-    What has odds of more than twenty against it is no suspicion.
+    What has odds of more than twenty against it is no suspicion. `fitted` are log odds of competing names
+    that were fitted in a term's place; those of others are of first order.
     """
-    slots = [look.slot(k) for k in range(len(search.terms))]
+    slots = [_with_fitted(look.slot(k), fitted or {}) for k in range(len(search.terms))]
     if not slots:
         return ()
     few = search.part()
@@ -61,6 +65,16 @@ def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
         one = _finding(search, few, slot, with_all, without, alternatives)
         found.append(replace(one, term=k))
     return suspected(with_a_cause(sorted(found, key=lambda one: -one.loglik_gain)))
+
+
+def _with_fitted(slot: Slot, fitted: CompetitorNats) -> Slot:
+    """Return a slot with the evidence of the competitors that were fitted."""
+    known = fitted.get(slot.term.key, {})
+    competitors = [
+        (one, slot.evidence + known[one.name] if one.name in known else value)
+        for one, value in slot.competitors
+    ]
+    return replace(slot, competitors=tuple(sorted(competitors, key=lambda pair: -pair[1])))
 
 
 def suspected(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:

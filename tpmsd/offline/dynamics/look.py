@@ -113,18 +113,28 @@ class Look:
     def evidence(self, k: int) -> float:
         """Return the log Bayes factor of a term of the model, or of its likeliest part, against its
         absence."""
+        values = self._evidences(k)
+        return float(max(values) - math.log(self.terms[k].alternatives * len(values)))
+
+    def part_nats(self, k: int) -> float:
+        """Return what the choice of the likeliest part adds to the log evidence of a term of the model."""
+        values = self._evidences(k)
+        return float(max(values) - values[0] - math.log(len(values)))
+
+    def _evidences(self, k: int) -> list[float]:
+        """Return the log Bayes factors of a term of the model and of each of its parts."""
         loss, own = self.loss(k)
         ratio = own.overdispersion
         prior = self.columns[k].precision
         matrix = own.information / ratio + np.diag(prior)
         occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
-        values = [loss - occam]
+        values = [float(loss - occam)]
         if self.terms[k].separable:
             less = loss - self._penalised(joined(self.columns), (), ()) / ratio
             for j in range(len(prior)):
                 occam = 0.5 * math.log(1.0 + own.information[j, j] / ratio / prior[j])
-                values.append(less + self._with_part(k, j) / ratio - occam)
-        return float(max(values) - math.log(self.terms[k].alternatives * len(values)))
+                values.append(float(less + self._with_part(k, j) / ratio - occam))
+        return values
 
     def _with_part(self, k: int, j: int) -> float:
         """Return the log-likelihood with priors where of a term of the model only one value is free, the

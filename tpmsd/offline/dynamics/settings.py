@@ -87,6 +87,9 @@ class DynamicsSettings:
     """More findings than anybody can follow are not looked for."""
     twin_nats: float = 3.0
     """Alternatives whose log evidence is within this are listed as confounded: odds of twenty."""
+    competitor_share: float = 0.7
+    """Share of a term's log evidence from which a competing name is fitted in its place: to first order a
+    change by a fifth is off by a fifth of itself, and evidence by twice that."""
     spline_knots: int = 6
     """Knots of a term without a name: a shape with two bends."""
     wiggle_shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03, 0.01)

@@ -139,6 +139,11 @@ def log_marginal(search: Search, judge: Search) -> float:
     one of its alternatives, each term without a name as one of its own. The heights of such a term are a line
     with deviations from it whose scale is unknown.
     """
+    return sum(marginal_parts(search, judge))
+
+
+def marginal_parts(search: Search, judge: Search) -> tuple[float, float]:
+    """Return the likelihood, which grows with the drive, and what priors and alternatives add to it."""
     effects, noise = search.theta, judge.noise
     states = len(search.setup.states(effects))
     white = np.concatenate([noise.white[:states], search.noise.white[len(noise.white) :]])
@@ -146,14 +151,14 @@ def log_marginal(search: Search, judge: Search) -> float:
     at = smoothed(search.setup, effects, search.at.path, noise)
     likelihood = -0.5 * path_cost(search.setup, at, noise)
     if not search.terms:
-        return likelihood
+        return likelihood, 0.0
     _, probes = search.own(0)
     statistics = Statistics(gram(search.setup, effects, at, noise, probes))
     alternatives = math.log(len(search.offered()) + len(search.named))
     penalty = sum(
         nameless_penalty(search) if term.name == "unknown" else alternatives for term in search.named
     )
-    return likelihood - penalty + marginal(search.terms, statistics.information, statistics.gradient)
+    return likelihood, marginal(search.terms, statistics.information, statistics.gradient) - penalty
 
 
 def marginal(terms: Sequence[CandidateTerm], information: FloatArray, gradient: FloatArray) -> float:

@@ -27,6 +27,7 @@ class DynamicsComplianceSteer(DynamicsEffect):
         sentence="the front wheels give way under side force",
         distinguished_by="hold steady bends at two speeds and change lanes quickly",
     )
+    order = 1  # after what else makes the slip angles: the wheels give way to all of the force
     channel = "yaw_rate"
     covariate = "accel_lat"
     twins = ("cornering_stiffness_error",)
