@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bench.campaigns.onboard.slow_leak import METRES_PER_PERCENT, first_notice, leaking
 from bench.worlds.tyre_years import Leak, draw_year
-from tests.onboard.monitor.drives import ALL, START_S, VEHICLE, Player, monitor, said
+from tests.onboard.monitor.drives import ALL, REAR, START_S, VEHICLE, Player, monitor, said
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.baseline.reference import DRAG, GROWTH_OWN, RadiusReference
 from tpmsd.onboard.monitor.monitor import Monitor
@@ -486,6 +486,13 @@ def test_a_leak_is_noticed_over_restarts_and_resets(
     assert [notice.additions()] == [event.additions() for event in notices(player)]
     mended = days_of_driving(player, 42, 40, 0.0, np.random.default_rng(7))
     assert [("slow_leak", "rl", "cleared")] == said(mended)
+
+
+def test_a_car_with_two_read_wheels_gets_its_notice() -> None:
+    """The front wheels are not read, so that nothing is known of them: their NaN reach no contrast."""
+    player = player_of(monitor(REAR, deflation_percent=2.0, deviation_percent=2.0))
+    events = days_of_driving(player, 0, 42, 3.0, np.random.default_rng(5))
+    assert [("slow_leak", "rl", "raised")] == said(events)
 
 
 def test_a_reading_of_front_against_rear_is_free_of_slip_by_speed() -> None:

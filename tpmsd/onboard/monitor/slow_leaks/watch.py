@@ -71,6 +71,7 @@ class SlowLeakWatch:
     """All sets of tyres of one car."""
 
     def __init__(self, vehicle: VehicleConfig, tyre: TyreConfig, wheels: list[int]) -> None:
+        self._wheels = sorted(wheels)
         self._axles = [k for k, pair in enumerate(AXLES) if set(pair) <= set(wheels)]
         models = [tyre_model(tyre, float(np.mean(np.array(vehicle.wheel_radius_m)[list(p)]))) for p in AXLES]
         front, rear = (-model.radius_change_m(0.1) / 10.0 for model in models)
@@ -122,12 +123,15 @@ class SlowLeakWatch:
         known = self._contrasts
         if self._certainly_imprecise(estimate):
             return None
+        # Estimates of wheels that are not read are NaN, which a contrast's zero for them would spread.
+        contrasts = CONTRASTS[np.ix_(known, self._wheels)]
+        covariance_m2 = estimate.covariance_m2[np.ix_(self._wheels, self._wheels)]
         variance = np.full(3, math.nan)
-        variance[known] = np.diag(CONTRASTS @ estimate.covariance_m2 @ CONTRASTS.T)[known]
+        variance[known] = np.diag(contrasts @ covariance_m2 @ contrasts.T)
         if not known or not all(0.0 <= one <= READINGS.most_std_m**2 for one in variance[known].tolist()):
             return None
         difference = np.full(3, math.nan)
-        difference[known] = (CONTRASTS @ (estimate.deviation_m - baseline.own_growth_m))[known]
+        difference[known] = contrasts @ (estimate.deviation_m - baseline.own_growth_m)[self._wheels]
         return (difference, variance) if np.isfinite(difference[known]).all() else None
 
     def _certainly_imprecise(self, estimate: RadiusEstimate) -> bool:
