@@ -275,5 +275,7 @@ def test_a_link_that_was_well_again_needs_no_data_the_next_time() -> None:
     assert not link.is_down
     link._failed(30.0, "unplugged")
     link._opened(31.0)
-    link._well(31.0 + STABLE_S, False)
+    link._well(32.9, False)  # two seconds are a while
+    assert link.is_down
+    link._well(33.0, False)
     assert (False, "") == (link.is_down, link.reason)
