@@ -117,4 +117,13 @@ REASONS: dict[str, str] = {
     "for stamp_s, line in []:": _HAS_TEST,
     "loop.py:138": _HAS_TEST,
     "period_s <= -1.0 else": "same: without a period, 0 + abs(interval - 0) is the interval itself",
+    "if fixes > self._fixes": "same: the number of fixes only rises",
+    "self._number = 1": "same: only the order of the numbers counts",
+    "self._number = -1": "same: only the order of the numbers counts",
+    "self._number += 2": "same: only the order of the numbers counts",
+    "_SENTENCE = -1, 1": "same: only the order of the two counts",
+    "_SENTENCE = 0, 2": "same: only the order of the two counts",
+    "_since_s = +math.inf": "same: any infinite distance begins a window",
+    "recv(4095)": "same: what is left is read in the next round",
+    "recv(4097)": "same: what is left is read in the next round",
 }

@@ -159,8 +159,9 @@ def fails(
         sys.path.insert(0, str(TREE))
         for name in [name for name in sys.modules if name.split(".")[0] in ("tests", "tpmsd")]:
             del sys.modules[name]
-        for descriptor, mode in ((1, os.O_WRONLY), (2, os.O_WRONLY)):
-            os.dup2(os.open("build.log", mode | os.O_CREAT | os.O_TRUNC), descriptor)
+        log = os.open("build.log", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+        for descriptor in (1, 2):  # of one position: neither writes over the other
+            os.dup2(log, descriptor)
         import hypothesis
         import pytest
 

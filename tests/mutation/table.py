@@ -587,6 +587,16 @@ NAMED = (
             ),
             ("daemon/notify.py", "MOST_WAITING = 32", "MOST_WAITING = 33", "daemon/test_notify"),
             ("daemon/obd_asker.py", "if not self:", "if not not self:", "daemon/test_obd"),
+            ("daemon/input_queue.py", "if entry[0] > now_s", "if entry[0] >= now_s", "daemon/test_inputs"),
+            ("daemon/frame_stamps.py", "if not 0.0 <=", "if not -1.0 <=", "daemon/test_inputs"),
+            ("daemon/frame_stamps.py", "WINDOW_S = 10.0", "WINDOW_S = 11.0", "daemon/test_inputs"),
+            ("daemon/drive_recording.py", "200 << 20", "201 << 20", "daemon/test_record"),
+            (
+                "daemon/drive_recording.py",
+                "if len(seen.identifiers) < 4096",
+                "if not len(seen.identifiers) < 4096",
+                "daemon/test_record",
+            ),
         )
     ),
 )

@@ -169,3 +169,75 @@ def test_inputs_of_one_stamp_keep_the_order_in_which_they_were_read() -> None:
 
     released = list(queue.release(5.0))
     assert lines == [item.line for item in released if isinstance(item, Sentence)]
+
+
+def test_what_is_stamped_at_the_very_time_of_a_step_stays_in_the_queue() -> None:
+    """It lies not ahead of the clock, and is released with the inputs of the new time, once."""
+    queue = InputQueue()
+    for stamp_s in (10.0, 10.5):
+        queue.put_sentence(b"$GNRMC", stamp_s)
+
+    assert [10.5] == stamps(queue.clock_stepped(10.0))
+    assert [10.0] == stamps(queue.release(11.0))
+
+
+def test_the_room_is_for_fifty_thousand_inputs() -> None:
+    """Half a minute of a busy bus; the one after it drops the oldest."""
+    queue = InputQueue()
+    for number in range(50_001):
+        queue.put_sentence(b"$GNRMC", float(number))
+
+    assert (50_000, 1) == (len(queue), queue.counts["overflow"])
+
+
+@pytest.mark.parametrize(("behind_s", "late"), [(0.4, 0), (0.400001, 1)])
+def test_an_input_is_late_beyond_four_tenths_of_a_second(behind_s: float, late: int) -> None:
+    """At the tenths themselves it is used; time that was released once is not taken back by less."""
+    queue = InputQueue()
+    for until_s in (50.0, 1.0):
+        list(queue.release(until_s))
+    queue.put_sentence(b"$GNRMC", 50.0 - behind_s)
+
+    assert 1 - late == len(list(queue.release(51.0)))
+    assert late == queue.counts["late"]
+
+
+def shifts(reads: list[tuple[float, float]], adapter: FrameStamps | None = None) -> list[float]:
+    """What is added to stamps of an adapter, each given as the time of its reading and its lag."""
+    adapter = adapter or FrameStamps()
+    return [round(adapter.host(now_s - lag_s, now_s) - now_s + lag_s, 9) for now_s, lag_s in reads]
+
+
+@pytest.mark.parametrize(
+    ("times_s", "remembered_s"),
+    [
+        ((0.0, 10.0, 20.0), 0.2),  # two windows later the first is forgotten
+        ((0.0, 9.9, 19.8), 0.1),  # the second reading is of the first window, and the third of the next
+        ((5.0, 5.0, 5.0), 0.1),  # frames that were read in one go
+        ((5.0, 5.1, 5.2), 0.1),
+        ((5.0, 4.5, 14.6), 0.2),  # the clock went back by half a second, which begins a window
+    ],
+)
+def test_the_least_lag_is_remembered_for_one_to_two_windows_of_ten_seconds(
+    times_s: tuple[float, ...], remembered_s: float
+) -> None:
+    """Of the lags 0.1, 0.2, 0.3 s the third stamp is corrected by the least still known but 50 ms."""
+    reads = list(zip(times_s, (0.1, 0.2, 0.3), strict=True))
+    assert remembered_s - 0.05 == pytest.approx(shifts(reads)[-1])
+
+
+@pytest.mark.parametrize(
+    ("lag_s", "shift_s"), [(-0.2, -0.2), (-0.01, -0.01), (0.0, 0.0), (0.05, 0.0), (0.06, 0.01), (5.0, 4.95)]
+)
+def test_a_stamp_is_never_left_ahead_of_the_clock(lag_s: float, shift_s: float) -> None:
+    """One from the future is brought to the reading; behind it 50 ms are left as they are, without a jump."""
+    assert shift_s == pytest.approx(shifts([(1000.0, lag_s)])[0], abs=1e-9)
+
+
+def test_another_adapter_begins_again() -> None:
+    """After a reset no lag of before counts, also where the new window has just begun."""
+    adapter = FrameStamps()
+    assert [0.05] == shifts([(1000.0, 0.1)], adapter)
+    adapter.reset()
+
+    assert [0.35, 0.35] == shifts([(1000.1, 0.4), (1000.2, 0.5)], adapter)

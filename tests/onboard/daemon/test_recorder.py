@@ -182,3 +182,99 @@ def test_the_priorities_of_the_journal_are_those_of_syslog() -> None:
         for level in levels
     ]
     assert [f"<{number}>a b" for number in (2, 3, 4, 6, 7, 4)] == lines
+
+
+def test_lines_are_held_up_to_a_quarter_of_a_megabyte(tmp_path: Path) -> None:
+    """From 2^18 bytes on it is time to flush."""
+    file = Appender(tmp_path / "log")
+    assert not file.add(bytes((1 << 18) - 1))
+    assert file.add(b"\n")
+    file.close()
+
+
+def test_a_log_is_for_all_to_read_and_for_the_owner_to_write(tmp_path: Path) -> None:
+    """As the umask of a service leaves it."""
+    before = os.umask(0o022)
+    try:
+        Appender(tmp_path / "log").close()
+    finally:
+        os.umask(before)
+    assert 0o644 == (tmp_path / "log").stat().st_mode & 0o777
+
+
+def test_a_failed_flush_leaves_all_flushes_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also the second one: the file ends where the last whole flush ended."""
+    file = Appender(tmp_path / "log")
+    for line in (b"eleven byte\n", b"another one\n"):
+        file.add(line)
+        file.flush()
+
+    def write(descriptor: int, data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file.add(b"third\n")
+    monkeypatch.setattr(os, "write", write)
+    with pytest.raises(OSError, match="No space"):
+        file.flush()
+    assert b"eleven byte\nanother one\n" == (tmp_path / "log").read_bytes()
+    file.close()
+
+
+def test_frames_and_sentences_are_written_once_they_are_many(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before that, and after the recording has ended, nothing is."""
+    config, _ = car(tmp_path / "car")
+    monkeypatch.setattr("tpmsd.onboard.daemon.recorder.BUFFER_BYTES", 100)
+    for name, line_bytes in (("can.log", 40), ("gnss.nmea", 23)):
+        recorder = DriveRecorder(tmp_path / name, config)
+        sizes = []
+        for _ in range(6):
+            if name == "can.log":
+                recorder.frame(wheels_frame(1000.0))
+            else:
+                recorder.sentence(1000.0, b"$GNRMC,1")
+            sizes.append((recorder.folder / name).stat().st_size)
+        recorder.close()
+        enough = -(-100 // line_bytes)
+        assert [number // enough * enough * line_bytes for number in range(1, 7)] == sizes
+        recorder.frame(wheels_frame(1000.0))
+        recorder.sentence(1000.0, b"$GNRMC,1")
+        recorder.close()
+        assert 6 * line_bytes == (recorder.folder / name).stat().st_size
+
+
+def test_each_bus_is_recorded_under_its_channel(tmp_path: Path) -> None:
+    """Blanks in a channel's name would end it in the log."""
+    config, _ = car(tmp_path / "car", '[can.buses]\nbody = "second bus"\n', channel="first bus")
+    recorder = DriveRecorder(tmp_path / "drive", config)
+    for channel in ("first bus", "second bus"):
+        recorder.frame(wheels_frame(1000.0)._replace(channel=channel))
+    recorder.close()
+
+    lines = (recorder.folder / "can.log").read_text("ascii").splitlines()
+    assert ["first_bus", "second_bus"] == [line.split()[1] for line in lines]
+
+
+@pytest.mark.parametrize("name", ["can.log", "gnss.nmea"])
+def test_half_a_drive_is_one_already(tmp_path: Path, name: str) -> None:
+    """A folder that holds one of the two files is not recorded into."""
+    config, _ = car(tmp_path / "car")
+    (tmp_path / "drive").mkdir()
+    (tmp_path / "drive" / name).write_text("", "utf-8")
+    recorder = DriveRecorder(tmp_path / "drive", config)
+    recorder.close()
+
+    assert "drive-2" == recorder.folder.name
+
+
+def test_ten_thousand_recordings_are_the_most(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Then no more folders are looked at, and the line says why."""
+    config, _ = car(tmp_path / "car")
+    looked: list[str] = []
+    monkeypatch.setattr(Path, "mkdir", lambda folder, **_: looked.append(folder.name))
+    monkeypatch.setattr(Path, "exists", lambda _: True)
+
+    with pytest.raises(ConfigError, match=r"cannot record to .*drive: 10000 recordings are there already"):
+        DriveRecorder(tmp_path / "drive", config)
+    assert (["drive", "drive-2"], "drive-10000", 10_000) == (looked[:2], looked[-1], len(looked))

@@ -137,7 +137,7 @@ def candump_line(frame: CanFrame, channel: str) -> bytes:
 
 def _free(folder: Path) -> Path:
     """Return the folder, or one beside it with a number, in which there is no drive yet."""
-    for number in range(1, _MOST_FOLDERS):
+    for number in range(1, _MOST_FOLDERS + 1):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         candidate.mkdir(parents=True, exist_ok=True)
         if not any((candidate / name).exists() for name in ("can.log", "gnss.nmea")):
