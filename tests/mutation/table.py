@@ -42,8 +42,8 @@ def _daemon_tests() -> tuple[str, ...]:
     """The tests of the daemon that run it in their own process."""
     names = (
         *("can_errors", "descriptors", "feeder", "health", "inputs", "journal", "link_ends", "links", "loop"),
-        *("loop_log", "notify", "obd", "record", "recorder", "reset", "service_manager", "signals"),
-        *("state_keeper", "state_lock", "time"),
+        *("loop_log", "notify", "obd", "own_frames", "record", "recorder", "reset", "service_manager"),
+        *("signals", "state_keeper", "state_lock", "time"),
     )
     own = tuple(f"tests/onboard/daemon/test_{name}.py" for name in names)
     return (*own, "tests/car/config/test_signal_table.py")

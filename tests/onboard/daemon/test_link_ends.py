@@ -279,3 +279,24 @@ def test_a_link_that_was_well_again_needs_no_data_the_next_time() -> None:
     assert link.is_down
     link._well(33.0, False)
     assert (False, "") == (link.is_down, link.reason)
+
+
+def test_a_link_waits_from_its_failure_and_begins_with_short_pauses_again(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """The pauses double up to five seconds; data ends that, and the log tells how long it was down."""
+    caplog.set_level(logging.INFO)
+    link = Link("label", LOG)
+    waits = []
+    for _ in range(7):
+        link._failed(100.0, "gone")
+        waits.append(round(link.next_try_s - 100.0, 9))
+    assert [0.2, 0.4, 0.8, 1.6, 3.2, 5.0, 5.0] == waits
+    link._opened(110.0)
+    assert (math.inf, True, True, 1) == (link.next_try_s, link.is_open, link.is_down, link.downs)
+    link._well(110.5, True)
+    link._failed(200.0, "gone")
+
+    assert (200.2, 2) == (pytest.approx(link.next_try_s), link.downs)
+    down = "label: gone; trying again until it is back"
+    assert [down, "label: is back after 10.5 s", down] == caplog.messages

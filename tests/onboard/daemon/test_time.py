@@ -127,3 +127,32 @@ def test_two_readings_a_millisecond_apart_are_of_one_instant(took_s: float, look
     now_s, monotonic_s = clock.read()
     assert (1.7e9, looks) == (now_s, len(times) - before)
     assert looks * took_s == pytest.approx(monotonic_s)
+
+
+@pytest.mark.parametrize(("scale", "refused"), [(0.1, False), (0.09, True), (1000.0, False), (1000.1, True)])
+def test_time_runs_at_a_tenth_to_a_thousand_times_its_speed(scale: float, refused: bool) -> None:
+    """Both bounds are still good, and the line names them."""
+    if not refused:
+        assert scale == Clock(scale).scale
+        return
+    with pytest.raises(ConfigError, match=rf"speed-up {scale:g} is outside 0\.1 to 1000"):
+        Clock(scale)
+
+
+def test_a_clock_with_a_begin_does_not_follow_the_hosts() -> None:
+    """At scale 1, too, it runs on from there, and stamps of the host come with it."""
+    wall, monotonic = HandClock(1.7e9), HandClock(50.0)
+    clock = Clock(start_s=0.0, wall=wall, monotonic=monotonic)
+    wall.now_s += 3600.0  # set by a person
+    monotonic.now_s += 2.0
+
+    assert (2.0, (2.0, 2.0), 5.0) == (clock.now(), clock.read(), clock.from_host(1.7e9 + 5.0))
+
+
+def test_a_tick_is_due_at_its_deadline_itself() -> None:
+    """Not late at all, the first one period behind the start; a second later is one too late by a period."""
+    deadlines = Deadlines(0.5, 10.0)
+    assert [None, 0.0, None, 0.25, None] == [deadlines.take(t) for t in (10.25, 10.5, 10.75, 11.25, 11.25)]
+    assert (2, 0, 11.5) == (deadlines.taken, deadlines.missed, deadlines.next_s)
+    assert 0.5 == deadlines.take(12.0)
+    assert (3, 1, 12.5) == (deadlines.taken, deadlines.missed, deadlines.next_s)

@@ -107,3 +107,42 @@ def test_the_usual_statement_is_the_lower_quarter_of_the_last_600_renewed_every_
 def test_a_speed_of_two_metres_per_second_error_carries_nothing(stated_mps: float, factor: float) -> None:
     """Thirty times the usual is the most; nothing is more accurate than usual."""
     assert [factor, 1.0] == pytest.approx(factors([OPEN] * 20 + [stated_mps, 0.01])[-2:])
+
+
+def after(*stated_mps: float) -> float:
+    """The factor of the last of these statements."""
+    receiver = SpeedAccuracy()
+    return [receiver.factor(one) for one in stated_mps][-1]
+
+
+@pytest.mark.parametrize(
+    ("usual_mps", "stated_mps", "factor"),
+    [
+        (0.06, 0.12, 2.0),
+        (0.18, 0.36, 2.0),  # three times the usual error is tolerated
+        (0.6, 0.6, 0.6 / 0.18),  # more is taken at its word beyond that
+        (0.02, 0.04, 2.0),
+        (0.002, 0.02, 1.0),
+        (0.002, 0.04, 2.0),
+        (0.06, 1.8, 30.0),
+        (0.06, 1.74, 29.0),
+        (0.06, 60.0, 30.0),
+        (0.06, 0.03, 1.0),
+        (0.06, math.inf, 1.0),
+        (0.06, math.nan, 1.0),
+        (0.06, 0.0, 1.0),
+        (0.06, -1.0, 1.0),
+    ],
+)
+def test_a_statement_counts_against_the_usual_one(usual_mps: float, stated_mps: float, factor: float) -> None:
+    """The factor is their ratio, within 1 and 30, the usual one taken within a third to three times 0.06."""
+    assert factor == pytest.approx(after(*[usual_mps] * 20, stated_mps))
+
+
+def test_a_quarter_of_the_last_six_hundred_statements_is_the_usual() -> None:
+    """Under open sky a quarter of the time and a little more, the statement there counts; with less it does
+    not, nor with what lies more than six hundred fixes back."""
+    assert 2.0 == pytest.approx(after(*[0.12] * 440, *[0.06] * 151, *[0.12] * 9))
+    assert 1.0 == pytest.approx(after(*[0.12] * 460, *[0.06] * 140))  # below one is one
+    assert 1.0 == pytest.approx(after(*[0.12] * 460, *[0.06] * 131, *[0.12] * 9))
+    assert 1.0 == pytest.approx(after(*[0.06] * 600, *[0.12] * 600))
