@@ -111,7 +111,7 @@ REASONS: dict[str, str] = {
     "for track in []:": _HAS_TEST,
     "MAX_AHEAD_S = 2.0": _HAS_TEST,
     "tick_source.py:79": "held by tests/onboard/gnss/test_gnss_on_can.py, which has joined the room's list",
-    "link.py:61": _HAS_TEST,
+    "daemon/link.py:61": _HAS_TEST,
     "monotonic_s // HOLD_S": _HAS_TEST,
     "_SAME_INSTANT_S = 1.001": _HAS_TEST,
     "for stamp_s, line in []:": _HAS_TEST,
