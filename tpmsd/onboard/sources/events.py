@@ -10,8 +10,6 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from tpmsd.foundation.records import quickly_made
-
 NAN = math.nan
 
 
@@ -55,7 +53,6 @@ class InertialSample(NamedTuple):
     value: float
 
 
-@quickly_made
 @dataclass(frozen=True, slots=True)
 class GnssFix:
     """One epoch of the receiver, gathered from all sentences that speak of it. NaN where it said nothing."""

@@ -8,14 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from tpmsd.foundation.records import quickly_made
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.sources.events import SourceFault
 
 NAN = math.nan
 
 
-@quickly_made
 @dataclass(frozen=True, slots=True)
 class Fix:
     """A GNSS fix in the local plane, placed at the time it was valid. NaN where the receiver was silent."""
@@ -50,7 +48,6 @@ class Fix:
         )
 
 
-@quickly_made
 @dataclass(frozen=True, slots=True)
 class Tick:
     """Measurements of one interval (time_s - dt_s, time_s]."""

@@ -37,7 +37,6 @@ from tpmsd.car.physics.priors import (
     SPEED_AGE_S,
     TRACK_M,
 )
-from tpmsd.foundation.records import quickly_made
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.settings import SETTINGS
 
@@ -89,7 +88,6 @@ def drift_covariance(wheels: int) -> FloatArray:
     return out
 
 
-@quickly_made
 @dataclass(frozen=True, slots=True)
 class TickMotion:
     """One tick as the process model sees it."""
