@@ -139,7 +139,6 @@ BRANCHY = {
     "bench.campaigns.onboard.alarms.figures.figures": 20,
     "bench.campaigns.onboard.estimators.batches.play_batch": 16,
     "bench.campaigns.onboard.resonance.cell": 19,
-    "tpmsd.car.config.agree._radii": 16,
     "tpmsd.car.config.dbc.find_signal": 18,
     "tpmsd.foundation.plain.plain": 16,
     "tpmsd.offline.fleet.report.report_document": 17,

@@ -111,6 +111,13 @@ def _radii(
     if not isinstance(value, dict):
         radius = _attempt(lambda: _one_radius(value), report, key)
         return None if radius is None else (radius, radius, radius, radius)
+    return _radius_of_each(value, wheels, report)
+
+
+def _radius_of_each(
+    value: Mapping[str, Any], wheels: tuple[str, ...], report: Reporter
+) -> tuple[float, float, float, float] | None:
+    key = "wheel_radius_m"
     for wheel in value:
         if wheel not in WHEELS:
             bad = BadValueError("no such wheel", show(wheel), " ".join(WHEELS), nearest(wheel, WHEELS))
