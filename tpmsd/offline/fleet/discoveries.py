@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit, fit_with, sampled, shrunken, spreads
@@ -78,7 +78,10 @@ def _with_population(
     stack: FleetStatistics, similar: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
 ) -> ModelFit:
     """Return all cars, shrunk to the population of those that are alike."""
-    whole, population = fit_with(stack, cars, drives), fit_with(stack.of(similar), cars, drives)
+    whole = fit_with(stack, cars, drives)
+    if similar.all():
+        return whole
+    population = fit_with(stack.of(similar), cars, drives)
     names = ("mean", "covariance", "freedom")
     return replace(whole, **{name: getattr(population, name) for name in names})
 
@@ -167,7 +170,7 @@ def _trend(
     row = contrast * SCALES[:4]
     per_week = 100.0 * DAYS_PER_WEEK
     value, std = float(row @ slope) * per_week, float(np.sqrt(row @ covariance @ row)) * per_week
-    p_value = float(stats.t.cdf(value / std, freedom))
+    p_value = float(special.stdtr(freedom, value / std))
     effect = "slow_leak" if kind == "leak" else "wear"
     return FleetHypothesis("car", model, car, kind, effect, wheel, value, std, "%/week", p_value)
 
@@ -207,4 +210,4 @@ def controlled(
             if found[k].p_value <= rate * rank / len(indices):
                 last = rank
         kept.update(indices[:last])
-    return [replace(one, kept=k in kept) for k, one in enumerate(found)]
+    return [replace(one, kept=True) if k in kept else one for k, one in enumerate(found)]

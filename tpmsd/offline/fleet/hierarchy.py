@@ -154,9 +154,8 @@ def _improved(stack: FleetStatistics, cars: FloatArray, drives: FloatArray) -> t
     theta = mu + score @ G
     P = G - G @ M @ G + gain @ V @ np.swapaxes(gain, 1, 2)
     score_d = kd - np.einsum("dij,dj->di", Kd, theta[stack.car])
-    information_d = np.einsum("dii->di", Kd) - np.einsum(
-        "dij,djk,dki->di", Kd, P[stack.car], Kd, optimize=True
-    )
+    # The diagonal of K P K, of which K is symmetric.
+    information_d = np.einsum("dii->di", Kd) - np.einsum("dij,dij->di", Kd @ P[stack.car], Kd)
     return _step(cars, score, information), _step(drives, score_d, information_d)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -24,16 +25,19 @@ from tpmsd.offline.fleet.discoveries import (
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit
 from tpmsd.offline.fleet.losses import DAY_S, losses
 from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, aligned
+from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import DriveEntry
 
 Row = dict[str, Any]
+_Drive = tuple[str, str, dict[str, Any], float]
+"""Car, key, packed statistics, day."""
 
 
 def joint_rows(
     entries: Sequence[DriveEntry], results: Mapping[str, dict[str, Any] | None]
 ) -> tuple[list[Row], list[Row]]:
     """Rows for findings and for statistics."""
-    groups: dict[str, list[tuple[str, str, dict[str, Any], float]]] = defaultdict(list)
+    groups: dict[str, list[_Drive]] = defaultdict(list)
     for entry in entries:
         result = results[entry.key]
         sums = ((result or {}).get("calibrate") or {}).get("statistics")
@@ -41,40 +45,54 @@ def joint_rows(
             start = (result.get("replay") or {}).get("start_time")
             day = float("nan") if start is None else float(start) / DAY_S
             groups[entry.model].append((entry.car, entry.key, sums, day))
-    tested: list[FleetHypothesis] = []
-    statistics: list[Row] = []
-    for model in sorted(groups):
-        drives = sorted(groups[model], key=lambda one: one[:2])
-        cars = sorted({car for car, _, _, _ in drives})
-        stack, days = _stack(drives, cars)
-        fit, similar = robust_fit(stack)
-        tested += model_effects(model, fit)
-        tested += cars_that_differ(model, cars, fit, similar)
-        tested += trends(model, cars, stack, days, np.square(fit.drive_spread))
-        tested += losses(model, cars, stack, days, np.square(fit.drive_spread))
-        statistics += _statistics(model, cars, fit)
+    models = sorted(groups)
+    # Models do not depend on each other, and linear algebra runs beside the interpreter; few at a time bound
+    # the memory.
+    with ThreadPoolExecutor(SETTINGS.models_at_once) as pool:
+        judged = list(pool.map(lambda model: _of_model(model, groups[model]), models))
+    tested = [one for found, _ in judged for one in found]
+    statistics = [row for _, rows in judged for row in rows]
     return [_finding(one) for one in controlled(tested) if one.kept], statistics
 
 
-def _stack(
-    drives: Sequence[tuple[str, str, dict[str, Any], float]], cars: Sequence[str]
-) -> tuple[FleetStatistics, FloatArray]:
+def _of_model(model: str, group: Sequence[_Drive]) -> tuple[list[FleetHypothesis], list[Row]]:
+    """Return what is tested of a model and its cars, and the rows of their statistics."""
+    drives = sorted(group, key=lambda one: one[:2])
+    cars = sorted({car for car, _, _, _ in drives})
+    stack, days = _stack(drives, cars)
+    fit, similar = robust_fit(stack)
+    drive_variance = np.square(fit.drive_spread)
+    tested = [
+        *model_effects(model, fit),
+        *cars_that_differ(model, cars, fit, similar),
+        *trends(model, cars, stack, days, drive_variance),
+        *losses(model, cars, stack, days, drive_variance),
+    ]
+    return tested, _statistics(model, cars, fit)
+
+
+def _stack(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetStatistics, FloatArray]:
     number = {car: k for k, car in enumerate(cars)}
-    pairs = [aligned(sums["names"], *_unpacked(sums)) for _, _, sums, _ in drives]
-    stack = FleetStatistics(
-        np.array([information for information, _ in pairs]),
-        np.array([vector for _, vector in pairs]),
-        np.array([number[car] for car, _, _, _ in drives], dtype=np.int64),
-    )
+    p = len(PARAMETERS_OF_FLEET)
+    information, vector = np.empty((len(drives), p, p)), np.empty((len(drives), p))
+    alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    for k, (_, _, sums, _) in enumerate(drives):
+        alike[tuple(sums["names"])].append(k)
+    for names, which in alike.items():
+        for begin in range(0, len(which), SETTINGS.chunk_drives):
+            part = which[begin : begin + SETTINGS.chunk_drives]
+            information[part], vector[part] = aligned(names, *_unpacked([drives[k][2] for k in part]))
+    of_car = np.array([number[car] for car, _, _, _ in drives], dtype=np.int64)
+    stack = FleetStatistics(information, vector, of_car)
     return stack, np.array([days for _, _, _, days in drives], dtype=np.float64)
 
 
-def _unpacked(sums: dict[str, Any]) -> tuple[FloatArray, FloatArray]:
-    """Matrix and vector of a packed lower triangle."""
-    p = len(sums["names"])
-    matrix = np.zeros((p, p))
-    matrix[np.tril_indices(p)] = sums["information"]
-    return matrix + matrix.T - np.diag(np.diag(matrix)), np.array(sums["vector"], dtype=np.float64)
+def _unpacked(sums: Sequence[dict[str, Any]]) -> tuple[FloatArray, FloatArray]:
+    """(n, p, p) matrices of packed lower triangles and (n, p) vectors, of drives with the same names."""
+    rows, columns = np.tril_indices(len(sums[0]["names"]))
+    matrix = np.empty((len(sums), len(sums[0]["names"]), len(sums[0]["names"])))
+    matrix[:, rows, columns] = matrix[:, columns, rows] = [one["information"] for one in sums]
+    return matrix, np.array([one["vector"] for one in sums], dtype=np.float64)
 
 
 def _finding(one: FleetHypothesis) -> Row:

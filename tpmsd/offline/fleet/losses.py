@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from tpmsd.car.physics.catalogue import FAULT
 from tpmsd.foundation.wheels import WHEELS, FloatArray
@@ -51,7 +51,7 @@ def losses(
         grown = 0.5 * np.square(np.maximum(score.max(), 0.0)) - settings.grown_nats
         for wheel in np.flatnonzero(0.5 * np.square(np.minimum(score.min(axis=0), 0.0)) > grown):
             at = int(np.argmin(score[:, wheel]))
-            p_value = min(1.0, len(score) * float(stats.norm.cdf(score[at, wheel])))
+            p_value = min(1.0, len(score) * float(special.ndtr(score[at, wheel])))
             size = (100.0 * float(value[at, wheel]), 100.0 * float(std[at, wheel]))
             since_s = float(days[mine[at + 1]]) * DAY_S
             where = ("loss", FAULT.name, WHEELS[wheel])
@@ -103,7 +103,7 @@ def steps(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
     level = total @ k.sum(axis=0)
     moved = later @ direction
     information = np.einsum("pw,npw->nw", direction, moved) + SETTINGS.ridge
-    information = information - np.einsum("npw,pq,nqw->nw", moved, total, moved, optimize=True)
+    information = information - np.einsum("npw,npw->nw", moved, total @ moved)
     right = later_k @ direction - np.einsum("npw,p->nw", moved, level)
     information = np.maximum(information, SETTINGS.ridge)
     return np.asarray(right / information), np.asarray(1.0 / np.sqrt(information))

@@ -7,6 +7,7 @@ for within an axle they agree to a tenth of a per cent, and from car to car to h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,8 +59,11 @@ NAMES = tuple(parameter.name for parameter in PARAMETERS_OF_FLEET)
 SCALES = np.array([parameter.scale for parameter in PARAMETERS_OF_FLEET])
 
 
-def aligned(names: list[str], information: FloatArray, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a drive's statistics in the fleet's parameters, divided by their scales; (p, p) and (p,).
+def aligned(
+    names: Sequence[str], information: FloatArray, vector: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return statistics of a drive, or of several with the same names, in the fleet's parameters, divided by
+    their scales; (..., p, p) and (..., p).
 
     A parameter that the drive does not name has no information.
     """
@@ -70,4 +74,4 @@ def aligned(names: list[str], information: FloatArray, vector: FloatArray) -> tu
         elif name in REST:
             turn[k, 4 + REST.index(name)] = 1.0
     turn = turn * SCALES
-    return turn.T @ information @ turn, turn.T @ vector
+    return turn.T @ information @ turn, vector @ turn

@@ -56,6 +56,8 @@ class FleetSettings:
     10,000 scales instead of a singular matrix."""
     first_scales: float = 0.3
     """First standard deviations of cars and drives, in scales."""
+    models_at_once: int = 2
+    """Models that are fitted at a time; each takes some 100 MB per 10,000 drives."""
     chunk_drives: int = 10_000
     """Drives whose matrices are in work at a time."""
     digits: int = 12

@@ -188,16 +188,18 @@ def parquet_of(name: str, rows: Sequence[Row]) -> bytes:
     parquet = need("pyarrow.parquet", "fleet", "tables")
     types = {"string": pa.string(), "double": pa.float64(), "int64": pa.int64()}
     columns = COLUMNS[name]
-    arrays = [pa.array([_cell(row.get(key)) for row in rows], types[kind]) for key, kind in columns.items()]
+    arrays = [pa.array(_cells(rows, key, kind), types[kind]) for key, kind in columns.items()]
     out = io.BytesIO()
     parquet.write_table(pa.Table.from_arrays(arrays, names=list(columns)), out, compression="zstd")
     return out.getvalue()
 
 
-def _cell(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return json.dumps(value) if isinstance(value, dict | list) else value
+def _cells(rows: Sequence[Row], column: str, kind: str) -> list[Any]:
+    """Return a column's values: numbers that are finite, texts, and what else there is as JSON text."""
+    values = [row.get(column) for row in rows]
+    if kind == "string":
+        return [json.dumps(value) if isinstance(value, dict | list) else value for value in values]
+    return [None if value is None or not math.isfinite(value) else value for value in values]
 
 
 def _drive(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
