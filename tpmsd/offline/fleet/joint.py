@@ -75,10 +75,10 @@ def _stack(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetStatisti
     number = {car: k for k, car in enumerate(cars)}
     p = len(PARAMETERS_OF_FLEET)
     information, vector = np.empty((len(drives), p, p)), np.empty((len(drives), p))
-    alike: dict[tuple[str, ...], list[int]] = defaultdict(list)
+    same_names: dict[tuple[str, ...], list[int]] = defaultdict(list)
     for k, (_, _, sums, _) in enumerate(drives):
-        alike[tuple(sums["names"])].append(k)
-    for names, which in alike.items():
+        same_names[tuple(sums["names"])].append(k)
+    for names, which in same_names.items():
         for begin in range(0, len(which), SETTINGS.chunk_drives):
             part = which[begin : begin + SETTINGS.chunk_drives]
             information[part], vector[part] = aligned(names, *_unpacked([drives[k][2] for k in part]))
