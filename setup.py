@@ -10,16 +10,21 @@ machine than this one (`tools/make_wheels.py`): there a kernel that does not com
 from __future__ import annotations
 
 import os
+import runpy
+from pathlib import Path
 
 from setuptools import Extension, setup
 
 PLATFORM = os.environ.get("TPMSD_WHEEL_PLATFORM", "")
 
+PACKAGE = Path(__file__).resolve().parent / "tpmsd"
+SHARED = runpy.run_path(str(PACKAGE / "foundation" / "kernels.py"))
 KERNELS = [
     Extension(
-        name,
-        sources=[f"{name.replace('.', '/')}.c"],
-        depends=["tpmsd/foundation/_arrays.h"],
+        f"tpmsd.{file.replace('/', '.')}",
+        sources=[f"tpmsd/{file}.c"],
+        depends=[f"tpmsd/{header}" for header in SHARED["HEADERS"]],
+        define_macros=[("TPMSD_SOURCES", str(SHARED["sources_number"](PACKAGE, name)))],
         # Results are the same on every machine: no fused multiply-add. No paths of the build in the file.
         extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-g0"],
         extra_link_args=["-Wl,-s"],
@@ -27,12 +32,7 @@ KERNELS = [
         py_limited_api=True,
         optional=not PLATFORM,
     )
-    for name in (
-        "tpmsd.onboard.estimators.bank._bank",
-        "tpmsd.offline.inference._gains",
-        "tpmsd.onboard.sources.can._candump",
-        "tpmsd.onboard.monitor.evidence._evidence",
-    )
+    for name, file in SHARED["FILES"].items()
 ]
 LEFT_OUT = os.environ.get("TPMSD_NO_KERNEL", "") not in ("", "0")
 WHEEL = {"py_limited_api": "cp311"} | ({"plat_name": PLATFORM} if PLATFORM else {})

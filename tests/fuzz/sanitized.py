@@ -16,14 +16,10 @@ import sys
 import sysconfig
 from pathlib import Path
 
+from tpmsd.foundation.kernels import FILES, sources_number
+
 REPO = Path(__file__).resolve().parents[2]
 TREE = REPO / "build" / "sanitized"
-PARTS = (
-    "tpmsd/onboard/estimators/bank/_bank",
-    "tpmsd/offline/inference/_gains",
-    "tpmsd/onboard/sources/can/_candump",
-    "tpmsd/onboard/monitor/evidence/_evidence",
-)
 TESTS = (
     "tests/onboard/estimators/test_bank_kernel.py",
     "tests/offline/inference/test_gains.py",
@@ -50,9 +46,11 @@ def build(folder: Path) -> None:
         shutil.copytree(REPO / name, folder / name, ignore=ignore)
     shutil.copy(REPO / "pyproject.toml", folder)
     include = f"-I{sysconfig.get_paths()['include']}"
-    for part in PARTS:
+    for name, file in FILES.items():
+        part = f"tpmsd/{file}"
         files = [f"{part}.c", "-o", f"{part}.abi3.so", "-lm"]
-        options = ["-shared", "-fPIC", "-O1", "-g", "-ffp-contract=off", *FLAGS, include]
+        number = f"-DTPMSD_SOURCES={sources_number(folder / 'tpmsd', name)}"
+        options = ["-shared", "-fPIC", "-O1", "-g", "-ffp-contract=off", *FLAGS, include, number]
         subprocess.run(["gcc", *options, *files], cwd=folder, check=True)
 
 

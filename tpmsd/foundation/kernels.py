@@ -1,16 +1,22 @@
-"""Report which compiled kernels this installation can load: hypothesis bank, whitening gains, candump lines,
-comparison of hypotheses.
+"""Load compiled kernels, and report which of them this installation has: hypothesis bank, whitening gains,
+candump lines, comparison of hypotheses.
 
-In: the installed files. Out: one word per kernel and for all of them. Each kernel has a twin in NumPy that
-gives the same results within rounding and runs where the compiled one is absent.
+In: the installed files. Out: modules, one word for all kernels. Each kernel has a twin in NumPy that gives
+the same results within rounding and runs where the compiled one is absent, or was built of other sources than
+those beside it: its functions may take other arguments then. `setup.py` runs this file by itself: it imports
+the standard library alone.
 """
 
 from __future__ import annotations
 
+import logging
+import re
+import zlib
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import ModuleType
 
 FILES = {
     "bank": "onboard/estimators/bank/_bank",
@@ -19,34 +25,95 @@ FILES = {
     "evidence": "onboard/monitor/evidence/_evidence",
 }
 """Kernel -> its file below the package's folder, without the suffix."""
+HEADERS = ("foundation/_arrays.h", "foundation/_sources.h")
+"""What the kernels include, below the package's folder."""
 COMPILED, NUMPY = "compiled", "numpy"
+_NO_CODE = re.compile(rb"/\*.*?\*/|\s+", re.DOTALL)
 
 
-def loadable(stem: Path) -> bool:
-    """Return whether an extension module of this path, without its suffix, can be loaded on this machine."""
+def sources_number(package: Path, name: str) -> int | None:
+    """Return the number of a kernel's C code, comments and spaces left out; None where a file of it is
+    missing, as in an installed wheel, whose kernels were built with it.
+    """
+    files = [package / f"{FILES[name]}.c", *(package / header for header in HEADERS)]
+    try:
+        code = b"".join(_NO_CODE.sub(b"", file.read_bytes()) for file in files)
+    except OSError:
+        return None
+    return zlib.crc32(code) & 0x7FFFFFFF  # a C long has 32 bits on some machines, one of them a sign
+
+
+def found(package: Path, name: str) -> ModuleType | None:
+    """Return the compiled module of a kernel, of whatever sources; None where none can be loaded here."""
+    stem = package / FILES[name]
     for suffix in EXTENSION_SUFFIXES:
         file = stem.with_name(stem.name + suffix)
         spec = spec_from_file_location(stem.name, file) if file.is_file() else None
-        if spec is None:
+        if spec is None or spec.loader is None:
             continue
         try:
-            module_from_spec(spec)
+            module = module_from_spec(spec)
+            spec.loader.exec_module(module)
         except ImportError:  # made for another processor or C library
             continue
-        return True
-    return False
+        return module
+    return None
+
+
+def is_outdated(package: Path, name: str, module: ModuleType | None) -> bool:
+    """Return whether a compiled module was built of other sources than those beside it."""
+    number = sources_number(package, name)
+    return module is not None and number is not None and getattr(module, "SOURCES", None) != number
+
+
+@cache
+def loaded(name: str) -> ModuleType | None:
+    """Return the compiled module of a kernel; None where it is absent or outdated. One warning names all that
+    are outdated.
+    """
+    module = found(_PACKAGE, name)
+    if not is_outdated(_PACKAGE, name, module):
+        return module
+    _warn()
+    return None
 
 
 @cache
 def kernels() -> dict[str, bool]:
-    """Return a mapping kernel -> whether its compiled form can be loaded."""
-    package = Path(__file__).resolve().parents[1]
-    return {name: loadable(package / file) for name, file in FILES.items()}
+    """Return a mapping kernel -> whether its compiled form can be loaded, and is of the present sources."""
+    modules = {name: found(_PACKAGE, name) for name in FILES}
+    return {
+        name: module is not None and not is_outdated(_PACKAGE, name, module)
+        for name, module in modules.items()
+    }
+
+
+@cache
+def outdated() -> tuple[str, ...]:
+    """Return the kernels whose compiled form was built of other sources."""
+    return tuple(name for name in FILES if is_outdated(_PACKAGE, name, found(_PACKAGE, name)))
 
 
 def kernel() -> str:
-    """Return `compiled`, `numpy`, or `compiled: bank, gains` where only these are."""
-    found = [name for name, there in kernels().items() if there]
-    if len(found) == len(FILES):
+    """Return `compiled`, `numpy`, or `compiled: bank, gains` where only these are; ` (outdated: candump)`
+    after it where a kernel was built of other sources.
+    """
+    able = [name for name, there in kernels().items() if there]
+    old = outdated()
+    if len(able) == len(FILES):
         return COMPILED
-    return f"{COMPILED}: {', '.join(found)}" if found else NUMPY
+    word = f"{COMPILED}: {', '.join(able)}" if able else NUMPY
+    return f"{word} (outdated: {', '.join(old)})" if old else word
+
+
+@cache
+def _warn() -> None:
+    """Say once what is outdated, and what to do."""
+    logging.getLogger("tpmsd").warning(
+        "tpmsd: compiled kernels of other sources are left out (%s), and NumPy runs, slower; "
+        "build them anew: python setup.py build_ext --inplace",
+        ", ".join(outdated()),
+    )
+
+
+_PACKAGE = Path(__file__).resolve().parents[1]

@@ -6,6 +6,7 @@
  */
 #define Py_LIMITED_API 0x030b0000
 #include "../../foundation/_arrays.h"
+#include "../../foundation/_sources.h"
 #include <math.h>
 #include <string.h>
 
@@ -425,7 +426,6 @@ static PyMethodDef methods[] = {
     FAST(scores, "Derivatives of the likelihood."),
     {NULL, NULL, 0, NULL},
 };
-static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT, "tpmsd.offline.inference._gains", "Gains of the whitening filter.", 0, methods, slots,
     NULL, NULL, NULL,

@@ -15,12 +15,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from tpmsd.foundation.kernels import loaded
 from tpmsd.foundation.wheels import FloatArray
 
-try:
-    from tpmsd.offline.inference import _gains as compiled
-except ImportError:  # not built: there was no compiler, or it was left out
-    compiled: ModuleType | None = None  # type: ignore[no-redef]
+compiled = loaded("gains")
 
 MOST_COMPILED = 48
 """Carried states up to which the compiled code has room."""

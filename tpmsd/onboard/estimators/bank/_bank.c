@@ -7,6 +7,7 @@
  */
 #define Py_LIMITED_API 0x030b0000
 #include "../../../foundation/_arrays.h"
+#include "../../../foundation/_sources.h"
 #include <math.h>
 
 /* Loops over hypotheses are also compiled for wider vectors, chosen when the module is loaded. Each hypothesis is
@@ -677,13 +678,6 @@ static PyMethodDef methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-/* What tells a module that was built of other sources. */
-static int add_constants(PyObject *module)
-{
-    return PyModule_AddIntConstant(module, "MOTION_NUMBERS", MOTION_NUMBERS);
-}
-
-static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_constants}, {0, NULL}};
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT, "tpmsd.onboard.estimators.bank._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
     NULL, NULL, NULL,

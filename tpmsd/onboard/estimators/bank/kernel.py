@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from tpmsd.foundation.kernels import loaded
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank import measurements
 from tpmsd.onboard.estimators.bank.batched_kalman import (
@@ -27,20 +28,7 @@ from tpmsd.onboard.estimators.resampling import effective_number
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
-try:
-    from tpmsd.onboard.estimators.bank import _bank as compiled
-except ImportError:  # not built: there was no compiler, or it was left out
-    compiled: ModuleType | None = None  # type: ignore[no-redef]
-
-
-def usable(module: ModuleType | None) -> bool:
-    """Return whether this compiled kernel was built, and of sources whose `propagate` takes what is handed to
-    it.
-    """
-    standing = TickMotion(1.0, np.zeros(2), 0.0, 0.0, False)
-    handed = ProcessModel(np.ones(2), 1.0, False).constants(standing, 1.0)
-    whole = getattr(module, "MOTION_NUMBERS", None) == len(handed)
-    return whole and hasattr(module, "propagate_half")
+compiled = loaded("bank")
 
 
 class Summary(NamedTuple):
@@ -233,7 +221,7 @@ class HalfKernel(CompiledKernel):
         self._mirror(bank.spread)
 
 
-KERNEL: BankKernel = CompiledKernel(compiled) if usable(compiled) else ArrayKernel()
+KERNEL: BankKernel = ArrayKernel() if compiled is None else CompiledKernel(compiled)
 """The one in use."""
-HALF_KERNEL: BankKernel = HalfKernel(compiled) if usable(compiled) else ArrayKernel()
+HALF_KERNEL: BankKernel = ArrayKernel() if compiled is None else HalfKernel(compiled)
 """The one in use for particles."""

@@ -7,6 +7,7 @@
  */
 #define Py_LIMITED_API 0x030b0000
 #include "../../../foundation/_arrays.h"
+#include "../../../foundation/_sources.h"
 #include <math.h>
 
 enum { MOST_WHEELS = 4, MOST_HYPOTHESES = 19, MOST_LOSSES = 64 };
@@ -710,7 +711,6 @@ static PyMethodDef methods[] = {
     {NULL, NULL, 0, NULL},
 };
 
-static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT, "tpmsd.onboard.monitor.evidence._evidence", "Comparison of hypotheses.", 0, methods, slots,
     NULL, NULL, NULL,

@@ -7,6 +7,7 @@
  */
 #define Py_LIMITED_API 0x030b0000
 #define PY_SSIZE_T_CLEAN
+#include "../../../foundation/_sources.h"
 #include <Python.h>
 #include <stdint.h>
 #include <string.h>
@@ -125,7 +126,6 @@ static PyMethodDef methods[] = {
     {"lines", (PyCFunction)(void (*)(void))lines, METH_FASTCALL, "Read the commonest lines of a log."},
     {NULL, NULL, 0, NULL},
 };
-static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT, "tpmsd.onboard.sources.can._candump", "Lines of candump.", 0, methods, slots, NULL, NULL, NULL,
 };

@@ -13,12 +13,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import ModuleType
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from tpmsd.foundation.kernels import loaded
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.sources.can.block import CLASSIC_BYTES, ERROR, FD, REMOTE, FrameBlock, block_of
 from tpmsd.onboard.sources.can.candump_line import (
@@ -31,10 +31,7 @@ from tpmsd.onboard.sources.can.candump_line import (
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.signal_plan import EXTENDED
 
-try:
-    from tpmsd.onboard.sources.can import _candump as compiled
-except ImportError:  # not built: there was no compiler, or it was left out
-    compiled: ModuleType | None = None  # type: ignore[no-redef]
+compiled = loaded("candump")
 
 LONGEST_CHARS = 256
 """The longest line that is read in this way: CAN FD with 64 bytes takes about 170."""
@@ -142,7 +139,7 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
     ones aside, in their order."""
     raw = text.encode("latin-1")
     rows = _LineTable(raw.count(b"\n"))
-    if compiled is not None and _read_compiled(raw, rows):
+    if _read_compiled(raw, rows):
         return rows.block(first_line)
     buffer = np.frombuffer(raw, dtype=np.uint8)
     ends = np.flatnonzero(buffer == ord("\n"))
@@ -174,7 +171,7 @@ def _read_compiled(raw: bytes, rows: _LineTable) -> bool:
     """Fill the rows of the commonest lines on the channel of the first one; return whether those are all."""
     first = raw[: raw.index(b"\n")].decode("latin-1")
     match = LINE.match(first)
-    if match is None:
+    if match is None or compiled is None:
         return False
     channel = match[2].encode("latin-1")
     found = compiled.lines(raw, channel, rows.found, rows.time_s, rows.identifier, rows.size, rows.data)
