@@ -26,7 +26,7 @@ FILES = {
 }
 """Kernel -> its file below the package's folder, without the suffix."""
 HEADERS = ("foundation/_arrays.h", "foundation/_sources.h")
-"""What the kernels include, below the package's folder."""
+"""Headers of the kernels, below the package's folder."""
 COMPILED, NUMPY = "compiled", "numpy"
 _NO_CODE = re.compile(rb"/\*.*?\*/|\s+", re.DOTALL)
 
