@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -342,6 +343,17 @@ def test_alarms_taken_over_from_an_earlier_run_are_announced() -> None:
     gone = alarm_frames(reporter.frames(0.1, report()))
     assert [("raised", 1)] == [(f["AlarmRaised"], f["AlarmSequence"]) for f in taken_over]
     assert [("cleared", 2)] == [(f["AlarmRaised"], f["AlarmSequence"]) for f in gone]
+
+
+def test_a_tyre_that_was_soft_before_is_not_reported_by_what_changed_since() -> None:
+    """Its alarm keeps the probability and the loss of its first radii; the change since is not available."""
+    since = replace(alarm(), pressure_loss=0.55, since="before the first start")
+    learned = tuple(wheel_report(name, deflation_probability=0.0, pressure_loss=0.01) for name in WHEELS)
+    (sent,) = alarm_frames(CanReporter(AlarmsConfig()).frames(0.0, report(0.0, learned, (since,), (since,))))
+
+    assert "not_available" == sent["AlarmChange"]
+    assert pytest.approx(99.5) == sent["AlarmProbability"]
+    assert 55 == sent["AlarmPressureLoss"]
 
 
 def test_an_alarm_that_names_no_wheel_lights_all_of_its_kind() -> None:

@@ -170,7 +170,9 @@ class CanReporter:
         }
         for active in report.active:
             values |= dict.fromkeys(_summary_bits(active), 1)
-        wheel = next((w for w in report.wheels if w.wheel == event.wheel), None)
+        # What changed since the baseline says nothing of a tyre that was soft before it was learned.
+        live = () if event.since else report.wheels
+        wheel = next((w for w in live if w.wheel == event.wheel), None)
         values["AlarmChange"] = _NAN if wheel is None else _mm(wheel.change_m)
         values["AlarmPressureLoss"] = 100 * _pressure_loss(event, wheel)
         values["AlarmProbability"] = 100 * _probability(event, wheel)
