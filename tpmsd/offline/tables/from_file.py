@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.car.config.dynamics import RADIUS
 from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem
 from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
@@ -154,9 +155,11 @@ def _radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]
         return dict(zip(WHEELS, mapped.config.vehicle.wheel_radius_m, strict=True))
     radius = car.get("vehicle", {}).get("wheel_radius_m", _TYPICAL_RADIUS_M)
     each = radius if isinstance(radius, dict) else dict.fromkeys(WHEELS, radius)
-    usable = {
-        wheel: value
-        for wheel, value in each.items()
-        if isinstance(value, int | float) and value > 0 and not isinstance(value, bool)
-    }
-    return {wheel: float(usable.get(wheel, _TYPICAL_RADIUS_M)) for wheel in WHEELS}
+    return {wheel: _radius(each.get(wheel)) for wheel in WHEELS}
+
+
+def _radius(value: object) -> float:
+    try:
+        return RADIUS.read(value)
+    except BadValueError:
+        return _TYPICAL_RADIUS_M

@@ -173,6 +173,8 @@ def on_earth(
     The plane rolls over the ellipsoid with the car: a straight line becomes a geodesic, along which true
     north turns by -d_east * tan(latitude) / N. Fixed-point iteration, five digits per round below 100 km.
     """
+    if not len(east_m):
+        return east_m, north_m, np.zeros(0)
     height = np.where(np.isfinite(height_m), height_m, 0.0)
     steps = np.diff(east_m) + 1j * np.diff(north_m)
     lat = np.full(len(east_m), np.radians(ORIGIN_DEG[0]))
