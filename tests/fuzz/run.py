@@ -1,4 +1,4 @@
-"""The coverage-guided run: `make fuzz`. Each target gets a process of its own and so many seconds.
+"""The coverage-guided run: `make fuzz`. Each target gets processes of its own and so many seconds.
 
 In: seconds per target, names of targets. Out: a row of a table per target; findings and the corpus below
 build/fuzz. Two of three inputs are changed in their form (`structure`), the third by libFuzzer itself. Exit
@@ -25,6 +25,9 @@ from pathlib import Path
 BUILD = Path("build/fuzz")
 MEMORY_MB = 300
 TIMEOUT_S = 20
+PART_S = 120
+"""A target's process ends after so long, and another goes on: atheris keeps up to 15 kB of its own for each
+case, which would stand for a leak of the target after a quarter of an hour."""
 MOST_BYTES = 65536
 """Size of an input, at most; the packed logs that are seeds take 10 kB."""
 OWN = 1.0 / 3.0
@@ -138,20 +141,31 @@ def main() -> int:
 
 
 def played(name: str, seconds: int, seed: int) -> tuple[str, int, dict[str, float]]:
-    """Fuzz one target in a process of its own; its row, the exit code, and its memory and longest case."""
+    """Fuzz one target in processes of `PART_S`, one after the other over one corpus, until a finding; its
+    row, the exit code, and its memory and longest case."""
+    runs, edges, code, worst = 0, "?", 0, {}
+    left_s = seconds
+    while left_s > 0 and not code:
+        part_s = min(left_s, PART_S)
+        text, code, seen = _part(name, part_s, seed and seed + seconds - left_s)
+        executed = re.findall(r"number_of_executed_units: *(\d+)", text) or re.findall(r"^#(\d+)", text, re.M)
+        runs += int(executed[-1]) if executed else 0
+        edges = (re.findall(r"cov: (\d+)", text) or [edges])[-1]
+        worst = {key: max(value, worst.get(key, 0.0)) for key, value in seen.items()}
+        left_s -= part_s
+    return f"{name} {runs} ({edges})" + (f": a finding, see {BUILD / name}.log" if code else ""), code, worst
+
+
+def _part(name: str, seconds: int, seed: int) -> tuple[str, int, dict[str, float]]:
+    """One process: its log, its exit code and its figures."""
     options = ["--one", name, "--seconds", str(seconds), "--seed", str(seed)]
     command = [sys.executable, "-m", "tests.fuzz.run", *options]
     log, figures = BUILD / f"{name}.log", BUILD / f"{name}.json"
     figures.unlink(missing_ok=True)
     with log.open("wb") as out:
         code = subprocess.run(command, stdout=out, stderr=subprocess.STDOUT).returncode
-    text = log.read_text("utf-8", "replace")
-    runs = (
-        re.findall(r"number_of_executed_units: *(\d+)", text) or re.findall(r"^#(\d+)", text, re.M) or ["?"]
-    )
-    edges = re.findall(r"cov: (\d+)", text) or ["?"]
     seen = json.loads(figures.read_text("utf-8")) if figures.is_file() else {}
-    return f"{name} {runs[-1]} ({edges[-1]})" + (f": a finding, see {log}" if code else ""), code, seen
+    return log.read_text("utf-8", "replace"), code, seen
 
 
 if __name__ == "__main__":

@@ -199,7 +199,7 @@ def footer(data: bytes, rng: random.Random) -> bytes:
     if len(data) < 16:
         return data + b"PAR1"
     made = bytearray(data)
-    size = min(struct.unpack_from("<I", made, len(made) - 8)[0], len(made) - 12)
+    size = max(min(struct.unpack_from("<I", made, len(made) - 8)[0], len(made) - 12), 1)
     low = len(made) - 8 - size if rng.random() < 0.8 else 4
     place = rng.randrange(low, len(made) - 8)
     width = rng.choice((1, 1, 2, 4))
