@@ -15,6 +15,10 @@ DEV := $(VENV)/.dev-$(SETUP_ID)
 # Tests run on all cores, one per process: numpy's own threads would only fight for the same cores.
 PYTEST_JOBS ?= auto
 PYTEST_ARGS ?=
+# No test is asynchronous: what comes along with httpx would import trio in each worker.
+PYTEST_FLAGS = -n $(PYTEST_JOBS) -p no:anyio
+# Bytecode is kept, whatever the shell says: without it each worker rewrites and compiles all tests anew.
+unexport PYTHONDONTWRITEBYTECODE
 # Whole drives, recordings, every command's manual page and hostile archives are left to `make test`.
 FAST = tests/test_house.py tests/car/config tests/interfaces/cli tests/onboard/sinks tests/onboard/sources_can tests/onboard/timeline tests/onboard/gnss \
 	--ignore=tests/interfaces/cli/test_explain.py --ignore=tests/interfaces/cli/test_completion.py \
@@ -66,11 +70,10 @@ proof: $(RUNTIME)  ## concealed effects sealed, found, opened, scored; a page in
 ##@ Work on it
 
 test: lint  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...)
-	@$(PY) -m compileall -q tpmsd bench  # commands that tests start read these, also where nothing else writes them
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) --dist worksteal $(PYTEST_ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest $(PYTEST_FLAGS) --dist worksteal $(PYTEST_ARGS)
 
 test-fast: lint  ## style, types and the quick tests, under a minute
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(FAST) $(PYTEST_ARGS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest $(PYTEST_FLAGS) $(FAST) $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style and types only
 	$(PY) -m ruff check .
