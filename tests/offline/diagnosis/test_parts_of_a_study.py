@@ -293,3 +293,14 @@ def test_the_gain_of_a_term_is_that_of_its_columns(studied: Study) -> None:
         again = np.zeros_like(term.design)
         again[1 + rows] = part
         assert np.array_equal(term.design, again)
+
+
+@pytest.mark.parametrize("factor", [1.0, -2e-3, 50.0])
+def test_the_gain_of_one_column_is_its_closed_form(factor: float) -> None:
+    """A multiple of a column with square 4 and correlation 6 brings 6^2 / (2 * 4) nats, by 6 / (4 factor);
+    another column that shares nothing with it changes neither."""
+    gram, b = np.diag([9.0, 4.0]), np.array([0.0, 6.0])
+    alone, beside = np.array([[0.0], [factor]]), np.array([[0.0, 1.0], [factor, 0.0]])
+
+    for design in (alone, beside):
+        assert group_gain(design, gram, b) == pytest.approx((4.5, 1.5 / factor), rel=2e-6)

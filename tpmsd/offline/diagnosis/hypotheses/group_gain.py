@@ -5,6 +5,8 @@ In: a design, the Gram matrix and correlation of all columns. Out: log-likelihoo
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
@@ -20,6 +22,8 @@ def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[flo
 
 def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
     """Return the same of a design that has these rows (m,) alone, `part` (m, k)."""
+    if part.shape == (1, 1):
+        return _gain_of_one(float(part[0, 0]), float(gram[rows[0], rows[0]]), float(b[rows[0]]))
     A = part.T @ gram[rows[:, None], rows] @ part
     score = part.T @ b[rows]
     scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
@@ -28,3 +32,14 @@ def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatA
     # A column that the others already explain has next to nothing left: it cannot bring anything.
     values = np.linalg.solve(A, score)
     return 0.5 * float(score @ values), float(values[0] / scale[0])
+
+
+def _gain_of_one(factor: float, square: float, correlation: float) -> tuple[float, float]:
+    """Return the same of a multiple of one column, as most effects are: the matrices of `gain_of_rows` are
+    numbers.
+    """
+    information, score = factor * square * factor, factor * correlation
+    scale = math.sqrt(max(information, 1e-300))
+    score /= scale
+    value = score / (information / (scale * scale) + 1e-6)
+    return 0.5 * (score * value), value / scale

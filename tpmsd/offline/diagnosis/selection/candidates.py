@@ -151,12 +151,11 @@ class Candidates:
         gain = np.where(
             det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-30 + 1e-4 * np.outer(d, d)), 0.0
         )
+        keys, penalties, gains = [t.key for t in single], [t.penalty for t in single], gain.tolist()
         out = []
-        for i in range(len(at)):
-            for j in range(i + 1, len(at)):
-                if single[i].key != single[j].key:
-                    penalty = single[i].penalty + single[j].penalty
-                    out.append((float(gain[i, j]) - penalty, [single[i], single[j]]))
+        for i, j in itertools.combinations(range(len(at)), 2):
+            if keys[i] != keys[j]:
+                out.append((gains[i][j] - (penalties[i] + penalties[j]), [single[i], single[j]]))
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs_over(self, covariate: str, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
