@@ -15,16 +15,19 @@ from scipy.special import fdtrc, stdtr
 
 from bench.worlds.varied_cars import Case, Sensors, drives
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
+from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.single_track import SingleTrack
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import DynamicsUnknown
 from tpmsd.offline.dynamics.certify import replicate
-from tpmsd.offline.dynamics.columns import Probe, gram
+from tpmsd.offline.dynamics.columns import BlockGram, Probe, gram
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.document import dynamics_document
-from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing
-from tpmsd.offline.dynamics.look import p_value_of
+from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics
+from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing, spread_of_blocks
+from tpmsd.offline.dynamics.look import Look, p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
@@ -384,16 +387,42 @@ def test_a_model_whose_fit_runs_away_is_left_as_it_was(
 
 
 def test_a_name_is_no_surer_than_the_part_of_the_error_that_it_explains() -> None:
-    """An error of 3 variances beyond the noise falls to 1: odds of 1 to 2; noise alone takes nothing off."""
+    """Slow errors of 2 and 1 variances, of which a name takes the first: odds of 1 to the root of 2. White
+    noise of any size has none that lasts."""
     rng = np.random.default_rng(4)
-    noise = rng.standard_normal((4000, 1))
-    missing = np.sign(rng.standard_normal((4000, 1)))
-    readings = noise + missing + math.sqrt(2.0) * np.roll(missing, 1)
-    std = np.array([1.0])
+    time_s = 0.02 * np.arange(4000)
+    noise = 3.0 * rng.standard_normal((4000, 1))
+    slow, other = np.sin(0.3 * time_s)[:, None], math.sqrt(2.0) * np.sin(0.7 * time_s)[:, None]
+    readings, std = noise + math.sqrt(2.0) * (slow + other), np.array([1.0])
 
-    half = left_over(readings, np.zeros_like(noise), math.sqrt(2.0) * np.roll(missing, 1), std)
-    assert half == pytest.approx(0.5, rel=0.1)
-    assert left_over(readings, np.zeros_like(noise), readings - noise, std) < 0.05
+    half = left_over(readings, np.zeros_like(noise), math.sqrt(2.0) * other, std, time_s)
+    assert half == pytest.approx(math.sqrt(0.5), rel=0.1)
+    assert left_over(readings, np.zeros_like(noise), readings - noise, std, time_s) < 0.2
+
+
+def test_a_value_that_differs_between_blocks_is_no_constant_of_the_car() -> None:
+    """Ten blocks, a value of 4 with a spread of 2 beside noise of one: half."""
+    overdispersion = 1.0 + 2.0**2
+    distance = 10.0 * 4.0**2 / overdispersion
+
+    assert spread_of_blocks(overdispersion, distance, 10) == pytest.approx(0.5)
+    assert spread_of_blocks(1.0, distance, 10) == 0.0
+
+
+def test_without_a_term_the_others_take_its_part() -> None:
+    """Columns with a correlation of one half and a minimum where both are: without one of 0.1 the other,
+    which the drive tells a thousand times better than its prior, grows by half of that."""
+    names, car = ("mass_error", "yaw_inertia_error"), DynamicCar(1500.0, 2500.0, 1.2, 1.5, 8e4, 8e4)
+    terms = [term_of(make_dynamics_effect(name, relative=0.1), SingleTrack(car)) for name in names]
+    information = 1e6 * np.array([[1.0, 0.5], [0.5, 1.0]])
+    columns = [PriorColumns((k,), *term.prior()) for k, term in enumerate(terms)]
+    removal = [((k,), (-0.1,)) for k in range(2)]
+    look = Look(Statistics(BlockGram(information[None], np.zeros((1, 2)))), terms, columns, removal, [], [])
+
+    (other,) = look.others_without(0)
+
+    assert other.name == "yaw_inertia_error"
+    assert other.value("relative") == pytest.approx(0.15, abs=1e-3)
 
 
 def test_values_at_the_default_are_no_news() -> None:

@@ -1,13 +1,14 @@
 """Competitors of the terms of a selection, each fitted in the term's place.
 
-In: a finished selection. Out: log odds of every competitor against the term. Columns tell them apart to first
-order alone: an effect that takes the place of a large one must be fitted before their evidence is compared.
+In: a finished selection. Out: log odds of every competitor against the term, and the selection with those in
+place that are plainly likelier. Columns tell them apart to first order alone: an effect that takes the place
+of a large one must be fitted before their evidence is compared.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from tpmsd.offline.dynamics.look import Look
 from tpmsd.offline.dynamics.search import Search
@@ -17,6 +18,48 @@ from tpmsd.offline.dynamics.terms import CandidateTerm
 
 CompetitorNats = Mapping[str, Mapping[str, float]]
 """Log odds of competitors, by the key of the term and by the competitor's name."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A selection, the look at it, and the competitors of its terms."""
+
+    search: Search
+    look: Look
+    competitors: CompetitorNats
+
+
+def with_likeliest(search: Search) -> Compared:
+    """Return the selection in which no competitor that was fitted beats a term by the odds of twins."""
+    seen: set[frozenset[str]] = set()
+    while True:
+        look = search.look([term for term in search.offered() if term.name not in search.rejected])
+        nats = fitted_competitors(search, look)
+        seen.add(frozenset(term.name for term in search.terms))
+        other = _likelier(search, look, nats, seen)
+        if other is None:
+            return Compared(search, look, nats)
+        search = other
+
+
+def _likelier(search: Search, look: Look, nats: CompetitorNats, seen: set[frozenset[str]]) -> Search | None:
+    """Return the selection with the likeliest competitor in its term's place; None where none is plainly
+    likelier, the prediction gets worse, or the selection was there before."""
+    odds = [
+        (value, k, name)
+        for k, term in enumerate(search.terms)
+        for name, value in nats.get(term.key, {}).items()
+        if value > SETTINGS.twin_nats
+    ]
+    for _, k, name in sorted(odds, reverse=True):
+        competitor = next(one for one in _close(look, k) if one.name == name)
+        if frozenset(one.name for one in (*search.terms[:k], competitor, *search.terms[k + 1 :])) in seen:
+            continue
+        other = _exchanged(search, k, competitor)
+        if other is not None:
+            other.keep_stage()
+            return other
+    return None
 
 
 def fitted_competitors(search: Search, look: Look) -> CompetitorNats:

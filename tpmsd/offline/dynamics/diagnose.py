@@ -14,7 +14,7 @@ from tpmsd.car.physics.baselines.base import UNITS, Baseline
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.certify import Replicates, certified
-from tpmsd.offline.dynamics.competitors import fitted_competitors
+from tpmsd.offline.dynamics.competitors import with_likeliest
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.findings import findings_of, not_detectable, nuisances_of
 from tpmsd.offline.dynamics.look import Look, fold_blocks, threshold_of
@@ -67,9 +67,9 @@ def diagnose_dynamics(
         name for name in UNITS if name in drive.outputs and name in baseline.outputs(tuple(given))
     )
     setup = Setup(baseline, drive, channels)
-    search = searched(setup, tuple(given), say)
-    look = search.look([term for term in search.offered() if term.name not in search.rejected])
-    found = findings_of(search, look, fitted_competitors(search, look))
+    likeliest = with_likeliest(searched(setup, tuple(given), say))
+    search, look = likeliest.search, likeliest.look
+    found = findings_of(search, look, likeliest.competitors)
     threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
     steps, outputs, curves = _compared(search)
     certificate = None

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import UNITS
+from tpmsd.car.physics.baselines.base import UNITS, Theta
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import EQUATIONS, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
@@ -61,8 +61,11 @@ def findings_of(
     for k, slot in enumerate(slots):
         if slot.term.nuisance:
             continue
-        without = _without(few, k)
-        one = _finding(search, few, slot, with_all, without, alternatives)
+        without = _without(few, few.without(k))
+        refitted = without
+        if len(slots) > 1:
+            refitted = _without(few, (*few.fixed, *(term.effect for term in look.others_without(k))))
+        one = _finding(search, few, slot, Guesses(with_all, without, refitted), alternatives)
         found.append(replace(one, term=k))
     return suspected(with_a_cause(sorted(found, key=lambda one: -one.loglik_gain)))
 
@@ -122,19 +125,29 @@ def nuisances_of(search: Search, look: Look) -> tuple[FittedNuisance, ...]:
     )
 
 
-def _without(few: Search, k: int) -> FloatArray:
-    """Return the prediction without one of the terms."""
-    theta, setup = few.without(k), few.setup
+@dataclass(frozen=True)
+class Guesses:
+    """Predictions from the inputs alone, (n, m) each."""
+
+    with_all: FloatArray
+    without: FloatArray
+    """Without a finding, the others as they are."""
+    refitted: FloatArray
+    """Without it, the others fitted again."""
+
+
+def _without(few: Search, theta: Theta) -> FloatArray:
+    """Return the prediction of a model that lacks one of the terms."""
+    setup = few.setup
     names, fewer = setup.states(few.theta), setup.states(theta)
     rows = [names.index(name) for name in fewer]
     rest = range(len(names), few.at.path.shape[1])
     return predicted(setup, theta, few.at.path[:, [*rows, *rest]])
 
 
-def _finding(
-    search: Search, few: Search, slot: Slot, with_all: FloatArray, without: FloatArray, alternatives: int
-) -> DynamicsFinding:
+def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternatives: int) -> DynamicsFinding:
     setup, term = search.setup, slot.term
+    with_all, without = guesses.with_all, guesses.without
     change = with_all - without
     readings = few.setup.readings()
     known = np.isfinite(readings)
@@ -160,7 +173,10 @@ def _finding(
     if search.competitor is not None and term.key not in search.competitor.keys:
         against += math.exp(min(search.competitor.nats, 50.0))
     if term.name != "unknown":
-        against += left_over(readings, without, with_all, search.noise.outputs)
+        time_s = few.setup.drive.time_s
+        stays = left_over(readings, guesses.refitted, with_all, search.noise.outputs, time_s)
+        blocks = len(setup.drive.starts)
+        against += math.hypot(stays, spread_of_blocks(slot.overdispersion, slot.distance, blocks))
     confidence = 1.0 / (1.0 + against)
     doubtful = likelier_not(against, [value - slot.evidence for _, value in competitors])
     return DynamicsFinding(
@@ -204,19 +220,44 @@ def odds_of_nothing(evidence: float, distance: float) -> float:
     return math.exp(min(-min(evidence, 0.5 * distance), 50.0))
 
 
-def left_over(readings: FloatArray, without: FloatArray, with_all: FloatArray, noise: FloatArray) -> float:
+def left_over(
+    readings: FloatArray, without: FloatArray, with_all: FloatArray, noise: FloatArray, time_s: FloatArray
+) -> float:
     """Return the error of the prediction that stays over the part of it that a term takes away.
 
-    Both are mean squares beyond the noise of a reading, in its variances, added up over the outputs. Where
-    more stays unexplained than a name explains, the name is as likely to be a part of what is missing.
+    Both are root mean squares beyond the noise of a reading, in its standard deviations, over all outputs:
+    the tangent of the angle between what is missing and the name's part of it. Under a random direction in
+    their plane an angle has a probability that is proportional to it. Where more stays unexplained than a
+    name explains, the name is as likely to be a part of what is missing.
     """
+    before, after = ((readings - guess) / noise for guess in (without, with_all))
+    taken = float(np.sum(np.nanmean(before**2, axis=0) - np.nanmean(after**2, axis=0)))
+    return math.sqrt(max(lasting(after, time_s), 0.0) / max(taken, 1e-9))
 
-    def error(guess: FloatArray) -> FloatArray:
-        return np.asarray(np.nanmean((readings - guess) ** 2, axis=0)) / noise**2
 
-    stays = float(np.sum(np.maximum(error(with_all) - 1.0, 0.0)))
-    taken = float(np.sum(error(without) - error(with_all)))
-    return stays / max(taken, 1e-9)
+def spread_of_blocks(overdispersion: float, distance: float, blocks: int) -> float:
+    """Return the spread of a term's value between blocks, beyond the noise, over the value.
+
+    It is the other part of what is missing: a constant of the car is the same in all blocks. `distance` is
+    that from the values that do nothing, squared, in standard deviations with the overdispersion in them.
+    """
+    return math.sqrt(blocks * max(1.0 - 1.0 / overdispersion, 0.0) / max(distance, 1e-9))
+
+
+def lasting(errors: FloatArray, time_s: FloatArray) -> float:
+    """Return the mean square that neighbouring rows share, summed over the outputs; NaN are left out.
+
+    The mean product of rows no farther apart than a disturbance lasts: that of white noise is 0, whatever its
+    size, and with many pairs it is known several times better than a mean square less that of the noise.
+    """
+    step = float(np.median(np.diff(time_s)))
+    total, count = np.zeros(errors.shape[1]), np.zeros(errors.shape[1])
+    for lag in range(1, max(round(SETTINGS.disturbance_time_s / step), 1) + 1):
+        near = time_s[lag:] - time_s[:-lag] < (lag + 0.5) * step
+        products = (errors[lag:] * errors[:-lag])[near]
+        total += np.nansum(products, axis=0)
+        count += np.isfinite(products).sum(axis=0)
+    return float(np.sum(total / np.maximum(count, 1.0)))
 
 
 def _residuals(

@@ -171,6 +171,18 @@ class Look:
                 best[term.key] = (term, value)
         return sorted(best.values(), key=lambda pair: -pair[1])
 
+    def others_without(self, k: int) -> list[CandidateTerm]:
+        """Return the other terms of the model as they are fitted without one of them."""
+        others = [j for j in range(len(self.terms)) if j != k]
+        rest = joined([self.columns[j] for j in others])
+        step = self.statistics.fit(rest, *self.removal[k])[0] if others else np.zeros(0)
+        out = []
+        for j in others:
+            count = len(self.columns[j].index)
+            out.append(self.terms[j].moved(step[:count]))
+            step = step[count:]
+        return out
+
     def heldout(self, k: int) -> float:
         """Return the nats that a term of the model gains on held-out blocks."""
         rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
