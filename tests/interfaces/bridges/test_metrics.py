@@ -82,20 +82,24 @@ def test_nothing_listens_beyond_the_loopback_unless_configured(tmp_path: Path) -
 
 
 def test_half_sent_requests_neither_pile_up_nor_stay(tmp_path: Path) -> None:
-    """Sixty connections that ask for nothing hold a bounded number of threads, and are closed in time."""
+    """Sixty connections that ask for nothing are taken at once, hold a bounded number of threads,
+    and are closed in time."""
     before = threading.active_count()
     with pytest.MonkeyPatch.context() as patched, ExitStack() as stack:
         patched.setattr(prometheus, "REQUEST_S", 1.0, raising=False)
         port, end = serve(tmp_path / "s", "127.0.0.1", 0, LOG)
         stack.callback(end)
+        begun_s = time.monotonic()
         for _ in range(60):
             client = stack.enter_context(socket.create_connection(("127.0.0.1", port), 5.0))
             client.sendall(b"GET /metrics HTTP/1.1\r\nX-Half: ")
+        connected_s = time.monotonic() - begun_s
         time.sleep(0.3)
         most = threading.active_count() - before
         time.sleep(1.7)
         got = scrape(port)
 
+    assert connected_s < 5.0  # none waits for a place in the queue, a second each
     assert most <= 2 * 16 + 1  # one each, one that ends it, one that listens
     assert {("tpmsd_up",): 0.0} == got
 

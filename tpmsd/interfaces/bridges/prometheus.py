@@ -24,6 +24,8 @@ SCRAPE_TIMEOUT_S = 3.0
 """Time-out of a scrape, s; below the 10 s of Prometheus's own default."""
 MOST_REQUESTS = 16
 """Requests at a time, a thread each: a server or two scrape, every some seconds."""
+WAITING = 64
+"""Connections that the system holds until they are accepted; one beyond tries again after a second only."""
 REQUEST_S = 10.0
 """Time from a connection to the end of its answer, s; what takes longer is closed, a scrape ends by itself
 before."""
@@ -104,6 +106,7 @@ class _Server(ThreadingMixIn, WSGIServer):
     bounds)."""
 
     daemon_threads = True
+    request_queue_size = WAITING
 
     def __init__(self, family: int, where: tuple[str, int]) -> None:
         self.address_family = family
