@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -109,6 +111,19 @@ class Player:
 
     def active(self) -> list[tuple[AlarmKind, str | None]]:
         return [(event.kind, event.wheel) for event in self.last.active]
+
+
+def driven(seconds: float, wheels: tuple[int, ...] = ALL, **settings: float) -> Player:
+    """A car that was driven so long with all in order: made once, each caller has one of its own."""
+    once = _driven(seconds, wheels, tuple(settings.items()))
+    return replace(once, monitor=copy.deepcopy(once.monitor), reports=list(once.reports))
+
+
+@functools.cache
+def _driven(seconds: float, wheels: tuple[int, ...], settings: tuple[tuple[str, float], ...]) -> Player:
+    player = Player(monitor(wheels, **dict(settings)))
+    assert [] == player.play(seconds)
+    return player
 
 
 def said(events: list[AlarmEvent]) -> list[tuple[str, str | None, str]]:

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
+from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, driven, monitor, one, said
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.monitor.records import AlarmKind, WheelState
@@ -22,10 +22,21 @@ DOWN = SourceFault(0.0, "can", "down", "can0: network is down")
 
 
 def learned(wheels: tuple[int, ...] = ALL, **settings_: float) -> Player:
-    player = Player(monitor(wheels, **settings_))
-    assert [] == player.play(70.0)
+    player = driven(70.0, wheels, **settings_)
     assert player.monitor.baseline.ready
     return player
+
+
+def test_a_car_that_was_driven_once_goes_on_as_one_of_its_own() -> None:
+    """What happens to one of two such cars reaches neither the other nor the next."""
+    alone = Player(monitor(ALL))
+    alone.play(70.0)
+    first = learned()
+    for player in (alone, first, learned()):
+        player.play(30.0, one(2, -0.02))
+        player.play(80.0, lost=(0,))
+
+        assert repr(alone.reports) == repr(player.reports)
 
 
 def test_alarms_do_not_depend_on_the_rate_of_ticks() -> None:

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from tests.onboard.monitor.drives import ALL, RADIUS_M, Player, monitor, one, said
+from tests.onboard.monitor.drives import ALL, RADIUS_M, Player, driven, monitor, one, said
 from tpmsd.onboard.monitor.records import AlarmKind, LearningReport, MonitorReport, WheelState
 from tpmsd.onboard.monitor.settings import TYRE_SETS
 
@@ -16,9 +16,7 @@ SOFT = 0.006
 
 
 def learned(seconds: float = 200.0) -> Player:
-    player = Player(monitor(ALL))
-    assert [] == player.play(seconds)
-    return player
+    return driven(seconds)
 
 
 def learning(report: MonitorReport) -> LearningReport:

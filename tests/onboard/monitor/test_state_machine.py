@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from tests.conftest import REPO
-from tests.onboard.monitor.drives import ALL, Player, monitor
+from tests.onboard.monitor.drives import ALL, driven, monitor
 from tpmsd.onboard.monitor.baseline.tyre_sets import TOO_MANY
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, WheelState
 
@@ -28,8 +28,7 @@ class Life(RuleBasedStateMachine):
 
     def __init__(self) -> None:
         super().__init__()
-        self.player = Player(monitor(ALL), dt_s=0.5)
-        self.player.play(70.0)
+        self.player = driven(70.0)
         self.soft: int | None = None
         self.standing: dict[Key, AlarmEvent] = {}
         self.turned_s: dict[Key, float] = {}
