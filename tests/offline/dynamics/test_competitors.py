@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.offline.dynamics.drives import diagnosed, hidden
+import pytest
+
+from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
+from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.offline.dynamics.competitors import with_likeliest
+from tpmsd.offline.dynamics.path import Setup
+from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.terms import term_of
 
 
 def test_a_soft_axle_and_wheels_that_give_way_are_one_to_a_linear_car(tmp_path: Path) -> None:
@@ -15,3 +22,21 @@ def test_a_soft_axle_and_wheels_that_give_way_are_one_to_a_linear_car(tmp_path: 
     one = found.findings[0]
     assert {"compliance_steer", "cornering_stiffness_error"} <= {one.effect, *one.indistinguishable_from}
     assert 0.1 < one.confidence < 0.9
+
+
+def test_a_name_that_is_plainly_likelier_takes_the_place_of_the_one_selected(tmp_path: Path) -> None:
+    """A late gyro under the name of late steering: the delay of the gyro is fitted in its place and stays."""
+    where = folder(tmp_path / "d", hidden(gyro_delay={"delay_s": 0.04}), duration_s=40.0)
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    search.keep_stage()
+    search.terms = [term_of(make_dynamics_effect("steering_delay", delay_s=0.02), baseline)]
+    search.settle()
+    search.keep_stage()
+
+    likeliest = with_likeliest(search)
+
+    assert [term.name for term in likeliest.search.named] == ["gyro_delay"]
+    assert likeliest.search.terms[0].value("delay_s") == pytest.approx(0.04, abs=0.004)
+    assert [stage.terms[0].name for stage in likeliest.search.stages[1:]] == ["steering_delay", "gyro_delay"]
+    assert all(nats < 3.0 for nats in likeliest.competitors.get("gyro_delay", {}).values())
