@@ -35,21 +35,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tpmsd.foundation.startup import import_on_demand, leave_out_mf4
+from tpmsd.foundation.startup import import_on_demand, leave_out_mf4, without_openssl
 
 leave_out_mf4()  # as the daemon does: it takes as much memory as all the rest
 import_on_demand()
-
-from tpmsd.car.config.load import load_config  # noqa: E402
-from tpmsd.car.config.model import DEFAULT_METHOD, FILTER_METHODS, CanConfig, Config  # noqa: E402
-from tpmsd.onboard.daemon.clock import Clock  # noqa: E402
-from tpmsd.onboard.daemon.loop import Daemon  # noqa: E402
-from tpmsd.onboard.pipeline import Step  # noqa: E402
-from tpmsd.onboard.sinks.sd_notify import Notifier  # noqa: E402
-from tpmsd.onboard.sources.can.decoder import load_database  # noqa: E402
-from tpmsd.onboard.sources.can.frame import CanFrame  # noqa: E402
-from tpmsd.onboard.sources.can.live import CanDown  # noqa: E402
-from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone  # noqa: E402
+with without_openssl():
+    from tpmsd.car.config.load import load_config
+    from tpmsd.car.config.model import DEFAULT_METHOD, FILTER_METHODS, CanConfig, Config
+    from tpmsd.onboard.daemon.clock import Clock
+    from tpmsd.onboard.daemon.loop import Daemon
+    from tpmsd.onboard.pipeline import Step
+    from tpmsd.onboard.sinks.sd_notify import Notifier
+    from tpmsd.onboard.sources.can.decoder import load_database
+    from tpmsd.onboard.sources.can.frame import CanFrame
+    from tpmsd.onboard.sources.can.live import CanDown
+    from tpmsd.onboard.sources.gnss.serial_live import ReceiverGone
 
 if TYPE_CHECKING:
     from cantools.database import Database

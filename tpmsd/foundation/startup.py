@@ -37,6 +37,40 @@ def leave_out_mf4() -> None:
         sys.meta_path.insert(0, _LeftOut())
 
 
+class _WithoutOpenSsl(importlib.abc.MetaPathFinder):
+    """Lets Python look as if it were built without OpenSSL."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname in ("_hashlib", "_ssl"):
+            raise ModuleNotFoundError(f"{fullname} is left out", name=fullname)
+        return None
+
+
+_OWN_HASHES = frozenset({"_md5", "_sha1", "_sha3", "_blake2"})
+_OWN_SHA2 = (frozenset({"_sha256", "_sha512"}), frozenset({"_sha2"}))
+"""Hashes that Python brings itself; those of SHA-2 by its version."""
+
+
+@contextmanager
+def without_openssl() -> Iterator[None]:
+    """Import hashlib and asyncio without OpenSSL, of which the daemon uses nothing and which takes 4.5 MB;
+    ssl can be imported afterwards. Does nothing where Python has no hashes of its own.
+    """
+    own = {name for name in _OWN_HASHES.union(*_OWN_SHA2) if importlib.util.find_spec(name) is not None}
+    if not (own >= _OWN_HASHES and any(own >= names for names in _OWN_SHA2)):
+        yield
+        return
+    finder = _WithoutOpenSsl()
+    sys.meta_path.insert(0, finder)
+    try:
+        importlib.import_module("secrets")  # of which NumPy's generators make use, later
+        yield
+    finally:
+        sys.meta_path.remove(finder)
+
+
 ON_DEMAND = frozenset(
     {
         *("cantools.logreader", "cantools.tester", "scipy.spatial"),

@@ -93,6 +93,27 @@ print(len(list(read_can_log(path, lambda line, what: print(what)))))
     assert "1" == done.stdout.strip(), done.stderr
 
 
+def test_the_daemon_is_imported_without_openssl() -> None:
+    """Neither the daemon's hashes, python-can's asyncio nor NumPy's generators bring OpenSSL in; hashes are
+    the same, and who wants ssl afterwards has it."""
+    pytest.importorskip("ssl")
+    code = """
+import sys
+from tpmsd.foundation.startup import leave_out_mf4, without_openssl
+leave_out_mf4()
+with without_openssl():
+    import tpmsd.onboard.daemon.loop
+import hashlib
+import numpy.random
+print(*("can" in sys.modules, "_ssl" in sys.modules, "_hashlib" in sys.modules))
+print(hashlib.sha256(b"").hexdigest()[:8])
+import ssl
+print(ssl.create_default_context() is not None)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ["True False False", "e3b0c442", "True"] == done.stdout.splitlines(), done.stderr
+
+
 def test_a_diagnosis_runs_no_module_that_it_has_no_use_for() -> None:
     """Of what cantools and SciPy import whole, modules of which nothing is used do not run; what is asked for
     does."""

@@ -16,7 +16,7 @@ from tpmsd.car.config.gnss_source import parse_source
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.car.config.problems import BadValueError
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.foundation.startup import reserve_linear_algebra
+from tpmsd.foundation.startup import reserve_linear_algebra, without_openssl
 from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Subparsers
 
@@ -87,14 +87,15 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the daemon to its end."""
     # Here, since --help needs neither numpy nor cantools.
-    from tpmsd.onboard.daemon.clock import Clock
-    from tpmsd.onboard.daemon.journal import set_up_logging
-    from tpmsd.onboard.daemon.loop import Daemon
-    from tpmsd.onboard.daemon.recorder import DriveRecorder
-    from tpmsd.onboard.daemon.state_lock import state_lock
-    from tpmsd.onboard.pipeline import Pipeline
-    from tpmsd.onboard.sinks.sd_notify import Notifier
-    from tpmsd.onboard.sources.can.databases import load_databases
+    with without_openssl():
+        from tpmsd.onboard.daemon.clock import Clock
+        from tpmsd.onboard.daemon.journal import set_up_logging
+        from tpmsd.onboard.daemon.loop import Daemon
+        from tpmsd.onboard.daemon.recorder import DriveRecorder
+        from tpmsd.onboard.daemon.state_lock import state_lock
+        from tpmsd.onboard.pipeline import Pipeline
+        from tpmsd.onboard.sinks.sd_notify import Notifier
+        from tpmsd.onboard.sources.can.databases import load_databases
 
     duration_s = math.inf if args.duration is None else float(args.duration)
     if not duration_s > 0.0:
