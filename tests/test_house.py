@@ -504,6 +504,9 @@ TERMS: dict[str, str] = {
     **dict.fromkeys(("price", "prices"), "penalty"),
     **dict.fromkeys(("witness", "witnesses"), "contrast, reference or independent evidence"),
     "beside": "jointly, next to",
+    **dict.fromkeys(("believed", "believes"), "trusted, accepted or a fraction"),
+    **dict.fromkeys(("account", "accounts"), "model or change hypothesis"),
+    **dict.fromkeys(("sight", "sees", "blind"), "minimum detectable loss, can_detect"),
     **dict.fromkeys(("wing", "wings"), "layer"),
 }
 """Words of identifiers, and the terms that stand for them."""
@@ -512,12 +515,7 @@ _TERMS_KEPT = {
     "tpmsd/offline/rings/settings.py": {"even_count", "odd_count"},  # parity of a number of teeth
     "tpmsd/offline/report/mpl_style.py": {"place_labels"},  # to place, a verb
     "tpmsd/offline/planning/search.py": {"told"},  # a key of tpmsd.plan/1
-    "tpmsd/offline/tables/from_file.py": {"names_told"},  # used by the API
     "tpmsd/car/physics/effect_records.py": {"Rivals", "Beside"},  # former names, for effects of users
-    **{
-        f"tpmsd/onboard/monitor/{module}.py": {"beside"}  # shrinks
-        for module in ("evidence/detectable", "sampling/drive_evidence", "slow_leaks/trend")
-    },
 }
 
 

@@ -100,7 +100,11 @@ def main(args: argparse.Namespace) -> int:
             one = study.drives[0]
             windows = one.reader.windows
             one.noise = fit_noise(
-                windows, one.believed(study.hypotheses.everything), one.noise, SearchStage.FIRST, one.inflate
+                windows,
+                one.white_design(study.hypotheses.everything),
+                one.noise,
+                SearchStage.FIRST,
+                one.inflate,
             )
             print(f"\n{name}, {'hurried' if hard else 'calm'}: {len(windows)} windows")
             for label, number, gained in compared(one):

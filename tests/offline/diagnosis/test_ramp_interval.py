@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.offline.diagnosis.test_accounts import drifting
+from tests.offline.diagnosis.test_change_or_drift import drifting
 from tpmsd.offline.diagnosis.assessment.ramp_interval import _pairs, ramp_stds
 from tpmsd.offline.diagnosis.hypotheses.response import ramp_column
 from tpmsd.offline.diagnosis.prepared.admission import admitted
@@ -46,7 +46,7 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     pattern = study.append([(_step(122.0), {0: step})])[0]
     study.hypotheses.add_ramp("rl", (122.0, 122.0), pattern)
     term = study.hypotheses.catalogue[-1]
-    plain = drive.believed(Selector(study.evidence(), study.hypotheses).design([term]))
+    plain = drive.white_design(Selector(study.evidence(), study.hypotheses).design([term]))
     noise = refit_radius_drift(windows, plain, replace(drive.noise, radius_drift=1e-3), None)
     before = log_posterior(windows, plain, noise, None)
 
@@ -54,7 +54,7 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     evidence = found.evidence()
     selector = Selector(evidence, found.hypotheses, last=True)
     here = found.drives[0]
-    after = log_posterior(windows, here.believed(selector.design(terms)), here.noise, None)
+    after = log_posterior(windows, here.white_design(selector.design(terms)), here.noise, None)
     selection = selector.judged(terms)
     stds = ramp_stds(found, selection, 0, [])
 

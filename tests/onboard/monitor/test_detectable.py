@@ -8,7 +8,7 @@ import pytest
 from tpmsd.car.config.model import TyreConfig
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.evidence.detectable import JointLoss, LossSight, detectable
+from tpmsd.onboard.monitor.evidence.detectable import JointLoss, LossDetectability, detectable
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
 from tpmsd.onboard.monitor.evidence.sizes import Sized
@@ -65,7 +65,7 @@ def test_what_a_load_may_do_makes_all_four_harder_to_see(chance: float, lost_m: 
     for times in (1.1, 0.75):
         changes = scatter - times * least_m
         verdicts = [
-            Comparison(RADIUS, THRESHOLD).of_accounts(
+            Comparison(RADIUS, THRESHOLD).of_change_hypotheses(
                 Sized.plain(np.tile(change, (2, 1)), both, weights(change))
             )
             for change in changes
@@ -101,8 +101,8 @@ def test_a_load_hides_both_tyres_of_the_axle_that_bears_it() -> None:
     lost = tuple(RADIUS * np.array(mask) for mask in ([1.0] * 4, [1.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 1.0]))
     changes = np.zeros((2, 4)), both, weights
     for wheels, of_axle in ((lost, least[2]), (lost[:2], least[0])):
-        sight = LossSight(learned, changes, wheels, RADIUS, TYRES, THRESHOLD, ASKED)
-        assert sight.losses().one_axle == of_axle
+        detectability = LossDetectability(learned, changes, wheels, RADIUS, TYRES, THRESHOLD, ASKED)
+        assert detectability.losses().one_axle == of_axle
 
 
 def test_the_loss_of_each_wheel_is_said_in_metres_of_its_own_radius() -> None:

@@ -127,7 +127,7 @@ def some_windows(wheels: tuple[int, ...], count: int, seed: int, *, sized: bool)
         sizes = every
         if over == "now" and sized:
             sizes = every.since(with_sizes(change, covariance, weight, radius, every, every=True), 0.3)
-        judged = Comparison(radius, 0.006, None, False, sizes, 0.02).of_accounts(
+        judged = Comparison(radius, 0.006, None, False, sizes, 0.02).of_change_hypotheses(
             with_sizes(change, covariance, weight, radius, sizes)
         )
         believed = rng.choice([0.0, 0.4, 1.0], (judged.table.lost.shape[1], len(wheels)))

@@ -22,7 +22,7 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 NAN4 = np.full(4, math.nan)
 DT_S = 0.5
 WITHHELD, UNSTEADY = Agreement(True, False, False), Agreement(False, True, False)
-SEES = Watching(sees=True, undecided=False)
+SEES = Watching(can_detect=True, undecided=False)
 
 
 class Ticks:
@@ -71,8 +71,8 @@ def wrong(kind: str) -> dict[str, object]:
         "spoofed": {"kinds": ("spoofed",), "source": "can"},
         "disagree": {"agreement": WITHHELD},
         "unsteady": {"agreement": UNSTEADY},
-        "blind": {"watching": Watching(sees=False, undecided=False)},
-        "undecided": {"watching": Watching(sees=True, undecided=True)},
+        "blind": {"watching": Watching(can_detect=False, undecided=False)},
+        "undecided": {"watching": Watching(can_detect=True, undecided=True)},
         "contradicted": {"watching": Watching(True, False, "left and right")},
         "restarted": {"kinds": ("restarted",)},
     }[kind]  # type: ignore[return-value]
@@ -196,7 +196,7 @@ def test_a_slow_car_without_fixes_is_in_order() -> None:
 
 def test_blind_time_is_that_above_forty_kilometres_an_hour() -> None:
     """At 40 km/h it does not count, above it does."""
-    blind = Watching(sees=False, undecided=False)
+    blind = Watching(can_detect=False, undecided=False)
     for mps, raised in ((40.0 / 3.6, []), (40.1 / 3.6, [600.0])):
         assert raised == [after for after, _ in Ticks().until("raised", mps=mps, watching=blind)]
 

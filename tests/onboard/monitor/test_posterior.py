@@ -25,7 +25,9 @@ def verdict(
     """Of one account of the change, beside every size."""
     radius, sizes = np.full(len(wheels), RADIUS_M), sizes or sizes_of(wheels)
     against = Comparison(radius, THRESHOLD, sizes=sizes, limit=LIMIT)
-    return against.of_accounts(with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes))
+    return against.of_change_hypotheses(
+        with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes)
+    )
 
 
 def since(

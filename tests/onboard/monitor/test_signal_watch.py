@@ -15,7 +15,7 @@ from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching, _Ma
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
-SEES = Watching(sees=True, undecided=False)
+SEES = Watching(can_detect=True, undecided=False)
 NAN4 = np.full(4, math.nan)
 
 

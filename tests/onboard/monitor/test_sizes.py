@@ -26,7 +26,7 @@ CHANGES_MM = [(0.0, 0.0, 4.2, 0.2), (5.0, 5.5, 0.0, 0.0), (3.6, 5.0, 5.0, 5.1), 
 
 def verdict_of(change_m: FloatArray, covariance_m2: FloatArray = COVARIANCE_M2) -> Verdict:
     change_hypotheses = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), RADIUS, SIZES)
-    return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).of_accounts(change_hypotheses)
+    return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).of_change_hypotheses(change_hypotheses)
 
 
 @pytest.mark.parametrize("row", ROWS)
@@ -115,7 +115,9 @@ def test_without_another_size_it_is_the_comparison_of_losses(seed: int) -> None:
     against = Comparison(RADIUS, THRESHOLD, sizes=SIZES)
     both = [
         Comparison(RADIUS, THRESHOLD).of(change[0], covariance[0]),
-        against.of_accounts(Sized.plain(change, covariance, bank.log_likelihood + found.log_weight[0, :1])),
+        against.of_change_hypotheses(
+            Sized.plain(change, covariance, bank.log_likelihood + found.log_weight[0, :1])
+        ),
     ]
     for name in ("deflated", "loss_m", "none"):
         old, new = (getattr(one, name) for one in both)

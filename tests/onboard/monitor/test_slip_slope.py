@@ -251,7 +251,7 @@ def test_what_grip_leaves_of_a_loss(model: str, lost: tuple[int, ...], left: flo
     change[list(lost)] = -3e-3
     verdict = Comparison(RADIUS, 0.0025).of(change, 1e-4**2 * np.eye(4))
     large = np.exp(verdict.table.large - verdict.table.log_total)
-    found = large.sum(axis=0) @ judge._believed_of_drive({"as learned": 0.2, model: 0.8})
+    found = large.sum(axis=0) @ judge._trusted_of_drive({"as learned": 0.2, model: 0.8})
     expected = np.zeros(4)
     expected[list(lost)] = left
     assert found == pytest.approx(expected, abs=1e-3)

@@ -13,7 +13,7 @@ from tpmsd.foundation.errors import InputError
 from tpmsd.offline.drives.drive import Drive, drive_of, settings_of
 from tpmsd.offline.drives.reading import Note, ignore_note
 from tpmsd.offline.tables.encode import encode
-from tpmsd.offline.tables.from_file import names_told, read_signals
+from tpmsd.offline.tables.from_file import missing_columns, read_signals
 from tpmsd.offline.tables.gather import TableError, signals_from, split_empty
 from tpmsd.offline.tables.guess import guess
 from tpmsd.offline.tables.map_file import TableMap, read_map
@@ -33,7 +33,7 @@ def load_table(table: str | Path, map_file: str | Path | None = None, note: Note
     if map_file is not None:
         mapped, problems = read_map(Path(map_file))
         if problems:
-            problems += names_told(path, mapped)
+            problems += missing_columns(path, mapped)
             raise ConfigProblems(sorted(problems, key=lambda problem: problem.line or 0))
     found = read_signals(path, mapped)
     series, empty = split_empty(found.series)

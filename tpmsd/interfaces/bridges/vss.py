@@ -25,13 +25,13 @@ WATCHED = frozenset({"monitoring", "alarm"})
 def pressure_low(summary: DaemonSummary) -> dict[str, bool | None]:
     """Return whether the pressure of each wheel is low; None where that is not known."""
     low = {alarm.wheel for alarm in summary.alarms if alarm.kind in MEANS_LOW}
-    blind = {alarm.wheel for alarm in summary.alarms if alarm.kind == MALFUNCTION}
+    failed = {alarm.wheel for alarm in summary.alarms if alarm.kind == MALFUNCTION}
     states = {wheel.name: wheel.state for wheel in summary.wheels}
     return {
         wheel: True
         if wheel in low
         else False
-        if states.get(wheel) in WATCHED and wheel not in blind
+        if states.get(wheel) in WATCHED and wheel not in failed
         else None
         for wheel in IS_PRESSURE_LOW
     }

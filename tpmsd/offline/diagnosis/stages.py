@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
-from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
+from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.drifting import drifting
 from tpmsd.offline.diagnosis.robustness.found import Found
@@ -192,7 +192,7 @@ def examine(study: Study, progress: Callable[[float], None]) -> Found:
 def estimated(study: Study, design: FloatArray, stage: SearchStage) -> Study:
     """With each drive's noise estimated beside a model."""
     noises = {
-        number: fit_noise(drive.reader.windows, drive.believed(design), drive.noise, stage, drive.inflate)
+        number: fit_noise(drive.reader.windows, drive.white_design(design), drive.noise, stage, drive.inflate)
         for number, drive in enumerate(study.drives)
     }
     if study.simulation:

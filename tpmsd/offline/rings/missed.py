@@ -4,7 +4,7 @@ In: `Recording`, `ReferenceTrajectory`. Out: `Missed` per wheel that loses count
 
 Fewer counts per distance are a larger radius or counts that are lost. The ripple that every ring has once per
 turn (`car.rings.ripple`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as
-ever, of counts that are lost after fewer. So two accounts of a wheel's angle are compared by the power of the
+ever, of counts that are lost after fewer. So two models of a wheel's angle are compared by the power of the
 ripple in them (Schuster 1898): the counts as they are; and the counts with a share put back that is the same
 all the time, or that comes and goes as the other wheel of the axle shows. Phases are free in each block, so
 that only the angle within a block counts, and nothing hangs on radii or on the receiver's scale.
@@ -100,12 +100,12 @@ def possible_rates(
     out = {}
     for axle, pair in _pairs(recording, reference):
         for side, wheel in enumerate(axle):
-            accounts = [_power(pair, side, come_and_go) for come_and_go in (False, True)]
-            best = max(float(power.max()) for power in accounts)
+            powers = [_power(pair, side, come_and_go) for come_and_go in (False, True)]
+            best = max(float(power.max()) for power in powers)
             if best < COUNTERS.lost_admit_nats:
                 continue
             put_back, per_s = (0.0, pair.mean_less(side)), pair.counts_per_s(recording, side)
-            near = [np.flatnonzero(power > best - within_nats) for power in accounts]
+            near = [np.flatnonzero(power > best - within_nats) for power in powers]
             ends = np.concatenate(near)
             mean = np.concatenate([shares[at] + more for at, more in zip(near, put_back, strict=True)])
             low = -math.inf if ends.min() == 0 else float(mean.min()) - ring_error

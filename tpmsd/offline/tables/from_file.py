@@ -108,7 +108,7 @@ def _check_names(table: InputTable, mapped: TableMap) -> None:
         raise ConfigProblems(problems)
 
 
-def names_told(path: Path, mapped: TableMap) -> list[Problem]:
+def missing_columns(path: Path, mapped: TableMap) -> list[Problem]:
     """Columns that a map names and the table lacks; empty where the table itself cannot be read."""
     try:
         with closing(read_table(path, ())) as table:

@@ -160,7 +160,7 @@ class Monitor:
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
-            losses=None if (sight := self._judged.sight) is None else sight.losses,
+            losses=None if (detectability := self._judged.detectability) is None else detectability.losses,
             questions=self.questions,
         )
 
@@ -175,8 +175,10 @@ class Monitor:
 
     def _watching(self) -> Watching:
         """Return the state of the monitor that malfunctions depend on."""
-        sees = self._since_seen_s <= JUDGE.seen_fresh_s
-        return Watching(sees, self._sets.undecided, self._configuration.contradiction, self._encoders.losing)
+        can_detect = self._since_seen_s <= JUDGE.seen_fresh_s
+        return Watching(
+            can_detect, self._sets.undecided, self._configuration.contradiction, self._encoders.losing
+        )
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """Judge a second of driving, decide on a reset, learn."""
@@ -201,10 +203,10 @@ class Monitor:
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
                 possible = float(self._judged.possible[wheel]) if kind is AlarmKind.DEFLATION else None
-                turned = alarm.update(probability, elapsed_s, least_hold_s, possible)
-                if turned is not None:
-                    events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
-                    judging.note_transition(self._judged.change_index if turned == "raised" else None)
+                transition = alarm.update(probability, elapsed_s, least_hold_s, possible)
+                if transition is not None:
+                    events.append(self._tyre_event(kind, wheel, transition, probability, tick, estimate))
+                    judging.note_transition(self._judged.change_index if transition == "raised" else None)
         events += self._judge_first(tick, estimate, elapsed_s)
         self._ask(elapsed_s, tick.host_time_s)
         sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
@@ -222,17 +224,23 @@ class Monitor:
         events = []
         ordinary = {wheel for (_, wheel), event in self._standing.items() if not event.since}
         changed = self._first.changed(self._judged.change_m, ordinary)
-        for turned in self._first.update(deviation, spread, elapsed_s, changed):
+        for transition in self._first.update(deviation, spread, elapsed_s, changed):
             pressure, pressure_std = math.nan, math.nan
-            if turned.kind is AlarmKind.DEFLATION and turned.state == "raised":
-                std = math.sqrt(float(estimate.covariance_m2[turned.wheel, turned.wheel]))
-                pressure, pressure_std = self._judge.pressure_loss(turned.wheel, -turned.loss_m, std)
-            about = (turned.kind, turned.wheel, turned.state, turned.probability, turned.reason)
+            if transition.kind is AlarmKind.DEFLATION and transition.state == "raised":
+                std = math.sqrt(float(estimate.covariance_m2[transition.wheel, transition.wheel]))
+                pressure, pressure_std = self._judge.pressure_loss(transition.wheel, -transition.loss_m, std)
+            about = (
+                transition.kind,
+                transition.wheel,
+                transition.state,
+                transition.probability,
+                transition.reason,
+            )
             event = self._event(tick, estimate, *about, (pressure, pressure_std), BEFORE)
-            if turned.state == "raised":
-                self._standing[(turned.kind, turned.wheel)] = event
+            if transition.state == "raised":
+                self._standing[(transition.kind, transition.wheel)] = event
             else:
-                self._standing.pop((turned.kind, turned.wheel), None)
+                self._standing.pop((transition.kind, transition.wheel), None)
                 if not self._first.standing:
                     self._sets.begin_again()  # what was learned was the soft tyre's radius
             events.append(event)
@@ -253,7 +261,7 @@ class Monitor:
         self,
         kind: AlarmKind,
         wheel: int,
-        turned: Literal["raised", "cleared"],
+        transition: Literal["raised", "cleared"],
         probability: float,
         tick: Tick,
         estimate: RadiusEstimate,
@@ -267,17 +275,17 @@ class Monitor:
                 f"about {100 * pressure:.0f} +- {100 * pressure_std:.0f} % of its pressure "
                 f"(probability {probability:.3f})"
             )
-            if judged.all_monitored and turned == "raised":
+            if judged.all_monitored and transition == "raised":
                 reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
-            if judged.all_larger > JUDGE.undecided and turned == "raised":
+            if judged.all_larger > JUDGE.undecided and transition == "raised":
                 reason += "; all wheels alike: other tyres (then: tpmsd reset --tyres NAME), or the receiver"
-        reason = f"no longer so: {reason}" if turned == "cleared" else reason
+        reason = f"no longer so: {reason}" if transition == "cleared" else reason
         event = self._event(
-            tick, estimate, kind, wheel, turned, probability, reason, (pressure, pressure_std)
+            tick, estimate, kind, wheel, transition, probability, reason, (pressure, pressure_std)
         )
-        if turned == "raised":
+        if transition == "raised":
             self._standing[(kind, wheel)] = event
         else:
             self._standing.pop((kind, wheel), None)

@@ -167,10 +167,10 @@ class JudgeSettings:
     """
     every_s: float = 1.0
     """Between two judgements."""
-    sight_stds: float = 1.28
+    detectable_stds: float = 1.28
     """Standard deviations by which the evidence of a loss that `status` calls seen may fall short of what is
     to be expected: one in ten does by more."""
-    sight_losses: int = 200
+    detectable_losses: int = 200
     """Losses that are tried for the smallest one that would be seen, in equal steps up to the largest."""
     seen_share: float = 1.5
     """Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to
@@ -222,7 +222,7 @@ class SignalSettings:
     """Estimated speed from which wheels that do not turn are silent."""
     driving_mps: float = 40.0 / 3.6
     """From here on UN R141 counts driving time (40 km/h; assumed: its text was not at hand)."""
-    blind_s: float = 600.0
+    no_detection_s: float = 600.0
     """Driving to a malfunction: UN R141 (assumed: not at hand); FMVSS 138, 49 CFR 571.138, has twenty."""
     turning_rad: float = 0.1
     """Rotation in a tick from which a wheel turns."""

@@ -275,7 +275,7 @@ class DriveStudy:
         used = np.flatnonzero(np.any(own != 0.0, axis=1))
         return np.asarray(self.white[:, :, used] @ own[used])
 
-    def believed(self, design: FloatArray) -> FloatArray:
+    def white_design(self, design: FloatArray) -> FloatArray:
         """(w, 9, 1 + j) the data and those columns of a design that act in this drive."""
         own = self.own(design)
         acting = own[:, np.any(own != 0.0, axis=0)]

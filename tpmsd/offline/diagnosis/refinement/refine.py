@@ -267,24 +267,24 @@ def _searched(
     """Return the point of greatest likelihood with all linear values of a design fitted along, its columns,
     one per value of the term, and its gain.
     """
-    believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
+    accepted = sum(part.small(design).sum(axis=0) for part in evidence.parts)
     acting = [(number, study.drives[number]) for number in study.acting(term)]
     values, gain = term.design.shape[1], 0.0
     columns: list[ByDrive] = []
     for _ in range(SETTINGS.refinement.rounds):
         points = _trials(term, centre, width)
         parts = [part for point in points for part in _refined(term, point)]
-        cross = np.zeros((len(believed), len(points), values))
+        cross = np.zeros((len(accepted), len(points), values))
         size = np.zeros((len(points), values, values))
         trials = {}
         for number, drive in acting:
             trial = np.stack([part.column(drive.reader, drive.base) for part in parts], axis=2)
             rows = drive.whitened(trial).reshape(-1, len(points), values)
             known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
-            cross += np.tensordot(known.reshape(-1, len(believed)), rows, (0, 0))
+            cross += np.tensordot(known.reshape(-1, len(accepted)), rows, (0, 0))
             size += np.einsum("nti,ntj->tij", rows, rows, optimize=True)
             trials[number] = trial
-        gains = _gains(believed, cross, size)
+        gains = _gains(accepted, cross, size)
         best = int(np.argmax(gains - np.array([_penalty(term, point) for point in points])))
         centre, gain = points[best], float(gains[best])
         columns = [
@@ -305,19 +305,19 @@ def _penalty(term: Term, point: Point) -> float:
     return _second(term).penalty(point.second) if term.at is not None and point.second else 0.0
 
 
-def _gains(believed: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:
-    """(t,) gain of each trial's columns beyond the believed ones, from Gram matrices.
+def _gains(accepted: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:
+    """(t,) gain of each trial's columns beyond the accepted ones, from Gram matrices.
 
-    `believed` (1 + k, 1 + k) holds the data first, `cross` (1 + k, t, v) is with the trials' v columns, and
+    `accepted` (1 + k, 1 + k) holds the data first, `cross` (1 + k, t, v) is with the trials' v columns, and
     `size` (t, v, v) these columns' Gram matrices.
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(believed), 1e-300))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(accepted), 1e-300))
     length = np.sqrt(np.maximum(np.diagonal(size, axis1=1, axis2=2), 1e-300))
-    gram = believed * np.outer(scale, scale)
+    gram = accepted * np.outer(scale, scale)
     both = cross * scale[:, None, None] / length
     score = both[0]
     left = size / (length[:, :, None] * length[:, None, :])
-    if len(believed) > 1:
+    if len(accepted) > 1:
         A = gram[1:, 1:] + 1e-9 * np.eye(len(gram) - 1)
         solved = np.linalg.solve(A, both[1:].reshape(len(A), -1)).reshape(both[1:].shape)
         score = score - np.tensordot(gram[0, 1:], solved, 1)

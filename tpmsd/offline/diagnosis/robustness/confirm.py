@@ -91,7 +91,7 @@ def _without(drive: DriveStudy, design: FloatArray, common: bool) -> DriveStudy:
     """Return a drive under the noise that fits it best with this design: the receiver's slow error, or radius
     drift.
     """
-    windows, columns = drive.reader.windows, drive.believed(design)
+    windows, columns = drive.reader.windows, drive.white_design(design)
     if not common:
         start = replace(drive.noise, radius_drift=max(drive.noise.radius_drift, PRIORS["radius_drift"][0]))
         null = refit_radius_drift(windows, columns, start, drive.inflate)
@@ -110,7 +110,7 @@ def _at_full_weight(drive: DriveStudy, design: FloatArray) -> DriveStudy:
         return drive
     inflate = drive.inflate.copy()
     inflate[:, EAST:] = 1.0
-    noise = refit(drive.reader.windows, drive.believed(design), drive.noise, inflate, POSITION)
+    noise = refit(drive.reader.windows, drive.white_design(design), drive.noise, inflate, POSITION)
     return drive.under(noise, inflate)
 
 
@@ -123,7 +123,7 @@ def under_other_noise(study: Study, design: FloatArray, first: int, null: Mappin
         if number in null:
             other, acting = null[number], np.any(drive.own(design) != 0.0, axis=0)
             rows[:, :, np.concatenate([[True], acting])] = whiten(
-                drive.reader.windows, other.noise, drive.believed(design), other.inflate
+                drive.reader.windows, other.noise, drive.white_design(design), other.inflate
             )[0]
         else:
             rows[:, :, 0] = drive.white[:, :, 0]

@@ -46,7 +46,7 @@ def drifting(found: Found) -> Found:
     shape = _best_shape(selector, others)
     if shape is not None:
         # What drifts was in the gyro's white noise as well.
-        design = drive.believed(selector.design([*others, shape]))
+        design = drive.white_design(selector.design([*others, shape]))
         refitted = refit(drive.reader.windows, design, typical.noise, typical.inflate, GYRO_NOISE)
         tried = study.under({0: refitted})
         calm = tried.evidence()

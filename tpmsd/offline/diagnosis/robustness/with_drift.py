@@ -55,7 +55,7 @@ def _in_turn(study: Study, terms: Sequence[Term], start: Noise) -> tuple[float, 
         study, now = _exact_ramps(study, now)
         drive = study.drives[0]
         windows = drive.reader.windows
-        columns = drive.believed(Selector(study.evidence(), study.hypotheses).design(now))
+        columns = drive.white_design(Selector(study.evidence(), study.hypotheses).design(now))
         noise = refit(windows, columns, drive.noise, drive.inflate, RADIUS_DRIFT)
         score = log_posterior(windows, columns, noise, drive.inflate)
         study = study.under({0: noise})

@@ -51,12 +51,12 @@ class GuardedEstimator:
         """State that an earlier start has left."""
         self._clock_s = self._last_kept_s = 0.0
         self._trusted = True
-        self._believed = (radius_m, 0.01 * float(np.mean(radius_m)))
+        self._trusted_radii = (radius_m, 0.01 * float(np.mean(radius_m)))
 
     def step(self, tick: Tick) -> tuple[Tick, RadiusEstimate, Agreement]:
         """Advance by one tick."""
         self._clock_s += tick.dt_s
-        agreement = self._watch.update(tick, *self._believed)
+        agreement = self._watch.update(tick, *self._trusted_radii)
         if agreement.trusted != self._trusted:
             unknown = self._go_back()
             if unknown:
@@ -110,7 +110,7 @@ class GuardedEstimator:
         self._kept.append(_Kept(self._clock_s, self.inner.snapshot(), radius, std))
         # The radii of half a minute ago: those of now may have followed a lie already.
         past = self._kept[max(len(self._kept) - 4, 0)]
-        self._believed = (past.radius_m, past.std_m)
+        self._trusted_radii = (past.radius_m, past.std_m)
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot; raises as the estimator's `restore`."""

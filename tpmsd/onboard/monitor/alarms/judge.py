@@ -19,7 +19,7 @@ from tpmsd.car.physics.motion import driven_mask
 from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.baseline.baseline import Change
-from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss, LossSight
+from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss, LossDetectability
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, mean_share
@@ -86,7 +86,7 @@ class Judgement:
     """Comparison that detects the most of a loss."""
     change_index: int | None = None
     """The likeliest of the drive's `ChangeHypotheses`, where it alone shows a loss."""
-    sight: LossSight | None = None
+    detectability: LossDetectability | None = None
     """Knowledge that minimum detectable losses are computed of; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
@@ -101,7 +101,7 @@ class Judgement:
     @property
     def detectable(self) -> DetectableLoss | None:
         """Minimum detectable losses, computed anew each time; None before anything was judged."""
-        return None if self.sight is None else self.sight.losses()
+        return None if self.detectability is None else self.detectability.losses()
 
     @property
     def all_monitored(self) -> bool:
@@ -252,7 +252,7 @@ class Judge:
             now=now,
             finding=finding,
             change_index=change_index,
-            sight=self._sight(lately.covariance_m2, mean, mean_m2, similar),
+            detectability=self._detectability(lately.covariance_m2, mean, mean_m2, similar),
             drive_models=models,
             unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.uneven(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
@@ -282,7 +282,7 @@ class Judge:
         change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
         sizes = against.sizes or no_sizes(len(self._wheels))
         change_hypotheses = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
-        verdict = against.of_accounts(change_hypotheses)
+        verdict = against.of_change_hypotheses(change_hypotheses)
         best = int(verdict.change_hypotheses.argmax())
         change_m, best_m2 = change_hypotheses.change_m[best], change_hypotheses.covariance_m2[best]
         return ComparisonResult(over, verdict, change_m, best_m2, came=sizes.came)
@@ -312,7 +312,7 @@ class Judge:
         found = with_sizes(change_m, total_m2, log_weight, self._radius, self._sizes, every=True)
         as_learned = np.tile(before.resized, len(self._sizes.mean)) & (found.row == 0)
         found = replace(found, log_weight=np.where(as_learned, -np.inf, found.log_weight))
-        lost = self._against(None, other_tyres=False).of_accounts(found).table.lost_share
+        lost = self._against(None, other_tyres=False).of_change_hypotheses(found).table.lost_share
         self._of_beginning.append((before, self._sizes.since(found, lost)))
         return self._of_beginning[-1][1]
 
@@ -341,11 +341,11 @@ class Judge:
             Window("minutes", mean.verdict, lately, off_lately, mean.came),
         ]
         if drive is not None:
-            by_drive = self._believed_of_drive(models)
+            by_drive = self._trusted_of_drive(models)
             windows.append(Window("drive", drive.verdict, by_drive, by_drive))
         return windows
 
-    def _believed_of_drive(self, models: dict[str, float]) -> FloatArray:
+    def _trusted_of_drive(self, models: dict[str, float]) -> FloatArray:
         """(s, d) how much of what the drive as a whole says of each of `subsets` is no slip.
 
         Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
@@ -356,9 +356,9 @@ class Judge:
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
         return np.minimum(self._apart + trusted[:, None] * self._together, 1.0)
 
-    def _sight(
+    def _detectability(
         self, likeliest_m2: FloatArray, mean: Change, mean_m2: FloatArray, similar: Weighed | None
-    ) -> LossSight:
+    ) -> LossDetectability:
         """Return what the minimum detectable losses are computed of: one tyre by the mean over minutes under
         its likeliest sizes and slip (d, d); all alike and axles by the drive as a whole, `similar`, or if
         there is none all alike by a mean that is long enough.
@@ -366,7 +366,9 @@ class Judge:
         lost: tuple[FloatArray, ...] = (self._radius, *self._axles)
         if similar is None and mean.samples >= JUDGE.full_samples:
             similar = mean.change_m[None], mean_m2[None], np.zeros(1)
-        return LossSight(likeliest_m2, similar, lost, self._radius, self._tyres, self._threshold, self._asked)
+        return LossDetectability(
+            likeliest_m2, similar, lost, self._radius, self._tyres, self._threshold, self._asked
+        )
 
     def _of_drive(
         self, change_hypotheses: ChangeHypotheses, log_ratios: FloatArray | None, other_tyres: bool
@@ -387,7 +389,7 @@ class Judge:
         kept = change_hypotheses.likely(log_weight)
         if other_tyres:
             kept = kept[change_hypotheses.row[kept] == 0]
-        verdict = against.of_accounts(
+        verdict = against.of_change_hypotheses(
             Sized(
                 change_hypotheses.change_m[kept],
                 covariance_m2[kept],

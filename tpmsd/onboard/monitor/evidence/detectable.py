@@ -57,13 +57,13 @@ class JointLoss:
         of_all = np.broadcast_to(radius_m, change_m.shape)[:, :, None]
         solved = np.linalg.solve(covariance_m2, of_all)[:, :, 0]
         information = solved @ radius_m
-        beside = log_weight + 0.5 * np.einsum("md,md->m", solved, change_m) ** 2 / information
-        weight = np.exp(beside - beside.max())
+        jointly = log_weight + 0.5 * np.einsum("md,md->m", solved, change_m) ** 2 / information
+        weight = np.exp(jointly - jointly.max())
         return cls(information, weight / weight.sum())
 
 
 @dataclass(frozen=True, slots=True)
-class LossSight:
+class LossDetectability:
     """Arguments of `detectable`: what minimum detectable losses are computed of once they are asked for."""
 
     one_m2: FloatArray
@@ -115,10 +115,10 @@ def _smallest(known: JointLoss, threshold: float, probability: float, prior: flo
     """Relative loss that is seen where a relative loss is known like this, 1."""
     std = 1.0 / np.sqrt(known.information)
     nats = math.log(probability / (1.0 - probability)) - math.log(prior / JUDGE.losses[2])
-    short = JUDGE.sight_stds
+    short = JUDGE.detectable_stds
     # Alone, a model asks for d^2 / 2 - short d = nats; in a sum for at most so much.
     most = (short + math.sqrt(short**2 + 2.0 * nats)) * float(std.max())
-    losses = np.linspace(0.0, 1.01 * most, JUDGE.sight_losses)
+    losses = np.linspace(0.0, 1.01 * most, JUDGE.detectable_losses)
     d = losses[:, None] / std
     left = np.exp(short * d - 0.5 * d**2) @ known.weight
     seen = float(losses[int(np.flatnonzero(left > math.exp(-nats))[-1]) + 1])

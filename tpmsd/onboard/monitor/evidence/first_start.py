@@ -163,7 +163,7 @@ def _healthy(wheels: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
 
 
 @dataclass(frozen=True, slots=True)
-class Turned:
+class Transition:
     """An alarm of the first start that was raised or cleared."""
 
     kind: AlarmKind
@@ -213,8 +213,9 @@ class FirstStart:
 
     def update(
         self, deviation_m: FloatArray, covariance_m2: FloatArray, elapsed_s: float, changed: set[int]
-    ) -> list[Turned]:
-        """Take an estimate (d,), (d, d) that stands for `elapsed_s` of driving; what it turned.
+    ) -> list[Transition]:
+        """Return the alarms that an estimate (d,), (d, d) raises or clears; it stands for `elapsed_s` of
+        driving.
 
         `changed`: wheels whose difference may be younger than the first start.
         """
@@ -225,7 +226,7 @@ class FirstStart:
         probability = 0.0 if self._wheels[index] in changed else float(verdict.soft[index])
         words = self._reason(AlarmKind.DEFLATION, index, "raised", verdict)
         self.suspected = self._wheels[index], probability, words
-        turned = []
+        transitions = []
         for (kind, wheel), alarm in self._alarms.items():
             k = self._wheels.index(wheel)
             soft, other = float(verdict.soft[k]), float(verdict.larger[k])
@@ -236,10 +237,10 @@ class FirstStart:
             if state is None:
                 continue
             loss = float(verdict.loss_m[k]) if kind is AlarmKind.DEFLATION else -math.inf
-            turned.append(
-                Turned(kind, wheel, state, probability, loss, self._reason(kind, k, state, verdict))
+            transitions.append(
+                Transition(kind, wheel, state, probability, loss, self._reason(kind, k, state, verdict))
             )
-        return turned
+        return transitions
 
     def _reason(self, kind: AlarmKind, k: int, state: str, verdict: FirstVerdict) -> str:
         """Return the sentence that an alarm about wheel k gives as its reason."""

@@ -141,16 +141,16 @@ class Comparison:
     def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
         """Posterior over all subsets and losses by one change hypothesis of the change: change_m (d,),
         covariance_m2 (d, d) of change including nuisance."""
-        return self.of_accounts(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
+        return self.of_change_hypotheses(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
 
-    def of_accounts(self, change_hypotheses: Sized) -> Verdict:
+    def of_change_hypotheses(self, change_hypotheses: Sized) -> Verdict:
         """Posterior over n change hypotheses of one change as well, covariances including nuisance: by
         compiled code where it was built."""
         found = None if compiled is None else self.by_compiled(change_hypotheses)
         return self.by_arrays(change_hypotheses) if found is None else found
 
     def by_arrays(self, change_hypotheses: Sized) -> Verdict:
-        """Return `of_accounts` computed by NumPy, the reference."""
+        """Return `of_change_hypotheses` computed by NumPy, the reference."""
         d = self.radius_m.size
         _, weights, log_shares = _hypotheses(d)
         parabola = self._parabola(change_hypotheses.change_m, change_hypotheses.covariance_m2)
@@ -170,7 +170,7 @@ class Comparison:
         return self._verdict(change_hypotheses, fit, parabola, posterior / total, none / total, table)
 
     def by_compiled(self, change_hypotheses: Sized) -> Verdict | None:
-        """Return `of_accounts` computed by `_evidence.c`; None where a covariance has no factor."""
+        """Return `of_change_hypotheses` computed by `_evidence.c`; None where a covariance has no factor."""
         n, d = change_hypotheses.change_m.shape
         members, weights, log_shares = _hypotheses(d)
         lost, sizes = 2**d - 1, self.sizes or no_sizes(d)

@@ -1,7 +1,7 @@
 """One posterior of the tyres: which have lost air, which are of another size, and since when.
 
 In: what each window of onsets says of losses and sizes (`hypotheses.Table`), and how much of what a subset
-of wheels does is believed in it. Out: `Posterior`: every probability that the monitor acts on, as marginals
+of wheels does is a loss in it. Out: `Posterior`: every probability that the monitor acts on, as marginals
 of one bank. Nothing here changes anything.
 
 A row of the bank is a size r since before the drive, a loss S, and the window w in which it began: just now,
@@ -50,9 +50,9 @@ class Window:
 
     over: Over
     verdict: Verdict
-    believed: FloatArray
+    loss_fraction: FloatArray
     """(s, d) share of what each of `subsets` does that is a loss of the wheel; the rest passes."""
-    believed_off: FloatArray
+    deviation_fraction: FloatArray
     """(s, d) the same of a change of either sign."""
     came: int = 0
     """Number of the table's last rows, of sizes that came in this window and were not there before."""
@@ -97,7 +97,7 @@ def posterior(windows: Sequence[Window]) -> Posterior:
 
 def by_compiled(windows: Sequence[Window]) -> Posterior | None:
     """Return `posterior` computed by `_evidence.c`; None for windows whose tables are not of one size."""
-    s, d = windows[-1].believed.shape
+    s, d = windows[-1].loss_fraction.shape
     sizes, count = _before(windows[-1]), len(windows)
     deflated, possible, deviates, subset = np.empty(d), np.empty(d), np.empty(d), np.empty(s)
     of_sizes, onsets = np.empty(sizes), np.empty(count)
@@ -106,7 +106,7 @@ def by_compiled(windows: Sequence[Window]) -> Posterior | None:
         table = window.verdict.table
         parts += [table.none, table.larger]
         parts += [np.ascontiguousarray(table.lost), np.ascontiguousarray(table.large)]
-        parts += [window.believed, window.believed_off, window.verdict.off]
+        parts += [window.loss_fraction, window.deviation_fraction, window.verdict.off]
     found = compiled.marginals(
         *(deflated, possible, deviates, subset, of_sizes, onsets, np.empty((count + 2, sizes)), _members(d)),
         *parts,
@@ -135,7 +135,7 @@ def _suspicion(windows: Sequence[Window]) -> float:
 def by_arrays(windows: Sequence[Window]) -> Posterior:
     """Return `posterior` computed by NumPy, the reference."""
     longest = windows[-1]
-    any_wheel = [_any(window.believed) for window in windows]
+    any_wheel = [_any(window.loss_fraction) for window in windows]
     of_sizes = [_nothing(*one) for one in zip(windows, any_wheel, strict=True)]
     at_rest, rest = _at_rest(longest.verdict.table, of_sizes[-1])
     odds = _odds(at_rest, of_sizes[:-1])
@@ -151,16 +151,16 @@ def by_arrays(windows: Sequence[Window]) -> Posterior:
     large = [np.exp(weighed - scale) for _, weighed in rows]
     quiet = np.exp(at_rest - scale)
     resized = float(np.exp(of_sizes[-1][1:] - scale).sum())
-    deflated = np.zeros(longest.believed.shape[1])
+    deflated = np.zeros(longest.loss_fraction.shape[1])
     for one, window, of_any in zip(large, windows, any_wheel, strict=True):
-        deflated += np.add.reduce(one) @ _of_wheels(window.believed, of_any)
+        deflated += np.add.reduce(one) @ _of_wheels(window.loss_fraction, of_any)
     passing = quiet @ _passing(windows[0], of_sizes[0], any_wheel[0])
     by_row = quiet + sum((_by_size(one.sum(axis=1), quiet.size) for one in lost), np.zeros(quiet.size))
     return Posterior(
         deflated=np.minimum(deflated, 1.0),
         possible=np.minimum(deflated + passing, 1.0),
         deviates=_deviates(windows, any_wheel),
-        subsets=sum((np.add.reduce(one) for one in lost), np.zeros(longest.believed.shape[0])),
+        subsets=sum((np.add.reduce(one) for one in lost), np.zeros(longest.loss_fraction.shape[0])),
         sizes=by_row / by_row.sum(),
         onsets={window.over: float(one.sum()) for window, one in zip(windows, lost, strict=True)},
         suspicion=_suspicion(windows),
@@ -169,20 +169,20 @@ def by_arrays(windows: Sequence[Window]) -> Posterior:
     )
 
 
-def _any(believed: FloatArray) -> FloatArray:
+def _any(loss_fraction: FloatArray) -> FloatArray:
     """(s,) share of what each subset does that is a loss of any wheel."""
-    return np.asarray(np.maximum.reduce(believed, axis=1))
+    return np.asarray(np.maximum.reduce(loss_fraction, axis=1))
 
 
-def _of_wheels(believed: FloatArray, any_wheel: FloatArray) -> FloatArray:
-    """(s, d) of what is believed of a subset, how much it says of each wheel; `any_wheel` (s,) as `_any`."""
-    return np.asarray(believed / np.maximum(any_wheel, LEAST)[:, None])
+def _of_wheels(loss_fraction: FloatArray, any_wheel: FloatArray) -> FloatArray:
+    """(s, d) of the fractions of a subset, how much it says of each wheel; `any_wheel` (s,) as `_any`."""
+    return np.asarray(loss_fraction / np.maximum(any_wheel, LEAST)[:, None])
 
 
-def _shares(believed: list[FloatArray]) -> list[FloatArray]:
+def _shares(loss_fraction: list[FloatArray]) -> list[FloatArray]:
     """(s,) of each window: the windows that have a row for a subset share its prior evenly."""
-    count = sum((one > 0.0).astype(float) for one in believed)
-    return [np.where(one > 0.0, 1.0 / np.maximum(count, 1.0), 0.0) for one in believed]
+    count = sum((one > 0.0).astype(float) for one in loss_fraction)
+    return [np.where(one > 0.0, 1.0 / np.maximum(count, 1.0), 0.0) for one in loss_fraction]
 
 
 def _nothing(window: Window, any_wheel: FloatArray) -> FloatArray:
@@ -226,7 +226,7 @@ def _at_rest(table: Table, nothing: FloatArray) -> tuple[FloatArray, FloatArray]
 
 def _losses(window: Window, known: float, share: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(r, s) logs of what was lost in this window beside each size, and the same weighed by `severity`;
-    `share` (s,) of the prior, times what is believed."""
+    `share` (s,) of the prior, times what is a loss."""
     table = window.verdict.table
     odds = known + _log(share)
     return odds + table.lost, odds + table.large
@@ -245,7 +245,7 @@ def _passing(window: Window, of_size: FloatArray, any_wheel: FloatArray) -> Floa
     known = np.isfinite(nothing)
     passing = window.verdict.table.large[: of_size.size] + _log(1.0 - any_wheel)
     share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
-    return np.asarray(share @ _members(window.believed.shape[1]))
+    return np.asarray(share @ _members(window.loss_fraction.shape[1]))
 
 
 @functools.cache
@@ -257,14 +257,14 @@ def _members(d: int) -> FloatArray:
 def _deviates(windows: Sequence[Window], any_loss: Sequence[FloatArray]) -> FloatArray:
     """(d,) union over the windows of a change of either sign; `any_loss` (s,) each, `_any` of losses."""
     any_wheel = [
-        of_any if window.believed_off is window.believed else _any(window.believed_off)
+        of_any if window.deviation_fraction is window.loss_fraction else _any(window.deviation_fraction)
         for window, of_any in zip(windows, any_loss, strict=True)
     ]
-    found, total = np.zeros(windows[-1].believed.shape[1]), 1.0
+    found, total = np.zeros(windows[-1].loss_fraction.shape[1]), 1.0
     for window, share, of_any in zip(windows, _shares(any_wheel), any_wheel, strict=True):
-        believed = np.minimum(window.verdict.off * of_any, 1.0)
-        odds = share * believed / max(1.0 - float(believed.sum()), 1e-12)
-        found += odds @ _of_wheels(window.believed_off, of_any)
+        loss_fraction = np.minimum(window.verdict.off * of_any, 1.0)
+        odds = share * loss_fraction / max(1.0 - float(loss_fraction.sum()), 1e-12)
+        found += odds @ _of_wheels(window.deviation_fraction, of_any)
         total += float(odds.sum())
     return np.minimum(found / total, 1.0)
 

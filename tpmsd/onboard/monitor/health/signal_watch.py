@@ -66,7 +66,7 @@ class ReceiverSpeed:
 class Watching(NamedTuple):
     """State of the monitor that malfunctions depend on."""
 
-    sees: bool
+    can_detect: bool
     """True if a soft tyre would be detected."""
     undecided: bool
     """True while a reset waits for its new baseline."""
@@ -139,7 +139,7 @@ class SignalWatch:
         """Driving (`SIGNALS.driving_mps`) in which wheels and receiver agreed."""
         self._car_differs = _Malfunction("the wheels' speed is far from the car's own (OBD)")
         self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
-        self._blind = _Malfunction(
+        self._no_detection = _Malfunction(
             "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
         )
         self._undecided = _Malfunction("a reset waits for its baseline for ten minutes of driving")
@@ -158,13 +158,13 @@ class SignalWatch:
             for wheel in wheels
         }
         inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
-        own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
+        own = (self._car_differs, self._restarted, self._no_detection, self._undecided, self._contradicted)
         self._all = (*inputs, *own, *self._wheels.values(), *self._losing.values())
         self._kept = {
             "rear": self._rear,
             "gnss": self._gnss,
             "receiver": self._unplugged,
-            "blind": self._blind,
+            "blind": self._no_detection,
         }
         self._kept |= {WHEELS[wheel]: one for wheel, one in self._wheels.items()}
         """That outlast a restart, by name."""
@@ -266,9 +266,11 @@ class SignalWatch:
 
     def _of_monitor(self, watching: Watching, driving: bool, tick: Tick) -> list[AlarmEvent]:
         """Return the malfunctions that the monitor reports of itself."""
-        sees, undecided, wrong = watching.sees, watching.undecided, bool(watching.contradiction)
-        events = self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
-        events += self._undecided.update(driving and undecided, not undecided, SIGNALS.blind_s, tick)
+        can_detect, undecided, wrong = watching.can_detect, watching.undecided, bool(watching.contradiction)
+        events = self._no_detection.update(
+            driving and not can_detect, can_detect, SIGNALS.no_detection_s, tick
+        )
+        events += self._undecided.update(driving and undecided, not undecided, SIGNALS.no_detection_s, tick)
         if wrong:
             self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
         return events + self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)

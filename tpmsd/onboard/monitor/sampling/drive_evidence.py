@@ -84,7 +84,7 @@ class ChangeHypotheses:
         values["log_weight"] = values["log_weight"] + log_before
         return replace(self, **values)
 
-    def beside(self, other: ChangeHypotheses) -> ChangeHypotheses:
+    def joined_with(self, other: ChangeHypotheses) -> ChangeHypotheses:
         """Return these and, behind them, the others."""
         values: dict[str, Any] = {
             name: np.concatenate([getattr(one, name) for one in (self, other)]) for name in _OF_EACH
@@ -112,7 +112,7 @@ class Beginning:
     resized: NDArray[np.bool_]
     """(m,) true for those since a jump, of which wheels of another size count alone."""
 
-    def beside(self, other: Beginning) -> Beginning:
+    def joined_with(self, other: Beginning) -> Beginning:
         """Return these and, behind them, the others."""
         values: dict[str, Any] = {
             part.name: np.concatenate([getattr(self, part.name), getattr(other, part.name)])
@@ -172,14 +172,14 @@ class DriveEvidence:
             self._history.append(beginning)
             return
         young = self._since_jump.take(*sample)
-        self._history.append(beginning.beside(self._since_jump.since_first(self._log_before)))
+        self._history.append(beginning.joined_with(self._since_jump.since_first(self._log_before)))
         if found is None or young is None or not np.any(young.row > 0):
             return
         young = young.resized(self._log_before)
         if young.log_marginal < found.log_marginal - DRIVE_EVIDENCE.negligible_nats:
             self._since_jump = None
         else:
-            self.change_hypotheses = found.beside(young)
+            self.change_hypotheses = found.joined_with(young)
 
     def reference_fitted_jointly(self, change_index: int) -> RadiusReference:
         """Return the reference by the drive, fitted jointly with the change of this one of

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.settings import TREND
-from tpmsd.onboard.monitor.slow_leaks.noise import Believed, NoiseLevels, taken
+from tpmsd.onboard.monitor.slow_leaks.noise import FilterMoments, NoiseLevels, taken
 from tpmsd.onboard.monitor.slow_leaks.settings import TrendSettings
 from tpmsd.onboard.monitor.slow_leaks.state import (
     BASE,
@@ -141,7 +141,7 @@ class LeakFilter:
             every = replace(every, mean=mean, covariance=covariance)
         splits = self._split(every, days, known_step)
         # What a reading says of a split needs the contrasts alone: states are made for those that are kept.
-        seen = Believed(splits.mean, splits.covariance, every.noise[splits.parent])
+        seen = FilterMoments(splits.mean, splits.covariance, every.noise[splits.parent])
         log_weight = splits.log_weight + taken(seen, np.eye(len(CONTRASTS)), value, variance, self._levels)[1]
         wheel = np.where(splits.begins == NO_WHEEL, every.wheel[splits.parent], splits.begins)
         best = [
@@ -155,8 +155,8 @@ class LeakFilter:
 
     def _take(self, every: LeakHypotheses, value: FloatArray, variance: FloatArray) -> None:
         """Update these hypotheses, weights included, by the reading."""
-        believed = Believed(every.mean, every.covariance, every.noise)
-        after, likelihood = taken(believed, SEEN, value, variance, self._levels)
+        before = FilterMoments(every.mean, every.covariance, every.noise)
+        after, likelihood = taken(before, SEEN, value, variance, self._levels)
         self._levels, noise = self._levels.after(value, after.noise)
         log_weight = every.log_weight + likelihood
         self.hypotheses = replace(

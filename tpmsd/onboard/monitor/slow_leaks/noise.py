@@ -54,7 +54,7 @@ class NoiseLevels:
 
 
 @dataclass(frozen=True, slots=True)
-class Believed:
+class FilterMoments:
     """n Gaussians of d values, with what each has learned of scatter."""
 
     mean: FloatArray
@@ -66,12 +66,12 @@ class Believed:
 
 
 def taken(
-    believed: Believed, seen: FloatArray, value: FloatArray, variance: FloatArray, levels: NoiseLevels
-) -> tuple[Believed, FloatArray]:
+    before: FilterMoments, seen: FloatArray, value: FloatArray, variance: FloatArray, levels: NoiseLevels
+) -> tuple[FilterMoments, FloatArray]:
     """After a reading (3,) of `seen` (3, d) times the values, NaN where there is none, with its `variance`;
     and its log-likelihood (n,) but for a constant."""
     s = levels.settings
-    mean, covariance, noise = believed.mean, believed.covariance, believed.noise.copy()
+    mean, covariance, noise = before.mean, before.covariance, before.noise.copy()
     log, shape = np.zeros(len(mean)), list(levels.shape)
     for contrast in np.flatnonzero(np.isfinite(value)):
         level, row = LEVEL_OF[contrast], seen[contrast]
@@ -99,4 +99,4 @@ def taken(
         noise[:, level] += 0.5 * (plain * squares[0] + (1.0 - plain) * squares[1])
         shape[level] += 0.5
         log += either
-    return Believed(mean, covariance, noise), log
+    return FilterMoments(mean, covariance, noise), log

@@ -136,10 +136,10 @@ def _low_in_d(
     rates = scale * (leak.rate[:, None] + std[:, None] * first)
     lost = scale * (leak.lost[:, None] + shared[:, None] * first + rest[:, None] * second)
     # The fellow loses air, too.
-    beside = settings.diffusion[0] + settings.diffusion[1] * third
-    lost = lost + beside * (day - leak.onset_d[:, None]) / WEEK_D
+    diffused = settings.diffusion[0] + settings.diffusion[1] * third
+    lost = lost + diffused * (day - leak.onset_d[:, None]) / WEEK_D
     left = np.maximum(settings.low_percent - lost, 0.0)
-    days = WEEK_D * left / np.maximum(rates + beside, settings.least_rate)
+    days = WEEK_D * left / np.maximum(rates + diffused, settings.least_rate)
     values, weights = days.ravel(), np.repeat(weight / first.size, first.size)
     order = np.argsort(values)
     indices = np.searchsorted(np.cumsum(weights[order]), (0.025, 0.5, 0.975))

@@ -14,8 +14,8 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.robustness import accounts
-from tpmsd.offline.diagnosis.robustness.accounts import changed, erring
+from tpmsd.offline.diagnosis.robustness import change_or_drift
+from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -45,7 +45,7 @@ def drift_alone(recording: Recording) -> Found:
     readers, _ = admitted([recording])
     study = Study(readers)
     car, windows = study.drives[0], readers[0].windows
-    plain = car.believed(study.hypotheses.nuisance)
+    plain = car.white_design(study.hypotheses.nuisance)
     car.noise = refit_radius_drift(windows, plain, replace(car.noise, radius_drift=1e-3), None)
     return nothing_chosen(study)
 
@@ -79,7 +79,7 @@ def test_a_change_that_was_chosen_earlier_is_asked_for_again(monkeypatch: pytest
     alone = drift_alone(drifting(-3e-3))
     first = changed(alone, alone.selection)
     alone = nothing_chosen(first.study.under({0: alone.study.drives[0].noise}))
-    monkeypatch.setattr(accounts, "_likeliest", lambda study, terms, drifting: None)
+    monkeypatch.setattr(change_or_drift, "_likeliest", lambda study, terms, drifting: None)
 
     again = changed(alone, first.selection).selection
     none = changed(alone, alone.selection).selection
@@ -110,7 +110,7 @@ def test_a_constant_velocity_error_is_distinguished_from_slow_noise_of_the_speed
     readers, _ = admitted([along_a_motorway(north_mps)])
     study = Study(readers)
     car, windows = study.drives[0], readers[0].windows
-    car.noise = refit(windows, car.believed(study.hypotheses.nuisance), car.noise, None, VELOCITY)
+    car.noise = refit(windows, car.white_design(study.hypotheses.nuisance), car.noise, None, VELOCITY)
     evidence = study.evidence()
     selector = Selector(evidence, study.hypotheses, last=True)
 

@@ -4,7 +4,7 @@ In: what was `Found`. Out: the same with the term that a drive demands, and the 
 
 How much radii drift is estimated from the drive, and a change that stays raises that estimate, the more the
 larger it is: a step of 2 mm makes a drift of 0.7 mm, in which it is nothing unusual. Gains under one noise
-cannot tell the two apart. So two accounts of the drive are compared as wholes, each with the drift that is
+cannot tell the two apart. So two models of the drive are compared as wholes, each with the drift that is
 likeliest in it (generalised likelihood ratio; the jump of Willsky and Jones, IEEE Transactions on Automatic
 Control 21, 1976): radii that drift alone, and radii that drift and change.
 
@@ -35,7 +35,7 @@ from tpmsd.offline.inference.noise_fit import RADIUS_DRIFT, VELOCITY, log_poster
 
 
 @dataclass(frozen=True)
-class Account:
+class NoiseFit:
     """A model of a drive with the radius drift that is likeliest jointly with it."""
 
     log_likelihood: float
@@ -50,7 +50,7 @@ def changed(found: Found, earlier: Selection) -> Found:
     if len(before.drives) > 1 or drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
     terms = [one.term for one in found.selection.chosen]
-    drifting = _account(drive, Selector(found.evidence, before.hypotheses).design(terms))
+    drifting = _with_likeliest_noise(drive, Selector(found.evidence, before.hypotheses).design(terms))
     study = before.copied().under({0: drifting.noise})
     drive = study.drives[0]
     noise = found.study.drives[0].noise
@@ -61,12 +61,15 @@ def changed(found: Found, earlier: Selection) -> Found:
         here = study.evidence()
         likely.append(exact(study, here, Selector(here, study.hypotheses).design(terms), term))
     terms, likely = ([as_wide_as(study, one) for one in some] for some in (terms, likely))
-    accounts = [
-        (_account(drive, Selector(study.evidence(), study.hypotheses).design([*terms, one])), one)
+    models = [
+        (
+            _with_likeliest_noise(drive, Selector(study.evidence(), study.hypotheses).design([*terms, one])),
+            one,
+        )
         for one in likely
     ]
-    if accounts:
-        jointly, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
+    if models:
+        jointly, term = max(models, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
         if jointly.log_likelihood - drifting.log_likelihood > term.penalty + SETTINGS.selection.admit_nats:
             terms, noise = [*terms, term], jointly.noise
     study = study.under({0: noise})
@@ -93,9 +96,11 @@ def erring(found: Found) -> Found:
             likely += [term] if most > term.penalty + SETTINGS.selection.admit_nats else []
     if not likely:
         return found
-    alone = _account(drive, design, VELOCITY).log_likelihood
-    accounts = [(_account(drive, selector.design([*terms, term]), VELOCITY), term) for term in likely]
-    jointly, term = max(accounts, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
+    alone = _with_likeliest_noise(drive, design, VELOCITY).log_likelihood
+    models = [
+        (_with_likeliest_noise(drive, selector.design([*terms, term]), VELOCITY), term) for term in likely
+    ]
+    jointly, term = max(models, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
     if jointly.log_likelihood - alone <= term.penalty + SETTINGS.selection.admit_nats:
         return found
     study = study.under({0: jointly.noise})
@@ -104,19 +109,21 @@ def erring(found: Found) -> Found:
     return Found(study, judged, evidence) if any(one.term is term for one in judged.chosen) else found
 
 
-def _account(drive: DriveStudy, design: FloatArray, names: Sequence[str] = RADIUS_DRIFT) -> Account:
+def _with_likeliest_noise(
+    drive: DriveStudy, design: FloatArray, names: Sequence[str] = RADIUS_DRIFT
+) -> NoiseFit:
     """Return the likeliest slow noise of these names beside a design: there may be two, a far and slow one
     and a near and quick one.
     """
-    windows, columns = drive.reader.windows, drive.believed(design)
+    windows, columns = drive.reader.windows, drive.white_design(design)
     default = replace(drive.noise, **{name: getattr(Noise, name) for name in names})
     found = [refit(windows, columns, start, drive.inflate, names) for start in (drive.noise, default)]
-    accounts = [Account(log_posterior(windows, columns, noise, drive.inflate), noise) for noise in found]
-    return max(accounts, key=lambda account: account.log_likelihood)
+    models = [NoiseFit(log_posterior(windows, columns, noise, drive.inflate), noise) for noise in found]
+    return max(models, key=lambda model: model.log_likelihood)
 
 
-def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term | None:
-    """Return the change or event on the grid that goes with the likeliest account, over some sizes of the
+def _likeliest(study: Study, terms: Sequence[Term], drifting: NoiseFit) -> Term | None:
+    """Return the change or event on the grid that goes with the likeliest model, over some sizes of the
     drift.
     """
     drive = study.drives[0]
@@ -126,7 +133,7 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
         selector = Selector(study.trial([tried]).evidence(), study.hypotheses, last=True)
         design = selector.design(terms)
         gram, b = selector.evidence.projected(design)
-        alone = log_posterior(drive.reader.windows, drive.believed(design), tried.noise, tried.inflate)
+        alone = log_posterior(drive.reader.windows, drive.white_design(design), tried.noise, tried.inflate)
         found = study.hypotheses.ramp_gains(gram, b) + study.hypotheses.pulse_gains(gram, b)
         own = [term for term in study.hypotheses.catalogue if term.ramp or term.pulse]
         found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
