@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import random
 import re
 import resource
@@ -25,9 +26,9 @@ from pathlib import Path
 BUILD = Path("build/fuzz")
 MEMORY_MB = 300
 TIMEOUT_S = 20
-PART_S = 120
-"""A target's process ends after so long, and another goes on: atheris keeps up to 15 kB of its own for each
-case, which would stand for a leak of the target after a quarter of an hour."""
+PART_S, PART_RUNS = 120, 15_000
+"""A target's process ends after so long or so many cases, and another goes on: atheris keeps up to 15 kB of
+its own for each case, which would stand for a leak of the target."""
 MOST_BYTES = 65536
 """Size of an input, at most; the packed logs that are seeds take 10 kB."""
 OWN = 1.0 / 3.0
@@ -87,6 +88,7 @@ def fuzz(name: str, seconds: int, seed: int) -> None:
     options = [
         sys.argv[0],
         f"-max_total_time={seconds}",
+        f"-runs={PART_RUNS}",
         f"-seed={seed}",
         f"-timeout={TIMEOUT_S}",
         "-rss_limit_mb=2000",
@@ -144,15 +146,14 @@ def played(name: str, seconds: int, seed: int) -> tuple[str, int, dict[str, floa
     """Fuzz one target in processes of `PART_S`, one after the other over one corpus, until a finding; its
     row, the exit code, and its memory and longest case."""
     runs, edges, code, worst = 0, "?", 0, {}
-    left_s = seconds
-    while left_s > 0 and not code:
-        part_s = min(left_s, PART_S)
-        text, code, seen = _part(name, part_s, seed and seed + seconds - left_s)
+    began_s, part = time.monotonic(), 0
+    while (left_s := math.ceil(seconds - (time.monotonic() - began_s))) > 0 and not code:
+        text, code, seen = _part(name, min(left_s, PART_S), seed and seed + part)
+        part += 1
         executed = re.findall(r"number_of_executed_units: *(\d+)", text) or re.findall(r"^#(\d+)", text, re.M)
         runs += int(executed[-1]) if executed else 0
         edges = (re.findall(r"cov: (\d+)", text) or [edges])[-1]
         worst = {key: max(value, worst.get(key, 0.0)) for key, value in seen.items()}
-        left_s -= part_s
     return f"{name} {runs} ({edges})" + (f": a finding, see {BUILD / name}.log" if code else ""), code, worst
 
 

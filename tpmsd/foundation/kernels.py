@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 import re
+import sys
 import zlib
 from functools import cache
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -45,10 +46,10 @@ def sources_number(package: Path, name: str) -> int | None:
 
 def found(package: Path, name: str) -> ModuleType | None:
     """Return the compiled module of a kernel, of whatever sources; None where none can be loaded here."""
-    stem = package / FILES[name]
+    stem, dotted = package / FILES[name], f"{package.name}.{FILES[name].replace('/', '.')}"
     for suffix in EXTENSION_SUFFIXES:
         file = stem.with_name(stem.name + suffix)
-        spec = spec_from_file_location(stem.name, file) if file.is_file() else None
+        spec = spec_from_file_location(dotted, file) if file.is_file() else None
         if spec is None or spec.loader is None:
             continue
         try:
@@ -72,7 +73,9 @@ def loaded(name: str) -> ModuleType | None:
     are outdated.
     """
     module = found(_PACKAGE, name)
-    if not is_outdated(_PACKAGE, name, module):
+    if module is None or not is_outdated(_PACKAGE, name, module):
+        if module is not None:
+            sys.modules.setdefault(module.__name__, module)  # pickle looks for its functions there
         return module
     _warn()
     return None
@@ -111,7 +114,7 @@ def _warn() -> None:
     """Say once what is outdated, and what to do."""
     logging.getLogger("tpmsd").warning(
         "tpmsd: compiled kernels of other sources are left out (%s), and NumPy runs, slower; "
-        "build them anew: python setup.py build_ext --inplace",
+        "build them again: python setup.py build_ext --inplace",
         ", ".join(outdated()),
     )
 

@@ -93,7 +93,7 @@ def test_wheels_that_are_silent_while_the_car_drives_are_a_malfunction() -> None
 def test_ten_minutes_of_blind_driving_are_counted_by_the_car_too() -> None:
     """While no soft tyre would be seen, the car's own speed counts the driving where wheels and receiver do
     not: from 45 km/h on, which is 40 km/h at the least."""
-    blind = Watching(sees=False, undecided=False)
+    blind = Watching(can_detect=False, undecided=False)
     reported = {kmh: Asked(watching=blind).states(700.0, kmh, wheels_mps=0.0, age_s=1e3) for kmh in (44, 45)}
 
     of_blindness = {

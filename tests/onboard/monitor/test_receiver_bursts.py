@@ -19,7 +19,7 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 DT_S, SPEED_MPS = 0.1, 20.0
 RADII_M = np.full(4, RADIUS_M)
 RADIUS_STD_M = 0.2e-3
-SEES = Watching(sees=True, undecided=False)
+SEES = Watching(can_detect=True, undecided=False)
 NINE_MINUTES_S = 540.0
 
 Profile = Callable[[float], float]
