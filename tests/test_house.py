@@ -143,7 +143,6 @@ BRANCHY = {
     "tpmsd.foundation.plain.plain": 16,
     "tpmsd.offline.fleet.report.report_document": 17,
     "tpmsd.offline.report.static_figures._for_page": 18,
-    "tpmsd.offline.tables.gather.signals_from": 18,
     "tpmsd.onboard.estimators.odometry_block._build": 16,
     "tpmsd.onboard.sources.can.decoder._decode_group": 33,
     "tpmsd.onboard.sources.gnss.nmea_epoch.merge_readings": 16,

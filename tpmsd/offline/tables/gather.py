@@ -46,7 +46,29 @@ def split_empty(series: Mapping[str, SignalReadings]) -> tuple[dict[str, SignalR
 def signals_from(series: Mapping[str, SignalReadings], modulus: Mapping[str, int] | None = None) -> Signals:
     """Return the signals of the series; `modulus`: the number at which a wheel's count begins again, by role.
 
-    ConfigError where wheels are missing, or told in two ways.
+    ConfigError where wheels are missing, or given in two ways.
+    """
+    kind, wheels = _wheels_of(series)
+    for wheel, one in wheels.items():
+        _check_times(one, f"wheel {wheel}")
+    angles: dict[str, SignalReadings] = {}
+    counts: dict[str, SignalReadings] = {}
+    if kind == "angles":
+        angles = wheels
+    elif kind == "speeds":
+        angles = {wheel: _integrated(one) for wheel, one in wheels.items()}
+    else:
+        moduli = modulus or {}
+        counts = {wheel: _unwrapped(one, moduli.get(f"wheel_count_{wheel}")) for wheel, one in wheels.items()}
+    inertial = {role: series[role] for role in OPTIONAL_ROLES if role in series}
+    for role, one in inertial.items():
+        _check_times(one, role)
+    return Signals(angles, counts, _counts_per_turn(series), inertial, _fixes(series))
+
+
+def _wheels_of(series: Mapping[str, SignalReadings]) -> tuple[str, dict[str, SignalReadings]]:
+    """Return how wheels are given (angles, speeds, counts) and their readings; ConfigError where they are
+    given in no way or in two, or one of a pair is missing.
     """
     kinds = {
         "angles": {wheel: series[role] for wheel, role in _present(ANGLE_ROLES, series)},
@@ -64,21 +86,7 @@ def signals_from(series: Mapping[str, SignalReadings], modulus: Mapping[str, int
         missing.append("fr" if "fl" in wheels else "fl")
     if missing:
         raise ConfigError(f"no wheel_*_{missing[0]}: all four wheels are needed, or the rear pair")
-    for wheel, one in wheels.items():
-        _check_times(one, f"wheel {wheel}")
-    angles: dict[str, SignalReadings] = {}
-    counts: dict[str, SignalReadings] = {}
-    if found[0] == "angles":
-        angles = wheels
-    elif found[0] == "speeds":
-        angles = {wheel: _integrated(one) for wheel, one in wheels.items()}
-    else:
-        moduli = modulus or {}
-        counts = {wheel: _unwrapped(one, moduli.get(f"wheel_count_{wheel}")) for wheel, one in wheels.items()}
-    inertial = {role: series[role] for role in OPTIONAL_ROLES if role in series}
-    for role, one in inertial.items():
-        _check_times(one, role)
-    return Signals(angles, counts, _counts_per_turn(series), inertial, _fixes(series))
+    return found[0], wheels
 
 
 def _counts_per_turn(series: Mapping[str, SignalReadings]) -> float | None:
