@@ -55,10 +55,10 @@ def plain(obj: Any) -> Any:
 
     TypeError for what JSON has no form for.
     """
-    if obj is None or (isinstance(obj, bool | str) and not isinstance(obj, enum.Enum)):
-        return obj
     if isinstance(obj, enum.Enum):
         return plain(obj.value)
+    if obj is None or isinstance(obj, bool | str):
+        return obj
     if isinstance(obj, int):
         return int(obj)
     if isinstance(obj, float):

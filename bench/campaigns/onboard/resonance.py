@@ -216,18 +216,25 @@ def cell(rides: dict[str, list[Ride]], signal: Signal, rate_hz: float) -> dict[s
     if len(on) < max(4, wheels / 2):
         return {"state": "off", "reason": f"a resonance found on {len(on)} of {wheels} wheels only"}
     then = [learned[n][0][0] for n in on]
-    sound = [peaks(rides["sound"][n], signal, rate_hz, fit, rings[n], stops)[0] for n in on]
-    soft = [peaks(rides["soft"][n], signal, rate_hz, fit, rings[n], stops)[0] for n in on]
-    moments = [peak.moments() for peak in then]
+    sound, soft = (
+        [peaks(rides[state][n], signal, rate_hz, fit, rings[n], stops)[0] for n in on]
+        for state in ("sound", "soft")
+    )
+    means_hz, stds_hz = zip(*(peak.moments() for peak in then), strict=True)
     return {
         "state": "on",
         "wheels_on": len(on),
-        "frequency_hz": float(np.mean([mean for mean, _ in moments])),
-        "std_hz": float(np.mean([std for _, std in moments])),
-        "scatter_hz": float(np.std([mean for mean, _ in moments], ddof=1)),
+        "frequency_hz": float(np.mean(means_hz)),
+        "std_hz": float(np.mean(stds_hz)),
+        "scatter_hz": float(np.std(means_hz, ddof=1)),
         "minutes": {
-            str(minute): judge(then, [w[k] for w in sound], [w[k] for w in soft])
-            for k, minute in enumerate(CHECK_MIN)
+            str(minute): judge(then, of_sound, of_soft)
+            for minute, of_sound, of_soft in zip(
+                CHECK_MIN,
+                map(list, zip(*sound, strict=True)),
+                map(list, zip(*soft, strict=True)),
+                strict=True,
+            )
         },
     }
 

@@ -100,13 +100,7 @@ def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> t
     homes = [message for message in database.messages if any(s.name == signal_name for s in message.signals)]
     message = next((m for m in reversed(database.messages) if m.name == message_name), None)
     if message is None:
-        home = nearest(message_name, [home.name for home in homes]) or (homes[0].name if homes else None)
-        other = home or nearest(message_name, [message.name for message in database.messages])
-        suggestion = (
-            None if other is None else f"{other}.{_same_or_nearest(database, other, signal_name, taken)}"
-        )
-        names = _listed([message.name for message in database.messages]) if other is None else None
-        raise BadValueError(f"no message {message_name} in the DBC", show(name), names, suggestion)
+        raise _no_message(database, name, homes, taken)
     signal = next((s for s in message.signals if s.name == signal_name), None)
     if signal is not None:
         return message, signal
@@ -118,6 +112,19 @@ def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> t
     if near is not None:
         raise BadValueError(what, show(name), suggestion=f"{message_name}.{near}")
     raise BadValueError(what, show(name), _listed([s.name for s in message.signals]))
+
+
+def _no_message(database: Database, name: str, homes: list[Message], taken: Collection[str]) -> BadValueError:
+    """Return the error for the unknown message of `name`; `homes` are the messages that have its signal."""
+    message_name, _, signal_name = name.partition(".")
+    names = [message.name for message in database.messages]
+    what = f"no message {message_name} in the DBC"
+    of_homes = [home.name for home in homes]
+    other = nearest(message_name, of_homes) or next(iter(of_homes), None) or nearest(message_name, names)
+    if other is None:
+        return BadValueError(what, show(name), _listed(names))
+    suggestion = f"{other}.{_same_or_nearest(database, other, signal_name, taken)}"
+    return BadValueError(what, show(name), suggestion=suggestion)
 
 
 def counter_modulus(signal: Signal) -> int:

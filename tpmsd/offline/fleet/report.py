@@ -53,33 +53,30 @@ def report_document(tables: Tables) -> dict[str, Any]:
     drives = tables["drives"]
     attention = _one_per_wheel([*_alarms(tables), *_joint(tables["findings"]), *_unusable(drives)])
     attention.sort(key=lambda row: (_ORDER[row["urgency"]], row["car"], row["since"] or "", row["why"]))
-    models = []
-    for model in sorted({row["model"] for row in drives}):
-        mine = [row for row in drives if row["model"] == model]
-        models.append(
-            {
-                "model": model,
-                "cars": len({row["car"] for row in mine}),
-                "drives": len(mine),
-                "findings": [
-                    row for row in tables["findings"] if row["model"] == model and row["level"] == "model"
-                ],
-                "differing": [
-                    row for row in tables["findings"] if row["model"] == model and row["level"] == "car"
-                ],
-                "named_in_drives": _named(row for row in tables["findings"] if row["model"] == model),
-                "parameters": [
-                    row for row in tables["statistics"] if row["model"] == model and row["level"] == "model"
-                ],
-            }
-        )
     return {
         "drives": len(drives),
         "cars": len({row["car"] for row in drives}),
         "distance_km": sum(row["distance_m"] or 0.0 for row in drives) / 1e3,
         "duration_h": sum(row["duration_s"] or 0.0 for row in drives) / 3600.0,
         "attention": attention,
-        "models": models,
+        "models": [_of_model(tables, model) for model in sorted({row["model"] for row in drives})],
+    }
+
+
+def _of_model(tables: Tables, model: str) -> dict[str, Any]:
+    """Return what the drives of one model of car say together."""
+    drives, findings, statistics = (
+        [row for row in tables[table] if row["model"] == model]
+        for table in ("drives", "findings", "statistics")
+    )
+    return {
+        "model": model,
+        "cars": len({row["car"] for row in drives}),
+        "drives": len(drives),
+        "findings": [row for row in findings if row["level"] == "model"],
+        "differing": [row for row in findings if row["level"] == "car"],
+        "named_in_drives": _named(findings),
+        "parameters": [row for row in statistics if row["level"] == "model"],
     }
 
 

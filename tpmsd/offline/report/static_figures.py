@@ -298,32 +298,40 @@ def _for_page(text: str, key: str, title: str) -> str:
     used = set(re.findall(r"#([\w.-]+)", " ".join(" ".join(one.attrib.values()) for one in root.iter())))
     for element in root.iter():
         element.tag = element.tag.partition("}")[2] or element.tag
-        attributes = dict(element.attrib)
-        element.attrib.clear()
-        for name, value in attributes.items():
-            plain = name.partition("}")[2] or name
-            if plain == "style":
-                for attribute, setting in _settings(value):
-                    element.set(attribute, _VARIABLES.get(setting, setting))
-            elif plain == "id":
-                if value in used:
-                    element.set("id", f"{key}-{value}")
-            else:
-                element.set(plain, value)
-        for name in ("href", "clip-path"):
-            if name in element.attrib:
-                element.set(name, element.attrib[name].replace("#", f"#{key}-"))
-        for name in ("d", "transform", "x", "y", "width", "height", "points"):
-            if name in element.attrib:
-                element.set(name, _NUMBER.sub(lambda found: f"{float(found[0]):.1f}", element.attrib[name]))
-        if "d" in element.attrib:
-            element.set("d", " ".join(element.attrib["d"].split()))
+        _plain_attributes(element, key, used)
+        _rounded_numbers(element)
     for name in ("width", "height", "version"):
         root.attrib.pop(name, None)
     root.set("role", "img")
     root.set("aria-label", title)
     root.set("class", "static")
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _plain_attributes(element: ElementTree.Element, key: str, used: set[str]) -> None:
+    """Give an element attributes without namespaces, its style as attributes, and ids of its figure."""
+    attributes = {name.partition("}")[2] or name: value for name, value in element.attrib.items()}
+    element.attrib.clear()
+    for name, value in attributes.items():
+        if name == "style":
+            for attribute, setting in _settings(value):
+                element.set(attribute, _VARIABLES.get(setting, setting))
+        elif name != "id":
+            element.set(name, value)
+        elif value in used:
+            element.set("id", f"{key}-{value}")
+    for name in ("href", "clip-path"):
+        if name in element.attrib:
+            element.set(name, element.attrib[name].replace("#", f"#{key}-"))
+
+
+def _rounded_numbers(element: ElementTree.Element) -> None:
+    """Round positions and sizes to a tenth of a point."""
+    for name in ("d", "transform", "x", "y", "width", "height", "points"):
+        if name in element.attrib:
+            element.set(name, _NUMBER.sub(lambda found: f"{float(found[0]):.1f}", element.attrib[name]))
+    if "d" in element.attrib:
+        element.set("d", " ".join(element.attrib["d"].split()))
 
 
 def _settings(style: str) -> list[tuple[str, str]]:

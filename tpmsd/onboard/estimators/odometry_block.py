@@ -114,22 +114,13 @@ class BlockBuilder:
         # Plain numbers: for so few numpy takes several times as long.
         ticks = [t for t, _, _ in self._ticks]
         shares = [1.0] * len(ticks)
-        travel = math.nan
-        change = swing = 0.0
-        noise = 1.0
+        travel, change, noise, swing = math.nan, 0.0, 1.0, 0.0
         if doppler:
             fixes = [fix for _, fix in self._fixes]
-            first, last = fixes[0], fixes[-1]
-            steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
-            travel = sum((before + after) / 2 * span_s for before, after, span_s in steps)
-            change = last.speed_mps - first.speed_mps
-            noise = math.sqrt(sum(fix.speed_noise**2 for fix in fixes) / len(fixes))
-            swing = max((abs(after - before) for before, after, _ in steps), default=0.0) + abs(change)
+            travel, change, noise, swing = _by_doppler(fixes)
             for j, t in enumerate(ticks):
-                inside_s = min(t.time_s, last.time_s) - max(t.time_s - t.dt_s, first.time_s)
+                inside_s = min(t.time_s, fixes[-1].time_s) - max(t.time_s - t.dt_s, fixes[0].time_s)
                 shares[j] = min(max(inside_s / t.dt_s, 0.0), 1.0)
-            if max((span_s for *_, span_s in steps), default=0.0) > SETTINGS.block_max_s:
-                travel = math.nan
         order, track_m = self._order, self._geometry.track_rear_m
         radius = (self._nominal + radii).tolist()
         angle, reading = [0.0] * len(order), [0.0] * len(order)
@@ -223,3 +214,16 @@ def moving_mean(values: list[float], size: int) -> list[float]:
     before = size // 2
     padded = [values[0]] * before + values + [values[-1]] * (size - 1 - before)
     return [sum(padded[k : k + size]) / size for k in range(len(values))]
+
+
+def _by_doppler(fixes: list[Fix]) -> tuple[float, float, float, float]:
+    """Return the distance (m) that the receiver's speed says between the first fix and the last (NaN with too
+    long a gap), the change of speed (m/s), its noise over the usual one, and its greatest swing (m/s)."""
+    steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
+    travel = sum((before + after) / 2 * span_s for before, after, span_s in steps)
+    change = fixes[-1].speed_mps - fixes[0].speed_mps
+    noise = math.sqrt(sum(fix.speed_noise**2 for fix in fixes) / len(fixes))
+    swing = max((abs(after - before) for before, after, _ in steps), default=0.0) + abs(change)
+    if max((span_s for *_, span_s in steps), default=0.0) > SETTINGS.block_max_s:
+        travel = math.nan
+    return travel, change, noise, swing

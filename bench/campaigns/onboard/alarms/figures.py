@@ -36,22 +36,14 @@ def rate(events: int, kilometres: float) -> Figures:
 
 def figures(rows: Sequence[Row]) -> Figures:
     """All of a run."""
-    cases = [row for row in rows if row["what"] == "case"]
-    legs = [row for row in rows if row["what"] == "leg"]
-    recorded = [row for row in rows if row["what"] == "recording"]
-    failed = [row for row in rows if row["what"] == "failed"]
+    cases, legs, recorded, failed = (_of(rows, what) for what in ("case", "leg", "recording", "failed"))
+    undetected = [case for case in cases if not case["detected"]]
     out: Figures = {
         "cases": len(cases),
         "legs": len(legs),
         "failed": [f"{row['name']}: {row['error']}" for row in failed],
         "by_standard": {name: detection([c for c in cases if c["standard"] == name]) for name in STANDARDS},
-        "by": {
-            title: {
-                str(key): detection([c for c in cases if of(c) == key])
-                for key in sorted({of(c) for c in cases}, key=str)
-            }
-            for title, of in GROUPINGS.items()
-        },
+        "by": {title: _grouped(cases, of) for title, of in GROUPINGS.items()},
         "malfunction": _missing_signals(rows),
         "one": detection([c for c in cases if c["standard"] == "r141-puncture"]),
         "one_at_once": detection(
@@ -59,13 +51,9 @@ def figures(rows: Sequence[Row]) -> Figures:
         ),
         "four": detection([c for c in cases if c["standard"] == "r141-diffusion"]),
         "all": detection(cases),
-        "missed": [{"name": c["name"], "reason": c["reason"]} for c in cases if not c["detected"]],
-        "causes": dict(Counter(c["reason"].split(":")[0] for c in cases if not c["detected"])),
-        "wrong_wheel": [
-            {"name": c["name"], "named": c["named"], "soft": c["wheels"]}
-            for c in cases
-            if c["named"] and not c["right_wheel"]
-        ],
+        "missed": [{"name": c["name"], "reason": c["reason"]} for c in undetected],
+        "causes": dict(Counter(c["reason"].split(":")[0] for c in undetected)),
+        "wrong_wheel": _wrong_wheels(cases),
         "false": false_alarms(rows, legs, cases),
         "reliability": reliability(_of_their_size([*cases, *legs])),
         "recordings": recorded,
@@ -125,11 +113,32 @@ def _order(ranked: list[float], quantile: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def _of(rows: Sequence[Row], what: str) -> list[Row]:
+    """Return the rows of one sort."""
+    return [row for row in rows if row["what"] == what]
+
+
+def _grouped(cases: Sequence[Row], of: Callable[[Row], Any]) -> Figures:
+    """Return the figures of the cases by what `of` says of each."""
+    return {
+        str(key): detection([case for case in cases if of(case) == key])
+        for key in sorted({of(case) for case in cases}, key=str)
+    }
+
+
+def _wrong_wheels(cases: Sequence[Row]) -> list[Figures]:
+    """Return the cases in which a wheel was named that is not soft."""
+    return [
+        {"name": case["name"], "named": case["named"], "soft": case["wheels"]}
+        for case in cases
+        if case["named"] and not case["right_wheel"]
+    ]
+
+
 def false_alarms(rows: Sequence[Row], legs: Sequence[Row], cases: Sequence[Row]) -> Figures:
     """Rates over the campaign, by kind and by what confounds."""
     honest = [row for row in legs if not is_resized(row["tags"])]
-    learning = [row for row in rows if row["what"] == "learning"]
-    recorded = [row for row in rows if row["what"] == "recording"]
+    learning, recorded = _of(rows, "learning"), _of(rows, "recording")
     out: Figures = {
         "hours": sum(row["hours"] for row in legs),
         "deflation": _rate(honest, "deflation"),
@@ -144,25 +153,29 @@ def false_alarms(rows: Sequence[Row], legs: Sequence[Row], cases: Sequence[Row])
             sum(len(row["tyre_alarms"]) for row in recorded), sum(row["km"] for row in recorded)
         ),
         "by_tag": {},
-        "incidents": [
-            {
-                "name": row["name"],
-                "tags": row["tags"],
-                "kind": kind,
-                "at_s": at,
-                "wheels": wheels,
-                "reason": reason,
-            }
-            for row in legs
-            for kind in KINDS
-            for at, wheels, reason in row[kind]
-        ],
+        "incidents": [incident for row in legs for incident in _incidents(row)],
     }
     for tag in TAGS:
         having = legs_with(tag, legs)
         if having:
             out["by_tag"][tag] = {kind: _rate(having, kind) for kind in KINDS}
     return out
+
+
+def _incidents(leg: Row) -> list[Figures]:
+    """Return the false alarms of a leg."""
+    return [
+        {
+            "name": leg["name"],
+            "tags": leg["tags"],
+            "kind": kind,
+            "at_s": at,
+            "wheels": wheels,
+            "reason": reason,
+        }
+        for kind in KINDS
+        for at, wheels, reason in leg[kind]
+    ]
 
 
 def legs_with(tag: str, legs: Iterable[Row]) -> list[Row]:

@@ -23,6 +23,7 @@ from bench.campaigns.onboard.estimators.methods import POSITIONS, TEXTBOOK, conf
 from bench.campaigns.onboard.estimators.play import Played, score
 from bench.worlds.paper_drive import RADIUS_M, RL, SCENARIOS, TICK_S, drive
 from bench.worlds.paper_route import TRACK_M
+from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.gates.motion_gate import MotionGate
 from tpmsd.onboard.estimators.published.gnss_likelihood import PositionLog, gaussian_log, student_t_log
 from tpmsd.onboard.estimators.published.niw import NormalInverseWishart
@@ -121,15 +122,9 @@ def play_batch(
         )
         moving = bool(rolled.any())
         if moving:
-            noise = radii.draw(informative)
-            roll = turned * (RADIUS_M + noise)
-            distance, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
-            middle = pose[2] + turn * heading_after
-            pose[0] += distance * np.cos(middle)
-            pose[1] += distance * np.sin(middle)
-            pose[2] += turn
-        fixes = [some[k].fixes[-1] for some in ticks] if tick.fixes else []
-        if fixes and moving:
+            _roll(pose, turned * (RADIUS_M + radii.draw(informative)), heading_after)
+        if tick.fixes and moving:
+            fixes = [some[k].fixes[-1] for some in ticks]
             east, north, std, course = (
                 np.array([getattr(fix, name) for fix in fixes])[:, None]
                 for name in ("east_m", "north_m", "position_std_m", "heading_rad")
@@ -145,7 +140,7 @@ def play_batch(
                 weights = np.exp(log_weights)
                 weights /= weights.sum(axis=1, keepdims=True)
                 _resample(radii, pose, log_weights, weights, rng)
-            elif bool(np.all(np.isfinite(course))) and float(rolled.mean()) / TICK_S > 3.0:
+            elif np.isfinite(course).all() and float(rolled.mean()) / TICK_S > 3.0:
                 pose[0] = (east + std * rng.standard_normal(shape)).ravel()
                 pose[1] = (north + std * rng.standard_normal(shape)).ravel()
                 pose[2] = (course + START_HEADING_STD_RAD * rng.standard_normal(shape)).ravel()
@@ -162,6 +157,16 @@ def play_batch(
             place[:, k, 1] = (weights * pose[1].reshape(runs, count)).sum(axis=1)
     cpu_s = (time.process_time() - begun) / runs
     return [Played(rear[m], covariance[m], place[m], 0, cpu_s) for m in range(runs)]
+
+
+def _roll(pose: FloatArray, roll: FloatArray, heading_after: float) -> None:
+    """Move the poses (3, n) by the rolled distances (n, 2) of both rear wheels, in m; the heading is that
+    after this share of the turn."""
+    distance, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
+    middle = pose[2] + turn * heading_after
+    pose[0] += distance * np.cos(middle)
+    pose[1] += distance * np.sin(middle)
+    pose[2] += turn
 
 
 def _resample(

@@ -264,6 +264,36 @@ class CanDecoder:
     def _decode_group(
         self, time_s: float, group: Group, data: bytes, little: int, big: int, out: list[Event]
     ) -> None:
+        if not self._is_used(time_s, group, data, out):
+            return
+        fast, size = group.watch.frame(time_s), len(data)
+        for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
+            if min_bytes > size:
+                self._note_short(time_s, signal, size, out)
+                continue
+            bits = (big if is_big else little) >> shift & mask
+            if bits in signal.invalid or (
+                signal.valid_when is not None and not self.holds.get(signal.valid_when, False)
+            ):
+                self._note_invalid(time_s, signal, bits, out)
+            elif tracker is not None:
+                self._take_wheel(time_s, group, number, bits, fast, out)
+            else:
+                value = signal.gain * signal.field.number(bits) + signal.bias
+                if not math.isfinite(value):
+                    self._note_invalid(time_s, signal, bits, out)
+                elif fast:
+                    self._note_spoofed(time_s, group, number, out)
+                else:
+                    out.append(InertialSample(time_s, signal.role, value))
+
+        if group.frozen is not None:
+            for still in group.frozen.judge(time_s):
+                self._faults.note(out, time_s, "stuck", still.wheel, f"{group.plan.name} is frozen")
+                still.mark_stuck()
+
+    def _is_used(self, time_s: float, group: Group, data: bytes, out: list[Event]) -> bool:
+        """Judge when a message arrived; return False for one that must not be used, say a repeated one."""
         arrival = group.arrival
         if arrival is None:
             arrival = group.arrival = MessageArrival(time_s)
@@ -274,7 +304,7 @@ class CanDecoder:
         if verdict is not _USE:
             self._faults.note_message(out, time_s, verdict.name.lower(), group.origins)
             if verdict is not FrameVerdict.CLOCK_STEP:
-                return
+                return False
             self._calm_until_s = -math.inf
             group.watch.restart(time_s)
             for wheel_tracker in group.trackers:
@@ -282,73 +312,64 @@ class CanDecoder:
         elif arrival.lost:
             self._faults.note_message(out, time_s, "lost", group.origins, group.plan.name, arrival.lost)
         self._is_back(arrival)
-        watch = group.watch
-        fast = watch.frame(time_s)
+        return True
 
-        size, faults, period_s = len(data), self._faults, arrival.period_s
-        doubted, received_s = group.doubted, self.received_s
-        for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
-            if min_bytes > size:
-                self._note_short(time_s, signal, size, out)
-                continue
-            bits = (big if is_big else little) >> shift & mask
-            if bits in signal.invalid or (
-                signal.valid_when is not None and not self.holds.get(signal.valid_when, False)
-            ):
-                self._note_invalid(time_s, signal, bits, out)
-                continue
-            backward = signal.backward_when is not None and self.holds.get(signal.backward_when, False)
-            if tracker is None:
-                value = signal.gain * signal.field.number(bits) + signal.bias
-                if not math.isfinite(value):
-                    self._note_invalid(time_s, signal, bits, out)
-                elif fast:
-                    self._note_spoofed(time_s, group, number, out)
-                else:
-                    out.append(InertialSample(time_s, signal.role, value))
-                continue
-            begun, jumps = len(out), faults.jumps
-            if isinstance(tracker, WheelCounter):
-                value = 0.0
-                if bits >= signal.modulus:
-                    self._note_invalid(time_s, signal, bits, out)
-                    continue
-                if signal.backward_when is not None:
-                    bits = self.direction.signed(signal.role, bits, signal.modulus, backward)
-                tracker.update(time_s, bits, period_s, out)
-            else:
-                value = signal.gain * signal.field.number(bits) + signal.bias
-                if backward:
-                    value = -value
-                if not math.isfinite(value):
-                    self._note_invalid(time_s, signal, bits, out)
-                    continue
-                tracker.update(time_s, value, period_s, out)
-            jumped = faults.jumps != jumps
-            irregular = False
-            if jumped or watch.uneasy or watch.compares[number]:
-                sound = len(out) > begun and isinstance(out[-1], RotationSample)
-                irregular = watch.value(number, value, jumped, sound)
-            if fast or irregular:
-                # The wheel is followed on, so that it is known when its values make sense again.
-                out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]
-                self._note_spoofed(time_s, group, number, out)
-                doubted[number] = True
-                continue
-            if doubted[number]:
-                # What it counted meanwhile may be another's: what follows is a new segment.
-                doubted[number] = False
-                del out[begun:]
-                tracker.restart()
-                continue
-            received_s[tracker.wheel] = time_s
+    def _take_wheel(
+        self, time_s: float, group: Group, number: int, bits: int, fast: bool, out: list[Event]
+    ) -> None:
+        """Follow the wheel of a message's field by its bits; `fast`: the message comes too often."""
+        _, _, _, _, signal, tracker = group.fields[number]
+        assert tracker is not None
+        watch, doubted, begun, jumps = group.watch, group.doubted, len(out), self._faults.jumps
+        value = self._follow(time_s, group, signal, tracker, bits, out)
+        if value is None:
+            self._note_invalid(time_s, signal, bits, out)
+            return
+        jumped = self._faults.jumps != jumps
+        irregular = False
+        if jumped or watch.uneasy or watch.compares[number]:
+            sound = len(out) > begun and isinstance(out[-1], RotationSample)
+            irregular = watch.value(number, value, jumped, sound)
+        if fast or irregular:
+            # The wheel is followed on, so that it is known when its values make sense again.
+            out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]
+            self._note_spoofed(time_s, group, number, out)
+            doubted[number] = True
+        elif doubted[number]:
+            # What it counted meanwhile may be another's: what follows is a new segment.
+            doubted[number] = False
+            del out[begun:]
+            tracker.restart()
+        else:
+            self.received_s[tracker.wheel] = time_s
             if tracker.still_since is not None and not tracker.stuck:
                 self._judge_still(time_s, tracker, out)
 
-        if group.frozen is not None:
-            for still in group.frozen.judge(time_s):
-                self._faults.note(out, time_s, "stuck", still.wheel, f"{group.plan.name} is frozen")
-                still.mark_stuck()
+    def _follow(
+        self,
+        time_s: float,
+        group: Group,
+        signal: SignalPlan,
+        tracker: Tracker,
+        bits: int,
+        out: list[Event],
+    ) -> float | None:
+        """Give a reading to its tracker; return a speed (0 of a count), None for what is no number."""
+        assert group.arrival is not None
+        backward = signal.backward_when is not None and self.holds.get(signal.backward_when, False)
+        if isinstance(tracker, WheelCounter):
+            if bits >= signal.modulus:
+                return None
+            if signal.backward_when is not None:
+                bits = self.direction.signed(signal.role, bits, signal.modulus, backward)
+            tracker.update(time_s, bits, group.arrival.period_s, out)
+            return 0.0
+        value = signal.gain * signal.field.number(bits) + signal.bias
+        if not math.isfinite(value):
+            return None
+        value = -value if backward else value
+        tracker.update(time_s, value, group.arrival.period_s, out)
+        return value
 
     def _note_spoofed(self, time_s: float, group: Group, number: int, out: list[Event]) -> None:
         """Report frames or values of more than one sender, of which the true one is not known."""

@@ -139,22 +139,25 @@ def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
             if reading.time_of_day_s != time_of_day_s:
                 time_of_day_s, seen = reading.time_of_day_s, {_try_decode(early).kind for early, _ in held}
             now_s = clock.resolve(time_of_day_s, reading.unix_day, dated_s)
-            yield from ((now_s, early, early_number) for early, early_number in held)
-            held.clear()
+            yield from _released(held, now_s)
             yield now_s, line, number
         elif held or math.isnan(now_s) or (reading.kind == "VTG" and reading.kind in seen):
             held.append((line, number))
             if len(held) > _MAX_HELD:
-                if not math.isnan(now_s):
-                    yield from ((now_s, early, early_number) for early, early_number in held)
-                held.clear()
+                yield from _released(held, now_s)
         else:
             yield now_s, line, number
         seen.add(reading.kind)
-    if not math.isnan(now_s):
-        yield from ((now_s, early, early_number) for early, early_number in held)
-    elif first_number is not None:
+    yield from _released(held, now_s)
+    if math.isnan(now_s) and first_number is not None:
         report(first_number, "neither a (time) in front of the lines nor a sentence with a time")
+
+
+def _released(held: list[tuple[bytes, int]], now_s: float) -> Iterator[Entry]:
+    """Yield the sentences that were held, stamped with a time; without one (NaN) they are given up."""
+    if not math.isnan(now_s):
+        yield from ((now_s, line, number) for line, number in held)
+    held.clear()
 
 
 def _first_date(path: Path) -> float:

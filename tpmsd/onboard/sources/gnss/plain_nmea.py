@@ -25,11 +25,8 @@ EARTH_M_PER_DEG = 111_320.0
 def clock_offset(items: Iterable[object], decoder: CanDecoder, radius_m: float) -> Alignment | None:
     """Return the alignment of the receiver's UTC with the host clock by the speeds of rear left wheel and
     receiver."""
-    wheel: list[tuple[float, float]] = []
-    gnss: list[tuple[float, float]] = []
+    series = _SpeedSeries(radius_m)
     assembler = NmeaAssembler()
-    last_sample: RotationSample | None = None
-    last_fix: GnssFix | None = None
     for item in items:
         events: list[Event]
         if isinstance(item, CanFrame):
@@ -41,22 +38,41 @@ def clock_offset(items: Iterable[object], decoder: CanDecoder, radius_m: float) 
             events = assembler.feed(time_s, line)
         for event in events:
             if isinstance(event, RotationSample) and event.wheel == RL:
-                if last_sample is None or event.segment != last_sample.segment:
-                    last_sample = event
-                elif event.time_s - last_sample.time_s >= MIN_STEP_S:
-                    step_s = event.time_s - last_sample.time_s
-                    speed = (event.angle_rad - last_sample.angle_rad) * radius_m / step_s
-                    wheel.append(((event.time_s + last_sample.time_s) / 2, speed))
-                    last_sample = event
+                series.add_sample(event)
             elif isinstance(event, GnssFix):
-                speed = event.speed_mps if math.isfinite(event.speed_mps) else _by_position(event, last_fix)
-                if math.isfinite(speed) and math.isfinite(event.utc_s):
-                    gnss.append((event.arrival_s, speed))
-                last_fix = event
-    if not wheel or not gnss:
+                series.add_fix(event)
+    if not series.wheel or not series.gnss:
         return None
-    first, second = (np.array(sorted(series)).T for series in (wheel, gnss))
+    first, second = (np.array(sorted(one)).T for one in (series.wheel, series.gnss))
     return align(first[0], first[1], second[0], second[1])
+
+
+class _SpeedSeries:
+    """Speeds of one wheel and of the receiver, each (time in s, speed in m/s)."""
+
+    def __init__(self, radius_m: float) -> None:
+        self.wheel: list[tuple[float, float]] = []
+        self.gnss: list[tuple[float, float]] = []
+        self._radius_m = radius_m
+        self._sample: RotationSample | None = None
+        self._fix: GnssFix | None = None
+
+    def add_sample(self, sample: RotationSample) -> None:
+        """Take the mean speed since the last sample used, once `MIN_STEP_S` have passed."""
+        last = self._sample
+        if last is None or sample.segment != last.segment:
+            self._sample = sample
+        elif (step_s := sample.time_s - last.time_s) >= MIN_STEP_S:
+            speed = (sample.angle_rad - last.angle_rad) * self._radius_m / step_s
+            self.wheel.append(((sample.time_s + last.time_s) / 2, speed))
+            self._sample = sample
+
+    def add_fix(self, fix: GnssFix) -> None:
+        """Take the receiver's speed, or that between two positions where it tells none."""
+        speed = fix.speed_mps if math.isfinite(fix.speed_mps) else _by_position(fix, self._fix)
+        if math.isfinite(speed) and math.isfinite(fix.utc_s):
+            self.gnss.append((fix.arrival_s, speed))
+        self._fix = fix
 
 
 def _by_position(fix: GnssFix, before: GnssFix | None) -> float:
