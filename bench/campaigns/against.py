@@ -3,7 +3,7 @@
 In: a commit of this repository, drives that both can read. Out: per figure the CPU seconds of both, how many
 times faster this one is, and whether the bar is held. On a machine that is not idle only figures measured in
 turn can be compared, so each run of one is followed by a run of the other, and the median of the ratios is
-told. Figures whose bar is absolute (memory, workers, a large store) are measured here alone, once.
+given. Figures whose bar is absolute (memory, workers, a large store) are measured here alone, once.
 """
 
 from __future__ import annotations
@@ -199,7 +199,7 @@ def child(root: Path, words: list[str]) -> tuple[float, str]:
 
 
 class _Measured:
-    """Figures whose names begin with `only`, told to `say` as they come."""
+    """Figures whose names begin with `only`, handed to `say` as they come."""
 
     def __init__(self, there: Path, runs: int, say: Callable[[Ratio], None], only: str) -> None:
         self.found: list[Ratio] = []
@@ -229,7 +229,7 @@ class _Measured:
 
 
 def ratios(commit: str, runs: int, say: Callable[[Ratio], None], only: str = "") -> list[Ratio]:
-    """The figures whose names begin with `only`, told to `say` as they come."""
+    """The figures whose names begin with `only`, handed to `say` as they come."""
     with checked_out(commit) as there, tempfile.TemporaryDirectory() as name:
         for root in (REPO, there):  # as installed: neither compiles its modules while it is measured
             child(root, ["-m", "compileall", "-q", str(root / "tpmsd")])

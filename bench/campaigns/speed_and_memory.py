@@ -155,7 +155,7 @@ def recordings() -> list[Path]:
 
 
 def figures(runs: int, drive_s: float, say: Callable[[Figure], None], only: str = "") -> list[Figure]:
-    """Those whose names begin with `only`, told to `say` as they come."""
+    """Those whose names begin with `only`, handed to `say` as they come."""
     found: list[Figure] = []
 
     def take(name: str, unit: str, once: Callable[[], float], ratio: Callable[[float], float]) -> None:

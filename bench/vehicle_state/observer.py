@@ -75,7 +75,7 @@ class SlipObserver:
         """Take one tick; `speed_mps` is the wheels'.
 
         Lateral acceleration may be NaN. Without longitudinal acceleration, yaw rate, steering and speed, or
-        below `MIN_SPEED_MPS`, nothing is told, and the next tick that has them starts anew.
+        below `MIN_SPEED_MPS`, nothing is returned, and the next tick that has them begins again.
         """
         needed = (accel_long_mps2, yaw_rate_radps, steer_rad, speed_mps)
         if not all(map(math.isfinite, needed)) or speed_mps < MIN_SPEED_MPS:

@@ -1,4 +1,4 @@
-"""Counts told to be lost on drives that lose none, and on drives that do.
+"""Counts reported lost on drives that lose none, and on drives that do.
 
     python -m bench run lost-counts [--number 100] [--seed 1] [--kinds plain,latched] [--json FILE]
 

@@ -1,11 +1,11 @@
-"""How soon a puncture is told under each gate and each kind of weights, on calm and on hurried drives.
+"""How soon a puncture is detected under each gate and each kind of weights, on calm and on hurried drives.
 
     python -m bench run puncture-delay [--json FILE] [--drives 2] [--first 11] [--minutes 8]
 
 The cars are multi-body cars (`hard_drives`) on dry road. Halfway through a drive one tyre loses 0.46 % of its
 radius (20 % of its pressure) or 2 % within half a minute: each wheel, each size, from the same state of
 filter and monitor. Printed: the time from the beginning of the loss to the first alarm that names the wheel,
-how many were not told at all, and the alarms that were false: before the loss, or of another wheel.
+how many were not detected at all, and the alarms that were false: before the loss, or of another wheel.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Tally:
     """Over drives and wheels."""
 
     delays_s: dict[str, list[float]]
-    """By loss; infinite where it was not told."""
+    """By loss; infinite where it was not detected."""
     early: int = 0
     """Alarms before the loss."""
     wrong: int = 0

@@ -49,7 +49,7 @@ RATES_HZ = (10.0, 20.0, 50.0, 100.0, 200.0)
 TEETH = 48
 FINE_COUNTS = 4096
 TOLD = 3.0
-"""d' from which soft is told from sound: halfway between, one in fifteen of either is taken for the other."""
+"""d' at which soft and sound are told apart: halfway, one in fifteen of either is taken for the other."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def case(number: int, **changed: Any) -> dict[str, Any]:
         "false_before": [],
         "reason": "",
         "lost_mm": {"fl": 1.4},
-        "told_mm": {"fl": [-1.3, 0.2]},
+        "stated_mm": {"fl": [-1.3, 0.2]},
         "car": "small",
         "receiver_hz": 5.0,
         "signal": "counts",

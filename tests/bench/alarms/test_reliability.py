@@ -42,6 +42,6 @@ def test_rows_add_up_by_instants_and_count_their_drives(driven: Driven) -> None:
     two = {"reliability": counts(driven, LegResult(probabilities=[(20.0, (0.0, 0.0, 0.0, 0.0))]))}
     table = {row["from"]: row for row in reliability([one, two, {}])}
     assert (1, 2) == (table[0.2]["drives"], table[0.2]["instants"])
-    assert (0.3, 0.75) == pytest.approx((table[0.2]["told"], table[0.2]["true"]), abs=1e-3)
+    assert (0.3, 0.75) == pytest.approx((table[0.2]["stated"], table[0.2]["true"]), abs=1e-3)
     assert (2, 6) == (table[0.0]["drives"], table[0.0]["instants"])
-    assert table[0.5]["told"] is None
+    assert table[0.5]["stated"] is None

@@ -60,27 +60,27 @@ def _of_null_drives(judged: Sequence[Row]) -> dict[str, Any]:
 def _of_names(judged: Sequence[Row], plain: Sequence[Row]) -> dict[str, Any]:
     """Names that were right, and false ones, where one effect or several are concealed."""
     known = [row for row in plain if _single(row) and not _strange(row)]
-    several = [row for row in plain if row["told"] >= 2]
+    several = [row for row in plain if row["detectable"] >= 2]
     findings = sum(len(row["names"]) for row in judged)
     return {
         "first_by_strength": {
-            f"{size:g}": count(row["first"] for row in known if row["strength"] == size and row["told"])
+            f"{size:g}": count(row["first"] for row in known if row["strength"] == size and row["detectable"])
             for size in sorted({row["strength"] for row in known})
         },
         "false_discoveries": share(sum(len(row["false"]) for row in judged), findings),
         "sure_wrong": count(row["sure_wrong"] for row in judged),
         "several_found": share(
-            sum(row["told_found"] for row in several), sum(row["told"] for row in several)
+            sum(row["detectable_found"] for row in several), sum(row["detectable"] for row in several)
         ),
-        "several_all": count(row["told_found"] == row["told"] for row in several),
+        "several_all": count(row["detectable_found"] == row["detectable"] for row in several),
     }
 
 
 def _of_strange_physics(plain: Sequence[Row]) -> dict[str, Any]:
     """Names where the concealed physics is in no catalogue."""
-    strange = [row for row in plain if _strange(row) and row["told"]]
+    strange = [row for row in plain if _strange(row) and row["detectable"]]
     return {
-        "unknown_named": count(row["told_found"] > 0 for row in strange),
+        "unknown_named": count(row["detectable_found"] > 0 for row in strange),
         "unknown_sure_wrong": count(row["sure_wrong"] for row in strange),
     }
 
@@ -160,16 +160,17 @@ def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
     out = []
     for kind, size in dict.fromkeys((row["kind"], row["strength"]) for row in rows):
         those = [row for row in rows if (row["kind"], row["strength"]) == (kind, size)]
-        reported = [row for row in those if row["told"]]
+        reported = [row for row in those if row["detectable"]]
         out.append(
             {
                 "kind": kind,
                 "strength": size,
                 "drives": len(those),
-                "told": len(reported),
+                "detectable": len(reported),
                 "first": count(row["first"] for row in reported),
                 "found": share(
-                    sum(row["told_found"] for row in reported), sum(row["told"] for row in reported)
+                    sum(row["detectable_found"] for row in reported),
+                    sum(row["detectable"] for row in reported),
                 ),
                 "false": sum(len(row["false"]) for row in those),
                 "gain": float(np.median([min(row["gains"]) for row in those])) if those[0]["gains"] else None,
@@ -256,10 +257,10 @@ def _kinds(by_kind: Sequence[dict[str, Any]]) -> list[str]:
         first, found = (f"{each[key]['hits']}/{each[key]['of']}" for key in ("first", "found"))
         if each["false"] or any(each[key]["hits"] < each[key]["of"] for key in ("first", "found")):
             gain = "" if each["gain"] is None else f"{each['gain']:.3g}"
-            can = f"{each['kind']} | {each['strength']:g} | {each['told']}/{each['drives']}"
+            can = f"{each['kind']} | {each['strength']:g} | {each['detectable']}/{each['drives']}"
             lines.append(f"| {can} | {first} | {found} | {each['false']} | {gain} |")
-        elif each["told"]:
-            kinds, drives = kinds + 1, drives + each["told"]
+        elif each["detectable"]:
+            kinds, drives = kinds + 1, drives + each["detectable"]
         else:
             blind.append(f"{each['kind']} {each['drives']}")
     head = [
@@ -279,18 +280,18 @@ def wrong(row: Row) -> list[str]:
         out.append(f"refused: {row['reason']}")
     if row["false"]:
         out.append("false: " + ", ".join(row["false"]))
-    if row["told_found"] < row["told"]:
+    if row["detectable_found"] < row["detectable"]:
         out.append("missed")
-    elif row["told"] and not row["first"] and len(row["wanted"]) == 1:
+    elif row["detectable"] and not row["first"] and len(row["wanted"]) == 1:
         out.append("right name is not first")
     far = [
         f"{error[0]}.{error[1]} off by {error[2]:.1f} std" for error in row["errors"] if abs(error[2]) > 3.5
     ]
     if far:
         out.append("; ".join(far))
-    if row.get("f1", 1.0) < 0.6 and row["told_found"] == row["told"]:
+    if row.get("f1", 1.0) < 0.6 and row["detectable_found"] == row["detectable"]:
         out.append(f"localisation F1 {row['f1']:.2f}")
-    if row.get("heldout", 1.0) < 0.8 and row["told_found"] == row["told"]:
+    if row.get("heldout", 1.0) < 0.8 and row["detectable_found"] == row["detectable"]:
         out.append(f"held-out share {row['heldout']:.2f}")
     return out
 
@@ -309,7 +310,7 @@ def failing(rows: Sequence[Row], state: str) -> str:
         out.append(f"## {row['kind']} x{row['strength']:g} seed {row['seed']}: {' | '.join(reasons)}")
         out.append(f"- truth: {json.dumps(row.get('truth', {}))}")
         out.append(
-            f"- can tell {row.get('told')} of {row.get('wanted')}: gains {row.get('gains')}, "
+            f"- can tell {row.get('detectable')} of {row.get('wanted')}: gains {row.get('gains')}, "
             f"margins {row.get('margins')} against {row.get('rivals')}"
         )
         for finding in row.get("found", []):

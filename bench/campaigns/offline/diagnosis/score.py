@@ -51,8 +51,8 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     row: dict[str, Any] = {
         **_stated(document),
         **_wanted([truth.effects[k] for k in wanted]),
-        "told": len(detectable),
-        "told_found": sum(k in right for k in detectable),
+        "detectable": len(detectable),
+        "detectable_found": sum(k in right for k in detectable),
         "first": first,
         **_false(findings, strays),
         "hedged": _hedged(truth, findings),

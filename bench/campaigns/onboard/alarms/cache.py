@@ -91,8 +91,8 @@ class RememberedEstimator:
         part.replace(file)
 
     def _file(self) -> Path:
-        told = json.dumps([self._key, self._restored], sort_keys=True)
-        return self._folder / f"{hashlib.sha256(told.encode()).hexdigest()[:24]}.npz"
+        stored = json.dumps([self._key, self._restored], sort_keys=True)
+        return self._folder / f"{hashlib.sha256(stored.encode()).hexdigest()[:24]}.npz"
 
     def _load(self) -> None:
         self._loaded = True
@@ -100,8 +100,8 @@ class RememberedEstimator:
         if file.exists():
             with np.load(file) as kept:
                 self._kept = np.asarray(kept["rows"], dtype=np.float64)
-                told = json.loads(str(kept["snapshots"]))
-                self._snapshots = {int(number): one for number, one in told.items()}
+                stored = json.loads(str(kept["snapshots"]))
+                self._snapshots = {int(number): one for number, one in stored.items()}
 
 
 def _packed(estimate: RadiusEstimate) -> Array:

@@ -86,7 +86,7 @@ def _described(driven: Driven, outcome: LegResult) -> list[str]:
     true = 1e3 * driven.lost_m[-1]
     for k, (wheel, (change, std)) in enumerate(outcome.change.items()):
         lines.append(
-            f"  {wheel}: told {1e3 * change:+.2f} +- {1e3 * std:.2f} mm, by loss of air {-true[k]:+.2f} mm"
+            f"  {wheel}: by estimate {1e3 * change:+.2f} +- {1e3 * std:.2f} mm, by air {-true[k]:+.2f} mm"
         )
     return [*lines, f"  learned: {outcome.learned}; state: {len(json.dumps(outcome.state))} bytes"]
 

@@ -66,14 +66,14 @@ def _shares(axes: Any, cases: Sequence[Row]) -> None:
 
 
 def _sizes(axes: Any, cases: Sequence[Row]) -> None:
-    """What was told against what was lost, for the soft wheels."""
+    """What was stated against what was lost, for the soft wheels."""
     for found, colour, label in ((True, COLOURS[2], "detected"), (False, COLOURS[1], "missed")):
         group = [row for row in cases if row["detected"] == found]
         points = [
-            (row["lost_mm"][wheel], -row["told_mm"][wheel][0])
+            (row["lost_mm"][wheel], -row["stated_mm"][wheel][0])
             for row in group
             for wheel in row["wheels"]
-            if row["told_mm"].get(wheel, [None])[0] is not None
+            if row["stated_mm"].get(wheel, [None])[0] is not None
         ]
         if points:
             lost, reported = np.array(points).T
@@ -81,7 +81,7 @@ def _sizes(axes: Any, cases: Sequence[Row]) -> None:
     limits = (0.0, 4.0)
     axes.plot(limits, limits, color="0.7", lw=0.8)
     axes.set(
-        xlim=limits, xlabel="radius that the pressure takes, mm", ylabel="loss of radius that was told, mm"
+        xlim=limits, xlabel="radius that the pressure takes, mm", ylabel="loss of radius that was stated, mm"
     )
     axes.legend(loc="upper left", frameon=False, fontsize=8)
     axes.set_title("Soft wheels when the case ended", fontsize=10, loc="left")

@@ -202,7 +202,7 @@ def judge(case: Case, driven: Driven, outcome: LegResult) -> Row:
         "false_before": [_short(said) for said in before],
         "other": [_short(said) for said in outcome.said if said.kind != "deflation"],
         "lost_mm": _per_wheel(1e3 * lost_m),
-        "told_mm": _estimated_mm(outcome),
+        "stated_mm": _estimated_mm(outcome),
         "reliability": counts(driven, outcome),
         "reason": "" if detected else why_missed(case, driven, outcome, before, first),
     }
@@ -233,7 +233,7 @@ def why_missed(case: Case, driven: Driven, outcome: LegResult, before: list[Said
     seen = []
     for wheel in case.wheels:
         change, std = outcome.change.get(WHEELS[wheel], (math.nan, math.nan))
-        reported = f"told {1e3 * change:+.2f} +- {1e3 * std:.2f} mm"
+        reported = f"estimated {1e3 * change:+.2f} +- {1e3 * std:.2f} mm"
         texts.append(f"{WHEELS[wheel]} lost {-lost[wheel]:.2f} mm, {reported}")
         seen.append(1e3 * change / lost[wheel] if abs(lost[wheel]) > 1e-3 else math.nan)
     share = float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
@@ -286,7 +286,7 @@ def judge_leg(driven: Driven, outcome: LegResult) -> Row:
         "learned": outcome.learned,
         "reliability": counts(driven, outcome),
         "resized_mm": _per_wheel(1e3 * np.array(driven.leg.resized_m)),
-        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in outcome.change.items()},
+        "stated_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in outcome.change.items()},
         **incidents,
     }
 

@@ -76,17 +76,17 @@ def _confounders(found: Figures) -> list[str]:
 
 
 def _reliability(found: Figures) -> list[str]:
-    """What was told against what was so."""
+    """What was stated against what was so."""
     out = [
         "",
         "P(deflation) of each wheel every 10 s, on cases and on drives without a fault, against the loss "
         "over its threshold (at most 1):",
         "",
-        "| told | drives | instants | mean told | mean truth |",
+        "| stated | drives | instants | mean stated | mean truth |",
         "| --- | --- | --- | --- | --- |",
     ]
     for row in found["reliability"]:
-        means = ["-" if row[name] is None else f"{row[name]:.4f}" for name in ("told", "true")]
+        means = ["-" if row[name] is None else f"{row[name]:.4f}" for name in ("stated", "true")]
         reported = f"| {row['from']:g} to {row['to']:g} | {row['drives']} | {row['instants']} |"
         out.append(f"{reported} {means[0]} | {means[1]} |")
     return out
