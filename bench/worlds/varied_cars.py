@@ -68,7 +68,7 @@ OUTSIDE: dict[str, dict[str, float]] = {
     "trailer": {"share": 0.04, "length_m": 4.0},
     "warming_tyres": {"loss": 0.2, "time_s": 50.0},
     "active_flap": {"per_speed2": 3e-5, "beyond_mps2": 1.0},
-    "rear_steering": {"coefficient": 0.06},
+    "rear_steer": {"coefficient": 0.06},
     "variable_steering_ratio": {"coefficient": 4.0},
 }
 """Physics of no name in the catalogue. In order: play of the steering at the road wheels; a gyro that clips;
@@ -76,8 +76,8 @@ a yaw moment over the yaw inertia against yaw rates that leave the linear car's 
 cornering stiffness that differs in left and right bends; a yaw moment over the yaw inertia with the square of
 speed; drag by side slip; a steering column that twists: play, then a lag; the lateral pull of a trailer at
 its hitch, which follows the car with a length; tyres that soften as they warm up; flaps that turn the car
-with the square of speed from a lateral acceleration on; rear wheels that turn with the front ones; a rack
-whose ratio changes with its angle."""
+with the square of speed from a lateral acceleration on; rear wheels that turn with the front ones, which has
+a name since it was seen here; a rack whose ratio changes with its angle."""
 
 
 @dataclass(frozen=True)
@@ -240,7 +240,7 @@ class _Fleet:
         self.rolling = hidden("rolling_resistance", "coefficient")
         self.wind = [hidden("side_wind", name) for name in ("speed_mps", "onset_s", "duration_s")]
         self.bank = hidden("road_bank", "amplitude_rad")
-        self.rear_share = hidden("rear_steering", "coefficient")
+        self.rear_share = hidden("rear_steer", "coefficient")
         self.control = [hidden("stability_control", name) for name in ("gain_nms", "beyond_radps")]
         self.one_sided = hidden("one_sided_grip", "left")
         self.speed_moment = hidden("speed_moment", "per_speed2")
