@@ -68,7 +68,7 @@ OUTSIDE: dict[str, dict[str, float]] = {
     "trailer": {"share": 0.04, "length_m": 4.0},
     "warming_tyres": {"loss": 0.2, "time_s": 50.0},
     "active_flap": {"per_speed2": 3e-5, "beyond_mps2": 1.0},
-    "rear_steer": {"coefficient": 0.06},
+    "rear_axle_steering": {"coefficient": 0.06},
     "variable_steering_ratio": {"coefficient": 4.0},
 }
 """Physics of no name in the catalogue. In order: play of the steering at the road wheels; a gyro that clips;
@@ -240,7 +240,7 @@ class _Fleet:
         self.rolling = hidden("rolling_resistance", "coefficient")
         self.wind = [hidden("side_wind", name) for name in ("speed_mps", "onset_s", "duration_s")]
         self.bank = hidden("road_bank", "amplitude_rad")
-        self.rear_share = hidden("rear_steer", "coefficient")
+        self.rear_share = hidden("rear_axle_steering", "coefficient")
         self.control = [hidden("stability_control", name) for name in ("gain_nms", "beyond_radps")]
         self.one_sided = hidden("one_sided_grip", "left")
         self.speed_moment = hidden("speed_moment", "per_speed2")

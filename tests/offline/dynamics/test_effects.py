@@ -212,8 +212,9 @@ def test_changes_of_the_tyres() -> None:
     assert rates("roll_steer", coefficient=0.001)[0] == pytest.approx(
         CAR.cornering_rear_n * 0.001 * 3.3 / 1480.0
     )
-    turned = CAR.cornering_rear_n * -0.1 * 0.03
-    assert rates("rear_steer", coefficient=-0.1)[:2] == pytest.approx(
+    k = -0.1 + 0.2 * (22.0**2 - 16.0**2) / (22.0**2 + 16.0**2)
+    turned = CAR.cornering_rear_n * k * 0.03
+    assert rates("rear_axle_steering", coefficient=-0.1, by_speed=0.2)[:2] == pytest.approx(
         [turned / 1480.0, -CAR.rear_m * turned / 2350.0]
     )
     assert rates("unknown", on="force_rear", over="steering", knots=(0.0, 0.1), heights=(0.0, 1.0))[
