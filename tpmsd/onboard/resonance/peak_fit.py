@@ -96,12 +96,11 @@ class PeakFit:
         f0 = FREQUENCY_HZ[: self._reach, None, None]
         damped = 2.0 * DAMPING[None, :, None] * f0 * frequency
         resonance = damped**2 / ((f0 * f0 - frequency**2) ** 2 + damped**2)
-        floor = np.broadcast_to(np.ones_like(frequency), resonance.shape)
-        slope = np.broadcast_to((LOW_HZ / np.maximum(frequency, 1.0)) ** 2, resonance.shape)
-        rise = np.broadcast_to((frequency / HIGH_HZ) ** 2, resonance.shape)
-        shapes = np.stack([resonance, floor, slope, rise], axis=2)
-        self._shapes = shapes.reshape(-1, shapes.shape[2], frequency.size)
-        self._null = self._shapes[:1, 1:]
+        self._resonances = resonance.reshape(-1, frequency.size)
+        """(models, bins)"""
+        slope, rise = (LOW_HZ / np.maximum(frequency, 1.0)) ** 2, (frequency / HIGH_HZ) ** 2
+        self._background = np.stack([np.ones_like(frequency), slope, rise])
+        """(3, bins): floor, road and rounding, the same in all models."""
 
     @staticmethod
     def max_frequency_hz(rate_hz: float) -> float:
@@ -114,19 +113,19 @@ class PeakFit:
         """Return the likelihood over the frequency."""
         density = spectrum.mean()
         weight = 0.5 * spectrum.averages
-        uniform = np.full((1, self._null.shape[1]), float(density.mean()) / self._null.shape[1])
-        none_amplitude, _, none = _likelihood(self._null, density, uniform, NULL_UPDATES)
+        level, background = float(density.mean()), self._background
+        uniform = np.full(len(background), level / len(background))
+        none, none_amplitude = _likelihood_of_none(background, density, uniform)
         # From there on a resonance has to take its share.
-        begin = np.empty(self._shapes.shape[:2])
-        begin[:, 0] = RESONANCE_SHARE * float(density.mean())
-        begin[:, 1:] = (1.0 - RESONANCE_SHARE) * none_amplitude
-        _, fits, logs = _likelihood(self._shapes, density, begin, UPDATES)
+        own = np.full(len(self._resonances), RESONANCE_SHARE * level)
+        others = np.tile((1.0 - RESONANCE_SHARE) * none_amplitude, (len(own), 1))
+        logs, fits = _likelihood(self._resonances, background, density, own, others)
         best = fits[int(np.argmax(logs))]
         misfit = 2.0 * weight * float(np.mean((density / best - 1.0) ** 2)) / OVERLAP_VARIANCE
         weight /= max(misfit, 1.0)
         # Beyond reach a resonance looks like none.
         log_likelihood = np.zeros((LOG_GRID.size, DAMPING.size))
-        log_likelihood[: self._reach] = (weight * (logs - none[0])).reshape(self._reach, DAMPING.size)
+        log_likelihood[: self._reach] = (weight * (logs - none)).reshape(self._reach, DAMPING.size)
         return Peak(log_likelihood, spectrum.averages)
 
 
@@ -137,16 +136,36 @@ def _reach(frequency: FloatArray) -> int:
     return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_HIGHEST_HZ else 0
 
 
-def _likelihood(
-    shapes: FloatArray, density: FloatArray, amplitude: FloatArray, updates: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (models, shapes) amplitudes, (models, bins) fitted densities, (models,) sums of -(log S + P /
-    S)."""
-    fitted = np.einsum("mk,mkb->mb", amplitude, shapes)
-    for _ in range(updates):
+def _likelihood_of_none(
+    background: FloatArray, density: FloatArray, amplitude: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return the sum of -(log S + P / S) without a resonance, and the amplitudes (shapes,) of the background
+    (shapes, bins); `amplitude`: those to begin with."""
+    fitted = amplitude @ background
+    for _ in range(NULL_UPDATES):
         inverse = 1.0 / fitted
-        rise = np.einsum("mkb,mb->mk", shapes, density * inverse * inverse)
-        fall = np.einsum("mkb,mb->mk", shapes, inverse)
-        amplitude = amplitude * (rise / fall)
-        fitted = np.einsum("mk,mkb->mb", amplitude, shapes)
-    return amplitude, fitted, -np.sum(np.log(fitted) + density / fitted, axis=1)
+        amplitude = amplitude * ((background @ (density * inverse * inverse)) / (background @ inverse))
+        fitted = amplitude @ background
+    return -float(np.sum(np.log(fitted) + density / fitted)), amplitude
+
+
+def _likelihood(
+    resonances: FloatArray, background: FloatArray, density: FloatArray, own: FloatArray, others: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return (models,) sums of -(log S + P / S) and (models, bins) fitted densities; `own` (models,) and
+    `others` (models, shapes): amplitudes of resonance and background to begin with."""
+    across = np.ascontiguousarray(background.T)
+    fitted, inverse, scratch = (np.empty_like(resonances) for _ in range(3))
+
+    def fit() -> None:
+        np.matmul(others, background, out=fitted)
+        np.add(fitted, np.multiply(own[:, None], resonances, out=scratch), out=fitted)
+
+    fit()
+    for _ in range(UPDATES):
+        np.divide(1.0, fitted, out=inverse)
+        np.multiply(np.multiply(inverse, inverse, out=scratch), density, out=scratch)
+        own = own * np.einsum("mb,mb->m", resonances, scratch) / np.einsum("mb,mb->m", resonances, inverse)
+        others = others * (scratch @ across) / (inverse @ across)
+        fit()
+    return -np.sum(np.log(fitted) + density / fitted, axis=1), fitted

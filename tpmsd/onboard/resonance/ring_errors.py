@@ -52,12 +52,16 @@ class RingErrors:
         flat = speed - trend @ np.linalg.lstsq(trend, speed, rcond=None)[0]
         if not block.counted and self._searched < SEARCH_BLOCKS:
             self._search(flat, angle)
+        terms = np.empty((POLYNOMIAL + 1 + 2 * HARMONICS, speed.size))
+        terms[: POLYNOMIAL + 1] = trend.T
         turn = np.exp(1j * self.scale * angle)
-        harmonics = np.cumprod(np.broadcast_to(turn[:, None], (turn.size, HARMONICS)), axis=1)
-        terms = np.hstack([trend, harmonics.real, harmonics.imag])
+        harmonic = turn.copy()
+        for cosine in range(POLYNOMIAL + 1, POLYNOMIAL + 1 + HARMONICS):
+            terms[cosine], terms[cosine + HARMONICS] = harmonic.real, harmonic.imag
+            harmonic *= turn
         # A ridge far below any noise: at some speeds two aliased harmonics are one and the same.
-        gram = terms.T @ terms + 1e-9 * speed.size * np.eye(terms.shape[1])
-        return np.asarray(flat - terms @ np.linalg.solve(gram, terms.T @ flat))
+        gram = terms @ terms.T + 1e-9 * speed.size * np.eye(len(terms))
+        return np.asarray(flat - np.linalg.solve(gram, terms @ flat) @ terms)
 
     def _search(self, flat: FloatArray, angle: FloatArray) -> None:
         self._searched += 1
