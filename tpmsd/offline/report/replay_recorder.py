@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.config.model import MonitorConfig, VehicleConfig
-from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.replay_result import (
     GNSS_GAP_S,
     AlarmThresholds,
@@ -61,7 +61,7 @@ class ReplayRecorder:
         self._gnss = _GnssTally()
         self._alarms: list[AlarmEvent] = []
         self._faults: Counter[str] = Counter()
-        self._source_faults: Counter[str] = Counter()
+        self._source_faults: Counter[str] = Counter(can=0, gnss=0)
         self._distance_m = 0.0
         self._moving_s = 0.0
         self._gaps = 0
@@ -157,7 +157,8 @@ class ReplayRecorder:
                 if math.isnan(tally.monitored_from_s):
                     tally.monitored_from_s = tick.time_s
 
-    def _row(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> FloatArray:
+    def _row(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> list[float]:
+        """Return the columns as plain numbers: to make an array of them, which is copied, takes as long."""
         row = [math.nan] * _COLUMNS
         row[_TIME] = tick.time_s
         row[_SPEED] = estimate.speed_mps
@@ -173,7 +174,7 @@ class ReplayRecorder:
                 wheel.change_std_m,
                 _probability(wheel),
             )
-        return np.array(row)
+        return row
 
 
 @dataclass(slots=True)

@@ -110,14 +110,16 @@ class LocalPlane:
         x, y, z = here.earth_centred(anchor.height_m)
         ox, oy, oz = anchor.origin_m
         offset = (x - ox, y - oy, z - oz)
-        stretch = _arc_per_projection(offset, anchor)
-        east, north = _dot(offset, anchor.point.east) * stretch, _dot(offset, anchor.point.north) * stretch
+        east, north = _dot(offset, anchor.point.east), _dot(offset, anchor.point.north)
+        square_m2 = _dot(offset, offset)
+        stretch = _arc_per_projection(math.hypot(east, north), math.sqrt(square_m2), anchor.height_m)
+        east, north = east * stretch, north * stretch
         cos, sin = math.cos(anchor.rotation_rad), math.sin(anchor.rotation_rad)
         plane_east = anchor.east_m + cos * east - sin * north
         plane_north = anchor.north_m + sin * east + cos * north
         self._here = here
         height = altitude_m if known_height else anchor.height_m
-        if _dot(offset, offset) > self._radius_m**2 or abs(height - anchor.height_m) > self._climb_m:
+        if square_m2 > self._radius_m**2 or abs(height - anchor.height_m) > self._climb_m:
             self._lay(here, height, plane_east, plane_north, self.rotation_rad)
         return plane_east, plane_north
 
@@ -160,12 +162,10 @@ def _horizon(latitude_rad: float, longitude_rad: float) -> _Horizon:
     )
 
 
-def _arc_per_projection(offset: Vector, anchor: _Anchor) -> float:
-    """Return the length along the curved earth over its projection into the tangent plane (azimuthal
-    equidistant)."""
-    radius = _MEAN_RADIUS_M + anchor.height_m
-    flat = math.hypot(_dot(offset, anchor.point.east), _dot(offset, anchor.point.north))
-    chord = math.sqrt(_dot(offset, offset))
+def _arc_per_projection(flat: float, chord: float, height_m: float) -> float:
+    """Return the length along the curved earth over its projection `flat` into the tangent plane (azimuthal
+    equidistant) of a chord from the anchor, which lies at this height."""
+    radius = _MEAN_RADIUS_M + height_m
     if chord < _NEAR_M:
         return 1.0 + (flat / radius) ** 2 / 6.0
     # A leap (a wrong fix, a ferry): keep it far away, also where the tangent plane would fold it back.

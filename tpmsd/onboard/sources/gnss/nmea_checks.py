@@ -125,8 +125,10 @@ class PositionChecks:
         frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
         detail = f"the same position {FROZEN_COUNT} times while moving"
         faults = self._episodes.note(at_s, "frozen", frozen, detail)
-        detail = f"{fix.latitude_deg:.5f}, {fix.longitude_deg:.5f} is out of reach from the last position"
-        faults += self._episodes.note(at_s, "leap", leapt, detail)
+        position = f"{fix.latitude_deg:.5f}, {fix.longitude_deg:.5f}" if leapt else ""
+        faults += self._episodes.note(
+            at_s, "leap", leapt, f"{position} is out of reach from the last position"
+        )
         return without_position(fix) if frozen or leapt else fix, faults
 
 
@@ -137,8 +139,8 @@ def without_position(fix: GnssFix) -> GnssFix:
 
 def _within_reach(before: GnssFix, after: GnssFix) -> bool:
     # By the clock that gives the car more time: the other may have stepped back.
-    elapsed = [abs(after.arrival_s - before.arrival_s), abs(after.utc_s - before.utc_s)]
-    longest_s = max((time_s for time_s in elapsed if not math.isnan(time_s)), default=0.0)
+    by_host_s, by_utc_s = abs(after.arrival_s - before.arrival_s), abs(after.utc_s - before.utc_s)
+    longest_s = max(0.0, by_host_s, by_utc_s)  # in this order NaN is passed over
     allowed_m = REACH_M + REACH_SPEED_MPS * longest_s
     north_m = (after.latitude_deg - before.latitude_deg) * _DEGREE_M
     east_deg = math.remainder(after.longitude_deg - before.longitude_deg, 360.0)

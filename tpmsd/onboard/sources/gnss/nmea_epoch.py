@@ -256,7 +256,10 @@ def merge_readings(
 
 def _first(values: list[float]) -> float:
     """Return the first that is finite; NaN if none is."""
-    return next((value for value in values if math.isfinite(value)), NAN)
+    for value in values:
+        if math.isfinite(value):
+            return value
+    return NAN
 
 
 def _has_content(fix: GnssFix) -> bool:

@@ -139,7 +139,7 @@ def decode_sentence(line: bytes) -> NmeaReading:
     data = text[_HEAD:].partition("*")[0].split(",")
     if not checksummed and len(data) < _FULL_LENGTH[kind]:
         raise SentenceError("garbage", f"{kind} cut short: {len(data)} of {_FULL_LENGTH[kind]} fields")
-    return _DECODERS[kind](_Fields(COLUMNS[kind], data), checksummed)
+    return _DECODERS[kind](_Fields(zip(COLUMNS[kind], map(str.strip, data), strict=False)), checksummed)
 
 
 def _accuracy(text: str) -> NmeaReading:
@@ -173,31 +173,23 @@ def exclusive_or(data: bytes) -> int:
     return folded & 0xFF
 
 
-class _Fields:
-    """A sentence's fields by name, as text."""
+class _Fields(dict[str, str]):
+    """A sentence's fields by name, as text; those that it does not have are empty."""
 
-    __slots__ = ("_columns", "_data")
-
-    def __init__(self, columns: dict[str, int], data: list[str]) -> None:
-        self._columns = columns
-        self._data = data
-
-    def text(self, name: str) -> str:
-        column = self._columns[name]
-        return self._data[column].strip() if column < len(self._data) else ""
+    def __missing__(self, name: str) -> str:
+        return ""
 
     def number(self, name: str) -> float:
-        text = self.text(name)
+        text = self[name]
         plain = text.replace(".", "", 1).isdigit()  # most numbers have no sign
-        return float(text) if plain or _NUMBER.fullmatch(text) else NAN
+        return float(text) if plain or (text and _NUMBER.fullmatch(text)) else NAN
 
     def time_of_day(self) -> float:
-        return _time_of_day(self.text("timestamp"))
+        return _time_of_day(self["timestamp"])
 
     def position(self) -> tuple[float, float, str]:
         """Return latitude, longitude and what is wrong with them."""
-        text = self.text
-        return _position(text("lat"), text("lat_dir"), text("lon"), text("lon_dir"))
+        return _position(self["lat"], self["lat_dir"], self["lon"], self["lon_dir"])
 
     def altitude(self) -> float:
         """Above the ellipsoid if the geoid's separation is given, else above mean sea level."""
@@ -272,7 +264,7 @@ def _short_day(text: str) -> int | None:
 
 
 def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
-    status, mode = fields.text("status").upper(), fields.text("mode").upper()
+    status, mode = fields["status"].upper(), fields["mode"].upper()
     quality = _MODE_QUALITY.get(mode[:1], 1) if status == "A" else 0
     latitude, longitude, wrong = fields.position()
     speed, too_fast = _speed(fields.number("speed_kn") * KNOT_MPS)
@@ -280,7 +272,7 @@ def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
         "RMC",
         checksummed,
         time_of_day_s=fields.time_of_day(),
-        unix_day=_short_day(fields.text("date")),
+        unix_day=_short_day(fields["date"]),
         valid=quality in _MEASURED,
         latitude_deg=latitude,
         longitude_deg=longitude,
@@ -292,14 +284,14 @@ def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
 
 
 def _gga(fields: _Fields, checksummed: bool) -> NmeaReading:
-    text = fields.text("quality")
+    text = fields["quality"]
     quality = int(text) if text.isascii() and text.isdigit() and len(text) == 1 else 0
     return _position_with_height("GGA", fields, checksummed, quality)
 
 
 def _gns(fields: _Fields, checksummed: bool) -> NmeaReading:
     # One letter per satellite system; the best of them made the position.
-    qualities = [_MODE_QUALITY.get(letter, 0) for letter in fields.text("mode").upper()]
+    qualities = [_MODE_QUALITY.get(letter, 0) for letter in fields["mode"].upper()]
     quality = next((q for q in (4, 5, 3, 2, 1, 6, 8) if q in qualities), 0)
     return _position_with_height("GNS", fields, checksummed, quality)
 
@@ -323,8 +315,8 @@ def _position_with_height(kind: str, fields: _Fields, checksummed: bool, quality
 
 def _gll(fields: _Fields, checksummed: bool) -> NmeaReading:
     # Status is missing before NMEA 2.0.
-    quality = _MODE_QUALITY.get(fields.text("mode").upper()[:1], 1)
-    if fields.text("status").upper() == "V":
+    quality = _MODE_QUALITY.get(fields["mode"].upper()[:1], 1)
+    if fields["status"].upper() == "V":
         quality = 0
     latitude, longitude, wrong = fields.position()
     return NmeaReading(
@@ -340,7 +332,7 @@ def _gll(fields: _Fields, checksummed: bool) -> NmeaReading:
 
 
 def _vtg(fields: _Fields, checksummed: bool) -> NmeaReading:
-    mode = fields.text("mode").upper()[:1]
+    mode = fields["mode"].upper()[:1]
     # km/h first: at the same number of decimals it is the finer unit.
     kmh, knots = fields.number("speed_kmh"), fields.number("speed_kn")
     speed, too_fast = _speed(knots * KNOT_MPS if math.isnan(kmh) else kmh * KMH_MPS)
