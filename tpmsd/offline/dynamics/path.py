@@ -8,6 +8,7 @@ evaluations are vectorised over time. The estimate is the fixed-interval Kalman 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -69,6 +70,8 @@ class Setup:
 
     def readings(self) -> FloatArray:
         """Return the readings, (n, m); NaN where there is none or the car is too slow."""
+        if not self.channels:
+            return np.zeros((len(self.drive.time_s), 0))
         out = np.stack([self.drive.outputs[name] for name in self.channels], axis=1)
         return np.where(self.drive.moving[:, None], out, np.nan)
 
@@ -89,7 +92,8 @@ class Setup:
         `rolled` is an evaluation at them."""
         names = self.states(theta) if states is None else states
         state, free = self.held(path, len(names))
-        frame = self.baseline.frame(state, inputs, (*theta, free), names, rolled)
+        read = len(self.channels) > 0
+        frame = self.baseline.frame(state, inputs, (*theta, free), names, rolled, read)
         rates, outputs = np.empty((len(names), len(path))), np.empty((len(self.channels), len(path)))
         for k, name in enumerate(names):
             rates[k] = frame.rates[name]
@@ -137,9 +141,20 @@ class Linear:
             self._weighted[:] = [(noise, Weighted(setup, self, noise))]
         return self._weighted[0][1]
 
+    def moved(self, path: FloatArray, steps: FloatArray, readings: FloatArray) -> Linear:
+        """Return other residuals at another path, with these derivatives."""
+        out = replace(self, path=path, step_residual=steps, reading_residual=readings, _weighted=[])
+        out._weighted[:] = [(noise, problem.about(out)) for noise, problem in self._weighted]
+        return out
 
-def linear(setup: Setup, theta: Theta, path: FloatArray, driven: bool = True) -> Linear:
-    """Return residuals and derivatives at a path; those by the disturbances are left out unless `driven`."""
+
+def linear(
+    setup: Setup, theta: Theta, path: FloatArray, driven: bool = True, near: Linear | None = None
+) -> Linear:
+    """Return residuals and derivatives at a path; those by the disturbances are left out unless `driven`.
+
+    With `near`, where the model is as linear as is asked for, the derivatives are those that are known there.
+    """
     drive, names = setup.drive, setup.states(theta)
     inputs = setup.inputs(theta)
     count, total = len(names), path.shape[1]
@@ -147,6 +162,10 @@ def linear(setup: Setup, theta: Theta, path: FloatArray, driven: bool = True) ->
     dt = np.where(drive.linked, dt, 1e-6)
     rolled = setup.baseline.rolled(path[:, :count], inputs, theta, names)
     rates, predicted = setup.evaluate(path, inputs, theta, names, rolled)
+    ahead = stepped(setup, theta, path, inputs, dt, rates.T[:-1])
+    residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
+    if near is not None:
+        return near.moved(path, residual, setup.readings() - predicted.T)
     jacobian = np.zeros((len(path), total, total))
     outputs_by = np.zeros((len(path), len(setup.channels), total))
     for k in range(total if driven else count):
@@ -156,8 +175,6 @@ def linear(setup: Setup, theta: Theta, path: FloatArray, driven: bool = True) ->
         jacobian[:, :count, k] = ((up - rates) / _STEP).T
         outputs_by[:, :, k] = ((out_up - predicted) / _STEP).T
     by_state = transition(setup, theta, inputs, jacobian, dt, count)
-    ahead = stepped(setup, theta, path, inputs, dt, rates.T[:-1])
-    residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
     return Linear(path, residual, setup.readings() - predicted.T, by_state, outputs_by)
 
 
@@ -237,6 +254,12 @@ class Weighted:
         self._start_pull = np.where(order < len(noise.white), 0.0, first)
         self.factor = BandedFactor(diagonal, -weighted)
 
+    def about(self, at: Linear) -> Weighted:
+        """Return the problem with other residuals and the same derivatives."""
+        out = copy(self)
+        out.at = replace(at, _weighted=[])
+        return out
+
     def gradient(self) -> FloatArray:
         """Return the right-hand side of the path's own step, (n, t)."""
         out = self._asked(self.at.step_residual, self.at.reading_residual)
@@ -288,25 +311,34 @@ def _start_information(setup: Setup, noise: PathNoise, total: int) -> FloatArray
 def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: PathNoise) -> Linear:
     """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton.
 
-    `start` is a path, or what is known at one for the same effects.
+    `start` is a path, or what is known at one for the same effects. Derivatives are kept where a step makes
+    the sum of squares fall as they foretell.
     """
+    kept = isinstance(start, Linear)
     at = start if isinstance(start, Linear) else linear(setup, theta, start)
     cost = path_cost(setup, at, noise)
     for _ in range(SETTINGS.path_rounds):
         step = at.weighted(setup, noise)
         gradient = step.gradient()
         move = step.factor.solve(gradient)
-        if float(np.vdot(gradient, move)) < SETTINGS.path_tolerance * max(1.0, 1e-4 * cost):
+        fall = float(np.vdot(gradient, move))
+        if fall < SETTINGS.path_tolerance * max(1.0, 1e-4 * cost):
             break
         for share in (1.0, 0.3, 0.1, 0.03):
-            tried = linear(setup, theta, at.path + share * move)
+            tried = linear(setup, theta, at.path + share * move, near=at)
             new = path_cost(setup, tried, noise)
             if np.isfinite(new) and new <= cost * (1.0 + 1e-9) + 1e-6:
                 break
         else:
-            return at
-        done = cost - new < SETTINGS.path_tolerance * max(1.0, 1e-4 * new)
-        at, cost = tried, new
+            if not kept:
+                return at
+            at, kept = linear(setup, theta, at.path), False
+            continue
+        tolerance = SETTINGS.path_tolerance * max(1.0, 1e-4 * new)
+        done = cost - new < tolerance
+        apart = abs(cost - new - (2.0 - share) * share * fall)
+        kept = apart < max(tolerance, SETTINGS.derivative_error * fall)
+        at, cost = tried if kept else linear(setup, theta, tried.path), new
         if done:
             break
     return at

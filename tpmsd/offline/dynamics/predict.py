@@ -8,6 +8,7 @@ does not converge, the steps are taken one after the other, all blocks abreast.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import lapack
@@ -37,8 +38,9 @@ def free_run(
     free = np.zeros((len(path), len(setup.disturbances))) if disturbances is None else disturbances
     pushed = np.zeros((len(path) - 1, count)) if kicks is None else kicks
     extended = np.concatenate([path[:, :count], free], axis=1)
+    steps = replace(setup, channels=())
     for _ in range(ROUNDS):
-        at = linear(setup, theta, extended, driven=False)
+        at = linear(steps, theta, extended, driven=False)
         move = _forward(setup, at.by_state[:, :count, :count], pushed - at.step_residual[:, :count])
         if not np.all(np.isfinite(move)) or np.abs(move).max() > 1e3:
             return _abreast(setup, theta, path[:, :count])

@@ -146,12 +146,13 @@ class Baseline(ABC):
         theta: Theta,
         states: Sequence[str] | None = None,
         rolled: Rolled | None = None,
+        read: bool = True,
     ) -> Frame:
         """Return everything of one evaluation, readings included.
 
         `states` names those of x where they are not all that the effects have: an effect without its states
         acts to first order. `rolled` is an evaluation of the same states and inputs; it is used where the
-        tyres cannot tell the effects from its own.
+        tyres cannot tell the effects from its own. Without `read` there are no readings.
         """
         names = self.states(theta) if states is None else states
         state = {name: x[..., k] for k, name in enumerate(names)}
@@ -160,7 +161,8 @@ class Baseline(ABC):
             frame = self._pushed(rolled.copied(), theta)
         else:
             frame = self._moved(state, u, theta)
-        self._instruments(frame, theta)
+        if read:
+            self._instruments(frame, theta)
         if frame.delays:
             self._delayed(frame, state, u, theta)
         return frame

@@ -5,7 +5,7 @@ In: arrays of any one shape. Out: `Inputs`, and `Span`, the inputs over a step, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,8 @@ class Inputs:
     """Sum of the drive forces at the road."""
     brake_n: FloatArray
     """Sum of the brake forces at the road, positive."""
+    _shifts: dict[float, Inputs] = field(init=False, default_factory=dict, compare=False, repr=False)
+    """The last ones interpolated, by the time they are shifted by: derivatives ask for the same ones."""
 
     def at(self, fraction: float) -> Inputs:
         """Return the inputs held over a step (zero-order hold)."""
@@ -43,7 +45,12 @@ class Inputs:
         """Return the inputs a time later: those of a recording interpolated, others extrapolated by the
         steering's rate."""
         if self.time_s.ndim == 1 and len(self.time_s) > 3 and np.ndim(by_s) == 0:
-            return self._interpolated(float(by_s))
+            known = self._shifts.get(float(by_s))
+            if known is None:
+                if len(self._shifts) >= MOST_SHIFTS:
+                    self._shifts.clear()
+                known = self._shifts[float(by_s)] = self._interpolated(float(by_s))
+            return known
         steer = self.steer_rad + by_s * self.steer_rate_radps
         return Inputs(
             self.time_s + by_s,
@@ -86,7 +93,9 @@ class Inputs:
 
 PAUSE_STEPS = 5.0
 """Usual steps of a recording from which a longer one is a pause, over which nothing is interpolated."""
-FIELDS = tuple(Inputs.__slots__)
+MOST_SHIFTS = 24
+"""Shifted inputs that are kept: the stages of a step back for two delays need so many."""
+FIELDS = tuple(one.name for one in fields(Inputs) if one.init)
 """Names of the arrays."""
 
 

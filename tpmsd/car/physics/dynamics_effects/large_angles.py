@@ -54,8 +54,10 @@ class LargeAngles(DynamicsEffect):
 
     def add_forces(self, frame: Frame) -> None:
         """Turn the forces of the front wheels."""
-        sum_x = frame.drive - frame.brake + frame.side[0] * np.sin(frame.steer)
+        sine = np.sin(frame.steer)
+        sum_x = frame.drive - frame.brake + frame.side[0] * sine
         along = np.where(sum_x > 0.0, frame.drive_front_share, frame.brake_front_share) * sum_x
-        turned = frame.side[0] * (np.cos(frame.steer) - 1.0) + along * np.sin(frame.steer)
+        # cos - 1 by the sine, for wheels that turn by less than a right angle
+        turned = along * sine - frame.side[0] * sine**2 / (1.0 + np.sqrt(1.0 - sine**2))
         frame.force_y = frame.force_y + self.coefficient * turned
         frame.moment = frame.moment + self.coefficient * frame.front * turned
