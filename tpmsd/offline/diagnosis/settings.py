@@ -201,6 +201,9 @@ class AssessmentSettings:
     beyond what any drive with a finding left open."""
     ramp_nodes: int = 18
     """Number of such changes to either side, each 1.4 times the one before."""
+    longest_share: float = 16.0
+    """Factor to either side over which the likelihood of an exponential's time constant is taken: a
+    sixteenth of one within a drive is nearly a step."""
     halvings: int = 4
     """Fraction of the span in which an onset's interval ends: to a sixteenth of it."""
     firsts: int = 19

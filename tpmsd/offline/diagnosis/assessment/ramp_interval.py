@@ -22,7 +22,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, numbers_of
 from tpmsd.offline.diagnosis.prepared.drive_study import Refined
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
@@ -42,14 +42,19 @@ def ramp_stds(
     nodes = _nodes(study, one.term)
     pairs = _pairs(nodes, begin, end)
     gains, sizes = _profiled(study, selection, which, joint_slopes, nodes, pairs)
-    ratio = max(one.gain / max(one.admitted_by + one.term.penalty, 1e-9), 1.0)
-    ratio = min(ratio, SETTINGS.selection.most_overdispersion)
-    lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats * ratio, float(gains[0]))
-    inside = gains >= lowest
-    onset, until = pairs.begin_s[inside], pairs.end_s[inside]
+    return interval_stds(one, gains, sizes, pairs.begin_s, pairs.end_s - pairs.begin_s)
 
-    def reach(values: FloatArray, found: float) -> float:
-        return float(np.abs(values - found).max()) / 1.96
+
+def interval_stds(
+    one: Chosen, gains: FloatArray, sizes: FloatArray, onset_s: FloatArray, duration_s: FloatArray
+) -> dict[str, float]:
+    """Return standard deviations of a chosen change's size, onset and duration from the (t,) gains (nats) and
+    sizes (m) at trials of the two times, the found ones first."""
+    ratio = one.overdispersion
+    inside = gains >= min(float(gains.max()) - SETTINGS.assessment.interval_nats * ratio, float(gains[0]))
+
+    def reach(values: FloatArray) -> float:
+        return float(np.abs(values[inside] - values[0]).max()) / 1.96
 
     # The fit's own standard deviation is that at the best onset and duration. A ramp that hardly acts within
     # the drive may have any size, so sizes are weighted by the likelihood.
@@ -59,8 +64,8 @@ def ramp_stds(
     spread = float(apart[order][np.searchsorted(weight, 0.95 * weight[-1])]) / 1.96
     return {
         one.term.parameters[0]: math.hypot(float(one.stds[0]), spread),
-        "onset_s": reach(onset, begin),
-        "duration_s": reach(until - onset, end - begin),
+        "onset_s": reach(onset_s),
+        "duration_s": reach(duration_s),
     }
 
 

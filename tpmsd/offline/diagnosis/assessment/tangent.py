@@ -3,18 +3,21 @@
 In: the final selection. Out: per chosen term the standard deviations of its linear and nonlinear
 parameters. Of an onset or a duration by Gauss-Newton: the response's derivative is one more column of the
 fit. Of a time constant by the profile likelihood: on a drive that is short against it, all long ones do
-alike, which no derivative shows.
+alike, which no derivative shows. Both are those of a quasi-likelihood: variances are multiplied, and
+log-likelihoods divided, by the overdispersion of the term's blocks (McCullagh and Nelder, Generalized Linear
+Models, 1989).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.ramp_interval import is_linear_ramp, ramp_stds
+from tpmsd.offline.diagnosis.assessment.ramp_interval import interval_stds, is_linear_ramp, ramp_stds
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, refined
 from tpmsd.offline.diagnosis.prepared.study import Study
@@ -44,12 +47,12 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     whole_s = max(d.reader.recording.ticks * d.reader.recording.dt_s for d in study.drives) / math.sqrt(12.0)
     for j, (k, name, reach_s) in enumerate(owner):
         # A slope that lets an onset be outside the drive says nothing: there the likelihood alone does.
-        by_slope = float(std[first + j])
+        by_slope = float(std[first + j]) * math.sqrt(selection.chosen[k].overdispersion)
         out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
     owners, start = [owned for owned, *_ in owner], study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
         if k in owners:
-            out[k][one.term.parameters[0]] = float(std[start])
+            out[k][one.term.parameters[0]] = float(std[start]) * math.sqrt(one.overdispersion)
         start += one.term.design.shape[1]
     return out | _of_ramps(study, selection, tangents, owners)
 
@@ -57,14 +60,35 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
 def _of_ramps(
     study: Study, selection: Selection, tangents: list[dict[int, FloatArray]], owners: list[int]
 ) -> dict[int, dict[str, float]]:
-    """Return, by index in the selection, standard deviations of linear ramps; each beside the tangents (by
-    drive) of the others."""
+    """Return, by index in the selection, standard deviations of changes of radii; each beside the tangents
+    (by drive) of the others."""
     out = {}
     for k, one in enumerate(selection.chosen):
-        if is_linear_ramp(one.term):
+        if one.term.ramp:
             joint_slopes = [slope for slope, owned in zip(tangents, owners, strict=True) if owned != k]
-            out[k] = ramp_stds(study, selection, k, joint_slopes)
+            stds_of = ramp_stds if is_linear_ramp(one.term) else _of_course
+            out[k] = stds_of(study, selection, k, joint_slopes)
     return out
+
+
+def _of_course(
+    study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
+) -> dict[str, float]:
+    """Return standard deviations of size, onset and time constant of a change that is no linear ramp.
+
+    On a drive that ends before the change does, size and time constant trade against each other without end:
+    their joint likelihood is asked, as of a ramp.
+    """
+    one = selection.chosen[which]
+    onset, tau = one.term.span_s[0], one.term.span_s[1] - one.term.span_s[0]
+    steps = np.geomspace(*SETTINGS.assessment.ramp_reach_s, SETTINGS.assessment.seconds)
+    onsets = onset + np.concatenate([[0.0], -steps, steps])
+    factors = np.geomspace(1.0, SETTINGS.assessment.longest_share, SETTINGS.assessment.seconds)
+    taus = tau * np.concatenate([factors, 1.0 / factors[1:]])
+    trials = [(at, long, one.term.course) for at in onsets for long in taus]
+    gains, sizes = _profiled(study, selection, which, tangents, trials)
+    first, second = (np.array([trial[k] for trial in trials], np.float64) for k in (0, 1))
+    return interval_stds(one, gains, sizes[0], first, second)
 
 
 def _joint_stds(study: Study, selection: Selection, tangents: list[dict[int, FloatArray]]) -> FloatArray:
@@ -92,8 +116,9 @@ def _of_grid(
     """Standard deviations of an effect's linear parameters and of the nonlinear ones; `tangents` by drive, of
     what is beside.
 
-    The farthest end of the interval in which the likelihood, all other values fitted, is within 1.92 of its
-    maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
+    The farthest end of the interval in which the likelihood, all other values fitted and divided by the
+    overdispersion, is within 1.92 of its maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts
+    as 1.96 of them.
     """
     one = selection.chosen[which]
     grid, tau = one.term.kind_of.nonlinear.grid, one.term.at
@@ -114,13 +139,14 @@ def _of_grid(
     best = np.argmax(gains, axis=1)
     best[0] = 0 if gains[0, 0] >= gains[0, best[0]] - SETTINGS.preparation.moved_nats else best[0]
     along = np.arange(len(firsts))
-    reach, spread = _reach(firsts, gains[along, best], sizes[:, along, best])
+    fall = SETTINGS.assessment.interval_nats * one.overdispersion
+    reach, spread = _reach(firsts, gains[along, best], sizes[:, along, best], fall)
     scale = float(np.min(one.stds / np.maximum(np.abs(one.values), 1e-12)))
     out = {grid.parameter: max(reach / 1.96, scale * tau)}
     stds = np.hypot(one.stds, spread / 1.96)
     if grid.second is not None and len(seconds) > 1:
-        stds = np.hypot(stds, _reach(seconds, gains[0], sizes[:, 0])[1] / 1.96)
-        out[grid.second.parameter] = _reach(seconds, gains.max(axis=0), sizes[:, 0])[0] / 1.96
+        stds = np.hypot(stds, _reach(seconds, gains[0], sizes[:, 0], fall)[1] / 1.96)
+        out[grid.second.parameter] = _reach(seconds, gains.max(axis=0), sizes[:, 0], fall)[0] / 1.96
     return {**out, **dict(zip(one.term.parameters, stds.tolist(), strict=True))}
 
 
@@ -129,7 +155,7 @@ def _profiled(
     selection: Selection,
     which: int,
     tangents: list[dict[int, FloatArray]],
-    trials: list[tuple[float, float]],
+    trials: Sequence[tuple[float, float] | tuple[float, float, str]],
 ) -> tuple[FloatArray, FloatArray]:
     """(t,) gains and (k, t) linear values where a term's nonlinear parameters have these values, all linear
     ones fitted."""
@@ -161,11 +187,11 @@ def _profiled(
     return gains, sizes
 
 
-def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray) -> tuple[float, FloatArray]:
-    """Return how far from the first of the trials the interval of a nonlinear parameter ends, and by how much
-    the sizes (k, t) change on the way.
+def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray, fall: float) -> tuple[float, FloatArray]:
+    """Return how far from the first of the trials the interval of a nonlinear parameter ends, in which the
+    gains (nats) fall by `fall`, and by how much the sizes (k, t) change on the way.
     """
-    lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats, float(gains[0]))
+    lowest = min(float(gains.max()) - fall, float(gains[0]))
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)
     ends = [
@@ -198,7 +224,8 @@ class _Tangent:
     by: FloatArray
     """(w, 9) change per second."""
     reach_s: float
-    """Change to one side, the farther one, by which the log-likelihood falls by 1.92 nats (Wilks 1938)."""
+    """Change to one side, the farther one, by which the log-likelihood, divided by the overdispersion, falls
+    by 1.92 nats (Wilks 1938)."""
 
 
 def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
@@ -225,6 +252,8 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
 
     here = column(onset, duration)
 
+    nats = SETTINGS.assessment.interval_nats * one.overdispersion
+
     def reach(at: float, long: float, most: float) -> float:
         if is_linear_ramp(term):  # `ramp_stds` takes both ends together
             return 0.0
@@ -234,13 +263,11 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
             return 0.5 * float(np.sum(drive.whitened(change[:, :, None]) ** 2))
 
         inside, outside = 0.0, least
-        while outside < most and fall(outside) < SETTINGS.assessment.interval_nats:
+        while outside < most and fall(outside) < nats:
             inside, outside = outside, 2.0 * outside
         for _ in range(SETTINGS.assessment.halvings):
             middle = 0.5 * (inside + outside)
-            inside, outside = (
-                (middle, outside) if fall(middle) < SETTINGS.assessment.interval_nats else (inside, middle)
-            )
+            inside, outside = (middle, outside) if fall(middle) < nats else (inside, middle)
         return inside
 
     def slope(at: float, long: float) -> FloatArray:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
 
 
@@ -29,6 +30,12 @@ class Chosen:
     """(k,)"""
     stds: FloatArray
     """(k,) with the block-wise variance."""
+
+    @property
+    def overdispersion(self) -> float:
+        """Return the block-wise over the assumed variance by which the gain was divided, at least 1."""
+        ratio = max(self.gain / max(self.admitted_by + self.term.penalty, 1e-9), 1.0)
+        return min(ratio, SETTINGS.selection.most_overdispersion)
 
 
 @dataclass(frozen=True)
