@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from tests.offline.diagnosis.test_change_or_drift import drifting
-from tpmsd.offline.diagnosis.assessment.ramp_interval import _pairs, ramp_stds
+from tpmsd.offline.diagnosis.assessment.ramp_interval import _pairs, interval_stds, ramp_stds
 from tpmsd.offline.diagnosis.hypotheses.response import ramp_column
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import Refined
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
+from tpmsd.offline.diagnosis.selection.chosen import Chosen
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.noise_fit import log_posterior, refit_radius_drift
 
@@ -67,6 +69,26 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     assert stds["onset_s"] > 3.0
     assert 60.0 > stds["duration_s"] > 3.0
     assert stds["deviation_m"] >= one.stds[0]
+
+
+@pytest.mark.parametrize("overdispersion", [1.0, 4.0])
+def test_the_interval_of_two_times_is_that_of_their_joint_normal_likelihood(overdispersion: float) -> None:
+    """Of a quadratic log-likelihood, divided by the overdispersion c, the standard deviations are the roots
+    of c times the inverse information's diagonal."""
+    information = np.array([[0.5, 0.3], [0.3, 0.4]])
+    off = np.linspace(-20.0, 20.0, 801)
+    grid = np.stack(np.meshgrid(off, off), axis=2).reshape(-1, 2)
+    trials = np.concatenate([np.zeros((1, 2)), grid])
+    gains = 100.0 - 0.5 * np.einsum("ti,ij,tj->t", trials, information, trials)
+    term = Term("radius_change", np.zeros((2, 1)), ("deviation_m",), 0.0)
+    one = Chosen(term, 100.0, 100.0 / overdispersion, 0.0, 1.0, (), np.array([-2e-3]), np.array([1e-4]))
+    sizes = np.full(len(trials), -2e-3)
+
+    stds = interval_stds(one, gains, sizes, 100.0 + trials[:, 0], 60.0 + trials[:, 1])
+
+    expected = np.sqrt(overdispersion * np.diag(np.linalg.inv(information)))
+    assert [stds["onset_s"], stds["duration_s"]] == pytest.approx(expected, abs=0.05)
+    assert stds["deviation_m"] == pytest.approx(1e-4)
 
 
 def _step(at: float) -> Refined:

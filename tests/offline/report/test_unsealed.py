@@ -50,6 +50,18 @@ def test_a_right_name_and_a_value_within_its_interval() -> None:
         assert (1, int(within)) == (made["values"], made["values_within"])
 
 
+@pytest.mark.parametrize(
+    ("said", "asked"), [({}, 1), ({"course": "ramp"}, 1), ({"course": "exponential"}, 0)]
+)
+def test_a_time_constant_is_not_compared_with_the_length_of_a_ramp(said: dict[str, str], asked: int) -> None:
+    """A report that says nothing of a course means the ramp."""
+    loss = {"name": "radius_change", "parameters": {"wheel": "rl", "duration_s": 60.0, "course": "ramp"}}
+    made = score(truth(loss), report(finding("radius_change", wheel="rl", duration_s=(61.0, 2.0), **said)))
+
+    assert 1 == made["named"]
+    assert (asked, asked) == (made["values"], made["values_within"])
+
+
 def test_another_wheel_is_a_miss_and_a_wrong_name() -> None:
     """A loss at the left is not found by a loss at the right."""
     made = score(truth(LOSS), report(finding("radius_change", wheel="rr", deviation_m=(-1.4e-3, 1e-4))))

@@ -17,6 +17,8 @@ SIGMAS = 1.96
 CONFIDENT = 0.9
 """Confidence from which a name that was not concealed is plainly wrong."""
 _WHEEL = ("wheel", "wheels", "on")
+_BY_COURSE = {"duration_s": "course"}
+"""Numbers whose meaning a word decides: how long a ramp takes, or an exponential's time constant."""
 
 
 def score(
@@ -116,11 +118,19 @@ def _entry(
         "confidence": None if finding is None else finding.get("confidence"),
         "untouched": before is not None,
         "parameters": {
-            name: _value(name, value, finding, before)
+            name: _value(name, value, None if _means_another(effect, finding, name) else finding, before)
             for name, value in effect["parameters"].items()
             if value is not None
         },
     }
+
+
+def _means_another(effect: Mapping[str, Any], finding: Mapping[str, Any] | None, name: str) -> bool:
+    """Return whether a number of a finding is another quantity than the concealed one of that name: then the
+    two are not compared. A word that a finding leaves out is the usual one."""
+    word = _BY_COURSE.get(name, "")
+    concealed, found = effect["parameters"].get(word), _word(finding, word)
+    return concealed is not None and found is not None and concealed != found
 
 
 def _value(
