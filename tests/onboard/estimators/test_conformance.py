@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.exact import exact
 from tests.onboard.estimators.world import METHODS, VEHICLE, Drive, World, estimator, run
 from tpmsd.car.config.model import FilterConfig, GnssConfig
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief
@@ -33,8 +34,8 @@ def drive() -> Drive:
     return World(duration_s=40.0, steering=True).drive()
 
 
-def bits(estimates: list[RadiusEstimate]) -> str:
-    return repr(estimates)
+def bits(estimates: list[RadiusEstimate]) -> object:
+    return exact(estimates)
 
 
 @EACH

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.exact import exact
 from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, driven, monitor, one, said
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS
@@ -36,7 +37,7 @@ def test_a_car_that_was_driven_once_goes_on_as_one_of_its_own() -> None:
         player.play(30.0, one(2, -0.02))
         player.play(80.0, lost=(0,))
 
-        assert repr(alone.reports) == repr(player.reports)
+        assert exact(alone.reports) == exact(player.reports)
 
 
 def test_alarms_do_not_depend_on_the_rate_of_ticks() -> None:

@@ -14,6 +14,7 @@ from cantools.database import Database
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tests.exact import exact
 from tests.onboard.timeline.events import Samples
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
@@ -174,7 +175,7 @@ def reported(drive: Log, items: list[FrameSlice | Sentence], in_blocks: bool) ->
                 ticks += source.on_frame(frame.time_s, frame.arbitration_id, frame.is_extended, frame.data)
     ticks += source.finish()
     return {
-        "ticks": [repr(tick) for tick in ticks],
+        "ticks": [exact(tick) for tick in ticks],
         "samples": samples,
         "decoder": +source.decoder.counts,
         "timeline": source.timeline.counts,

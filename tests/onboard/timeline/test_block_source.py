@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.places import RECORDINGS
+from tests.exact import exact
 from tests.onboard.timeline.events import Samples
 from tpmsd.car.config.load import load_config
 from tpmsd.offline.drives.reading import FolderRecording, play
@@ -34,7 +35,7 @@ REAL = sorted(path.parent.name for path in RECORDINGS.glob("*/vehicle.toml")) if
 def said(source: TickSource, stream_counts: Any, ticks: list[Any], seen: list[Any]) -> dict[str, Any]:
     """All that a pass over a drive tells."""
     return {
-        "ticks": [repr(tick) for tick in ticks],
+        "ticks": [exact(tick) for tick in ticks],
         "samples": seen,
         "decoder": dict(source.decoder.counts),
         "timeline": source.timeline.counts,

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.exact import exact
 from tests.onboard.timeline.events import QUANTUM, START_S, fixes, merged, play, rotations, stamp_of
 from tpmsd.onboard.sources.events import (
     Event,
@@ -31,7 +32,7 @@ def test_nothing_is_counted_before_anything_came() -> None:
 
 def same(a: list[Tick], b: list[Tick]) -> bool:
     """Whether two lists of ticks are the same, NaN equal to NaN."""
-    return repr(a) == repr(b)
+    return exact(a) == exact(b)
 
 
 @QUIET
