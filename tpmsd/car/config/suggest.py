@@ -18,5 +18,14 @@ def nearest(word: str, choices: Iterable[str]) -> str | None:
     for choice in choices:
         by_folded.setdefault(choice.casefold(), choice)
     # The comparison is quadratic in the word's length, and no name is that long.
-    matches = difflib.get_close_matches(word.casefold()[:100], by_folded, n=1, cutoff=_CUTOFF)
+    wanted = word.casefold()[:100]
+    possible = [choice for choice in by_folded if _greatest_ratio(wanted, choice) >= _CUTOFF]
+    matches = difflib.get_close_matches(wanted, possible, n=1, cutoff=_CUTOFF)
     return by_folded[matches[0]] if matches else None
+
+
+def _greatest_ratio(word: str, choice: str) -> float:
+    """Return a bound on the ratio of `difflib`, from the letters of `choice` that `word` has too: most
+    choices need no comparison."""
+    letters = len(word) + len(choice)
+    return 2.0 * sum(map(choice.count, set(word))) / letters if letters else 1.0
