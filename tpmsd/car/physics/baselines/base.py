@@ -233,43 +233,57 @@ class Baseline(ABC):
     def _delayed(self, frame: Frame, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> None:
         """Put readings back by their ages: y(t - T) is read in the state that the car had then.
 
-        That state is integrated backwards over the recorded inputs.
+        That state is integrated backwards over the recorded inputs; that of an older reading goes on from the
+        younger one's where both ages are single numbers of one sign.
         """
-        for name, delay in frame.delays.items():
-            back, then = self._backwards(frame, state, u, theta, np.asarray(delay))
-            before = self._moved(back, then, theta)
+        before, past, done = frame, state, np.zeros(())
+        for name, delay in sorted(frame.delays.items(), key=lambda pair: float(np.max(np.abs(pair[1])))):
+            age = np.asarray(delay)
+            if age.ndim > 0 or done.ndim > 0 or age * done < 0.0:
+                before, past, done = frame, state, np.zeros(())
+            past, then = self._backwards(before, past, u, theta, age, done)
+            before, done = self._moved(past, then, theta), age
             self._instruments(before, theta)
             frame.outputs[name] = before.outputs[name]
 
     def _backwards(
-        self, frame: Frame, state: Mapping[str, FloatArray], u: Inputs, theta: Theta, delay: FloatArray
+        self,
+        frame: Frame,
+        state: Mapping[str, FloatArray],
+        u: Inputs,
+        theta: Theta,
+        delay: FloatArray,
+        done: FloatArray,
     ) -> tuple[Mapping[str, FloatArray], Inputs]:
         """Return states and inputs a time ago, states by Runge-Kutta's method of fourth order.
 
-        Ages below a tenth of the fastest time constant take the midpoint rule, whose error is as small there.
-        States of effects that forget within the age are left out, since an error in them would grow by more
-        than e: there the effects act to first order.
+        `frame` and `state` are those of a time `done` ago, inputs those of now. Spans below a tenth of the
+        fastest time constant take the midpoint rule, whose error is as small there. States of effects that
+        forget within the age are left out, since an error in them would grow by more than e: there the
+        effects act to first order.
         """
         longest, fastest = float(np.max(np.abs(delay))), float(np.max(u.speed_mps))
         kept = [effect for effect in theta if longest * effect.fastest_rate_per_s(fastest) <= 1.0]
         own = {"v", "r", "u", *(name for effect in kept for name in effect.states)}
         gone = not own.issuperset(state)
         state = {name: values for name, values in state.items() if name in own}
-        count = self.substeps(u, longest, kept)
-        stiff = longest * self._fastest_rate_per_s(u, kept)
-        h = delay / count
+        span = delay - done
+        count = self.substeps(u, float(np.max(np.abs(span))), kept)
+        stiff = float(np.max(np.abs(span))) * self._fastest_rate_per_s(u, kept)
+        h = span / count
 
         def moved(by: FloatArray, rates: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
             return {key: value - by * rates[key] for key, value in state.items()}
 
         for k in range(count):
-            first = frame.rates if k == 0 and not gone else self._moved(state, u.shifted(-k * h), theta).rates
-            middle = u.shifted(-(k + 0.5) * h)
+            begin = done + k * h
+            first = frame.rates if k == 0 and not gone else self._moved(state, u.shifted(-begin), theta).rates
+            middle = u.shifted(-(begin + 0.5 * h))
             second = self._moved(moved(0.5 * h, first), middle, theta).rates
             if stiff < 0.1:
                 return moved(h, second), u.shifted(-delay)
             third = self._moved(moved(0.5 * h, second), middle, theta).rates
-            last = self._moved(moved(h, third), u.shifted(-(k + 1) * h), theta).rates
+            last = self._moved(moved(h, third), u.shifted(-(begin + h)), theta).rates
             mean = {
                 key: (first[key] + 2.0 * second[key] + 2.0 * third[key] + last[key]) / 6.0 for key in state
             }
