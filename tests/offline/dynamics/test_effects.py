@@ -337,10 +337,16 @@ def test_ages_of_readings_and_of_the_steering() -> None:
     late = model.read(x, u, (make_dynamics_effect("gyro_delay", delay_s=0.03),))["yaw_rate"]
     lat = model.read(x, u, (make_dynamics_effect("accelerometer_delay", delay_s=0.03),))["accel_lat"]
     now = model.read(x, u, ())
+    older = make_dynamics_effect("accelerometer_delay", delay_s=0.08)
+    both = model.read(x, u, (make_dynamics_effect("gyro_delay", delay_s=0.03), older))
+    ahead = model.read(x, u, (make_dynamics_effect("gyro_delay", delay_s=-0.03), older))
     shifted = make_dynamics_effect("steering_delay", delay_s=0.05).shift_series(u)
 
     assert late[20:] == pytest.approx(now["yaw_rate"][17:-3], abs=2e-4)
     assert lat[20:] == pytest.approx(now["accel_lat"][17:-3], abs=2e-2)
+    assert np.array_equal(both["yaw_rate"], late)
+    assert both["accel_lat"][20:] == pytest.approx(now["accel_lat"][12:-8], abs=2e-2)
+    assert np.array_equal(ahead["accel_lat"], model.read(x, u, (older,))["accel_lat"])
     assert shifted.steer_rad[50] == pytest.approx(steer[45])
 
 
