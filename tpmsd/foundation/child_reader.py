@@ -111,7 +111,7 @@ class ChildReader:
 
 
 def installed(module: str) -> bool:
-    """True if a child will find this module."""
+    """Return whether a child process can import this module; nothing is imported here."""
     root = module.partition(".")[0]
     if root in sys.modules:
         return sys.modules[root] is not None

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmsd.offline.discovery.other_roles import smooth
-from tpmsd.offline.discovery.reference import cell_means
+from tpmsd.offline.discovery.reference import bin_means
 
 
 @pytest.mark.parametrize("phase_s", [0.0, 0.1, 0.25, 0.4])
@@ -15,7 +15,7 @@ def test_means_over_cells_of_a_slow_receiver_are_not_shifted(phase_s: float) -> 
     time_s = np.arange(0.0, 60.0) + phase_s
     edges = np.arange(1.0, 58.0, 0.5)
 
-    means = cell_means(time_s, 3.0 + 2.0 * time_s, edges)
+    means = bin_means(time_s, 3.0 + 2.0 * time_s, edges)
 
     assert means == pytest.approx(3.0 + 2.0 * 0.5 * (edges[1:] + edges[:-1]), abs=1e-9)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
-from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, variance_ratio_of_mean
 from tpmsd.onboard.monitor.evidence.sizes import subsets
 from tpmsd.onboard.monitor.settings import JUDGE
 
@@ -274,7 +274,7 @@ def test_the_variance_of_a_mean_is_that_of_its_covariance_matrix(samples: int, c
     lag = np.abs(np.subtract.outer(np.arange(samples), np.arange(samples)))
     weight = np.full(samples, 1.0 / samples)
     expected = float(weight @ correlation ** lag.astype(float) @ weight)
-    assert expected == pytest.approx(mean_share(samples, correlation))
+    assert expected == pytest.approx(variance_ratio_of_mean(samples, correlation))
 
 
 def test_what_axles_and_all_wheels_do_is_not_averaged_out() -> None:

@@ -43,7 +43,7 @@ def use_own_effects(args: argparse.Namespace) -> None:
     if (given := getattr(args, "effects_path", None)) is not None:
         wanted.append(given)
     file = getattr(args, "config", None)
-    if isinstance(file, Path) and file.is_file() and (named := _named_in(file)) is not None:
+    if isinstance(file, Path) and file.is_file() and (named := _effects_path_in(file)) is not None:
         wanted.append(named)
     for folder in wanted:
         from tpmsd.car.physics.own_effects import use_folder  # here, since most runs have none
@@ -57,7 +57,7 @@ def _say_what_is_not_followed(args: argparse.Namespace) -> None:
     drives = [getattr(args, "drive", None), getattr(args, "onto", None), getattr(args, "config", None)]
     more = getattr(args, "drives", None)
     for drive in [*drives, *(more if isinstance(more, list) else [])]:
-        if isinstance(drive, Path) and drive.is_dir() and _named_in(drive / FILE) is not None:
+        if isinstance(drive, Path) and drive.is_dir() and _effects_path_in(drive / FILE) is not None:
             print(
                 f"tpmsd: {drive / FILE}: [physics] effects_path is not followed in a drive folder, for no"
                 " code is taken from recordings: give --effects-path DIR",
@@ -65,8 +65,9 @@ def _say_what_is_not_followed(args: argparse.Namespace) -> None:
             )
 
 
-def _named_in(file: Path) -> Path | None:
-    """Return the folder that a configuration names; None without one. The command states its errors."""
+def _effects_path_in(file: Path) -> Path | None:
+    """Return `[physics] effects_path` of a configuration; None without one, or where it cannot be read: the
+    command states such errors later."""
     try:
         document = parse_toml(read_text(file, MAX_BYTES, "a configuration"))
     except (ConfigError, ValueError, RecursionError):

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tpmsd.car.physics.priors import LATERAL_LOAD_S2
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.discovery.reference import ReceiverMotion, cell_means
+from tpmsd.offline.discovery.reference import ReceiverMotion, bin_means
 from tpmsd.offline.discovery.regress import RegressionFit, fit, with_prior
 from tpmsd.offline.discovery.result import Estimate
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
@@ -63,7 +63,7 @@ def _with_track(
     yaw = difference / track_m
     with np.errstate(divide="ignore", invalid="ignore"):
         per_speed = yaw / speed
-    course = cell_means(reference.fix_s, reference.fix_course_rad, reference.edge_s)
+    course = bin_means(reference.fix_s, reference.fix_course_rad, reference.edge_s)
     design = np.column_stack(
         [
             _integral(difference, settings),
@@ -137,7 +137,7 @@ def _unexplained(rows: FloatArray, target: FloatArray, estimate: RegressionFit) 
 
 
 def _integral(value: FloatArray, settings: Settings) -> FloatArray:
-    """Return (n,) integral up to the middle of each cell."""
+    """Return (n,) integral up to the middle of each cell; unknown values (NaN) count as zero."""
     known = np.where(np.isfinite(value), value, 0.0)
     return settings.cell_s * (np.cumsum(known) - 0.5 * known)
 

@@ -66,14 +66,14 @@ def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> R
         return ReceiverMotion(np.zeros(1), empty, empty, empty, time_s, speed, course, by_position)
     cell = settings.cell_s
     edges = np.arange(math.ceil(time_s[0] / cell) * cell, time_s[-1], cell)
-    mean_speed = cell_means(time_s, speed, edges)
+    mean_speed = bin_means(time_s, speed, edges)
     yaw = _yaw(time_s, course, edges)
     accel = np.full(len(mean_speed), np.nan)
     accel[1:-1] = (mean_speed[2:] - mean_speed[:-2]) / (2 * cell)
     return ReceiverMotion(edges, mean_speed, yaw, accel, time_s, speed, course, by_position)
 
 
-def cell_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> FloatArray:
+def bin_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> FloatArray:
     """Return the mean over each cell of a signal taken as linear between its samples; NaN over gaps."""
     known = np.isfinite(value)
     t, x = time_s[known], value[known]

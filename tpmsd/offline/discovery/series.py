@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
-from tpmsd.offline.discovery.reference import cell_means
+from tpmsd.offline.discovery.reference import bin_means
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.offline.rings.counter import Counter
 from tpmsd.onboard.sources.can.signal_bits import RawArray
@@ -83,7 +83,7 @@ def as_value(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatAr
             value[raw >> np.uint64(layout.length - 1) > 0] -= 2.0**layout.length
     if invalid := field.invalid | no_value:
         value[np.isin(raw, np.array(sorted(invalid), dtype=np.uint64))] = np.nan
-    means = cell_means(log.time_s, value, edges)
+    means = bin_means(log.time_s, value, edges)
     step = np.diff(value)
     known = np.isfinite(step)
     rms = float(np.sqrt(np.mean(step[known] ** 2))) if known.any() else 0.0

@@ -48,7 +48,7 @@ def rating(reference: FloatArray, simulated: FloatArray, dt_s: float = 1e-4) -> 
     return Rating(
         _corridor(reference, simulated),
         phase,
-        _magnitude(moved_reference, moved),
+        _magnitude_score(moved_reference, moved),
         _slope(moved_reference, moved, dt_s),
     )
 
@@ -91,7 +91,7 @@ def _aligned(reference: FloatArray, simulated: FloatArray, shift: int) -> tuple[
     return reference, simulated
 
 
-def _magnitude(reference: FloatArray, simulated: FloatArray) -> float:
+def _magnitude_score(reference: FloatArray, simulated: FloatArray) -> float:
     """Return the score of what remains apart once both curves are warped onto each other."""
     first, second = _warping(simulated, reference)
     size = float(np.abs(reference[second]).sum())

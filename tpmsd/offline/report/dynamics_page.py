@@ -60,7 +60,7 @@ def dynamics_page(diagnosis: DynamicsDiagnosis, name: str, origin: Origin, stand
         gains=None if gains is None else drawn(gains, "gains"),
         findings=[_view(one, number) for number, one in enumerate(diagnosis.findings, 1)],
         outputs=_outputs(diagnosis),
-        steps=_steps(diagnosis),
+        steps=_step_table(diagnosis),
         curves=[
             drawn(chart, f"output-{key}")
             for key in diagnosis.curves
@@ -165,7 +165,7 @@ def _outputs(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     return HtmlTable(heads, rows)
 
 
-def _steps(diagnosis: DynamicsDiagnosis) -> HtmlTable:
+def _step_table(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     """Return the error of each output after each step, the baseline first."""
     names = list(diagnosis.outputs)
     heads = ("model", *(f"{OUTPUT_NAMES[name]} ({diagnosis.outputs[name].unit})" for name in names))

@@ -141,8 +141,8 @@ def _value(
 
     A value that the untouched recording has of its own is added to the concealed one, with its uncertainty.
     """
-    found, std = _number(finding, name)
-    own, own_std = _number(before, name)
+    found, std = _value_and_std(finding, name)
+    own, own_std = _value_and_std(before, name)
     within = None
     if isinstance(true, (int, float)) and found is not None and std is not None and std > 0.0:
         sum_of_both = true + _from_neutral(name, own)
@@ -158,7 +158,8 @@ def _from_neutral(name: str, value: float | None) -> float:
     return value - 1.0 if name == "scale" else value
 
 
-def _number(finding: Mapping[str, Any] | None, name: str) -> tuple[float | None, float | None]:
+def _value_and_std(finding: Mapping[str, Any] | None, name: str) -> tuple[float | None, float | None]:
+    """Return a parameter of a finding with its standard deviation; None for what it does not have."""
     quantity = ((finding or {}).get("parameters") or {}).get(name) or {}
     value, std = quantity.get("value"), quantity.get("std")
     return (

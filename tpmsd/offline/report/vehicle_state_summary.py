@@ -60,7 +60,7 @@ class StateSummary:
         }
 
     def sentence(self) -> str:
-        """Return the same in words."""
+        """Return the summary as one sentence."""
         if self.known_s <= 0.0:
             return f"Vehicle state ({self.method}): not known in any tick."
         return (

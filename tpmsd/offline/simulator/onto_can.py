@@ -188,7 +188,7 @@ class CanRewriter:
         made = requantised(numbers, more)
         low, high = (-(1 << layout.length - 1), layout.mask >> 1) if layout.signed else (0, layout.mask)
         return [
-            _valid(int(number), bits, signal)
+            _bits_of_a_value(int(number), bits, signal)
             for number, bits in zip(np.clip(made, low, high).tolist(), series.bits, strict=True)
         ]
 
@@ -295,7 +295,7 @@ def copy_of(source: Path, target: Path) -> None:
         raise TpmsdError(f"{error.filename or target}: cannot be written: {error.strerror}") from None
 
 
-def _valid(number: int, bits: int, signal: SignalPlan) -> int:
+def _bits_of_a_value(number: int, bits: int, signal: SignalPlan) -> int:
     """Return bits of a number; those of the reading itself where they would mean that there is no value."""
     made = number & signal.field.mask
     return bits if made in signal.invalid else made

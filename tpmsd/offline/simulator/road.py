@@ -153,6 +153,7 @@ def _hills(rng: np.random.Generator) -> Iterator[Segment]:
 
 
 def _mixed(rng: np.random.Generator, duration_s: float) -> Iterator[Segment]:
+    """Yield a fifth in a city, then 0.3 rural, 0.3 motorway and 0.1 rural of the time; the rest in a city."""
     for kind, share in ((_city, 0.2), (_rural, 0.3), (_motorway, 0.3), (_rural, 0.1)):
         yield from _enough(kind(rng), duration_s * share)
     yield from _city(rng)

@@ -31,7 +31,7 @@ def config_toml(config: Config, dbc: str) -> str:
             lines.append("")
             if config.can.buses:
                 lines.append("[can.buses]")
-                lines += [f"{_key(name)} = {_bus(bus, dbc)}" for name, bus in config.can.buses.items()]
+                lines += [f"{_key(name)} = {_bus_table(bus, dbc)}" for name, bus in config.can.buses.items()]
                 lines.append("")
     return "\n".join(lines)
 
@@ -69,7 +69,8 @@ def signal_toml(can: CanConfig, role: str) -> str:
     return name if len(parts) == 1 else "{ " + ", ".join(parts) + " }"
 
 
-def _bus(bus: BusConfig, dbc: str) -> str:
+def _bus_table(bus: BusConfig, dbc: str) -> str:
+    """Return a further bus as an inline table."""
     values = {"channel": bus.channel, "interface": bus.interface, "fd": bus.fd, "bitrate": bus.bitrate}
     parts = [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
     return "{ " + ", ".join([*parts, f"dbc = {_toml(dbc)}"]) + " }"

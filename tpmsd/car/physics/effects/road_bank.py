@@ -73,7 +73,7 @@ class RoadBank(Effect):
         return f"a share of {value:.2f} +- {std:.2f} of the lateral acceleration is not read; bodies roll so"
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 2) nothing forward, the bank and the crown to the left."""
+        """Return (n, 2) errors forward, 0, and to the left, g sin(crown) - bank_share * a_y, in m/s2."""
         out = np.zeros((len(motion), 2))
         out[:, 1] = GRAVITY_MPS2 * math.sin(self.crown_rad) - self.bank_share * motion.accel_lat_mps2
         return out

@@ -38,7 +38,7 @@ class EffectIdentifiability:
 
 
 def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
-    """Return all effects that the drive has readings for, those that it tells best first."""
+    """Return all effects that the drive has readings for, by the gain that each has at its prior's size."""
     evidence = study.evidence()
     gram, _ = evidence.projected(study.hypotheses.nuisance)
     terms = _one_each(study.hypotheses.catalogue)

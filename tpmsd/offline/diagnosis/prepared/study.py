@@ -94,7 +94,7 @@ class Study:
         return out
 
     def evidence(self) -> Evidence:
-        """Return the sums of all drives, under the present noise."""
+        """Return the normal equations summed over drives, under the present noise."""
         return Evidence([drive.part() for drive in self.drives], self.width)
 
     def acting(self, term: Term) -> list[int]:

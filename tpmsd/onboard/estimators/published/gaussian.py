@@ -131,7 +131,7 @@ def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
 
 
 def _root(covariance: FloatArray) -> FloatArray:
-    """(n, n) R with R R' = covariance; places of no variance are left out.
+    """(n, n) R with R R' = covariance; a state without variance has a row of zeros.
 
     The states differ by many orders of size, so the root is taken of the correlations.
     """

@@ -22,7 +22,7 @@ from tpmsd.onboard.monitor.baseline.baseline import Change
 from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss, LossDetectability
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
-from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, mean_share
+from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, variance_ratio_of_mean
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
 from tpmsd.onboard.monitor.evidence.sizes import (
     Sized,
@@ -435,7 +435,7 @@ class Judge:
     def _nuisance_of_mean_m2(self, samples: int) -> FloatArray:
         """(d, d) of what comes and goes in a mean of so many samples."""
         if samples not in self._of_mean_m2:
-            share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s))
+            share = variance_ratio_of_mean(samples, math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s))
             averaged = self._nuisance.averaged(share)
             self._of_mean_m2[samples] = averaged.covariance(self._wheels, self._radius)
         return self._of_mean_m2[samples]

@@ -320,7 +320,7 @@ class TyreSetBaseline:
         found = self._known(estimate)
         if found is None:
             return
-        self._note_doubt(trusted, elapsed_s)
+        self._update_doubt(trusted, elapsed_s)
         at = self._conditions.now
         if self._since_s < BASELINE.sample_every_s or not self._may_learn(found[1], trusted, at):
             return
@@ -336,8 +336,8 @@ class TyreSetBaseline:
         self._drive_samples += 1
         self._since_s = 0.0
 
-    def _note_doubt(self, trusted: bool, elapsed_s: float) -> None:
-        """Keep the share of driving in which something is suspected; what slipped then is not learned."""
+    def _update_doubt(self, trusted: bool, elapsed_s: float) -> None:
+        """Low-pass the fraction of driving under suspicion; drop sums of slip collected meanwhile."""
         if not self.ready:
             return
         self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)

@@ -40,7 +40,7 @@ class Nuisance:
         return replace(self, side=self.side * quick, own=self.own * quick)
 
 
-def mean_share(samples: int, correlation: float) -> float:
+def variance_ratio_of_mean(samples: int, correlation: float) -> float:
     """Variance of the mean of so many samples in a row, relative to that of one, where neighbours have this
     correlation and those further apart its powers (first-order Gauss-Markov)."""
     lags = np.arange(1, samples)
