@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 
 REPO = Path(__file__).resolve().parent.parent
+YOUNG_OBJECTS = 20_000
+"""New objects after which garbage is looked for: some megabytes. After 700, which is usual, tests that make
+many objects take up to a seventh longer."""
 
 
 def pytest_collection_finish() -> None:
@@ -19,6 +22,7 @@ def pytest_collection_finish() -> None:
     importlib.import_module("hypothesis")
     gc.collect()
     gc.freeze()
+    gc.set_threshold(YOUNG_OBJECTS)
 
 
 @pytest.fixture(scope="session")
