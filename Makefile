@@ -17,7 +17,7 @@ PYTEST_JOBS ?= auto
 PYTEST_ARGS ?=
 # No test is asynchronous: what comes along with httpx would import trio in each worker.
 PYTEST_FLAGS = -n $(PYTEST_JOBS) -p no:anyio
-# Bytecode is kept, whatever the shell says: without it each worker rewrites and compiles all tests anew.
+# Bytecode is kept, whatever the shell says: without it each worker rewrites and compiles all tests again.
 unexport PYTHONDONTWRITEBYTECODE
 # Whole drives, recordings, every command's manual page and hostile archives are left to `make test`.
 FAST = tests/test_house.py tests/car/config tests/interfaces/cli tests/onboard/sinks tests/onboard/sources_can tests/onboard/timeline tests/onboard/gnss \

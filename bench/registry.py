@@ -155,7 +155,7 @@ CAMPAIGNS = {
         _campaign("offline", "fleet-scale", "a store of 100,000 drawn drives: joint, report, SQL"),
         _campaign("offline", "diagnosis-memory", "peak memory of the diagnosis over 1, 5 and 15 drives"),
         _campaign(
-            "offline", "replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"
+            "offline", "replicates", "seconds for bootstrap replicates of a drive, design fixed and again"
         ),
         _campaign("offline", "injected", "effects injected into real recordings"),
         _campaign("onboard", "online-radii", "radii on line against those of calibrate on recordings"),

@@ -28,7 +28,7 @@ reload_systemd() {
     [ -z "$DESTDIR" ] || return 0
     [ -d /run/systemd/system ] || return 0
     systemctl daemon-reload || true
-    # What runs is started anew: its modules were replaced.
+    # What runs is started again: its modules were replaced.
     systemctl try-restart tpmsd.service 'tpmsd@*.service' || true
 }
 

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Draws the pictures of README and docs anew: a simulated drive, replayed; the pages in Chromium. Run from the clone's root; TPMSD
+# Draws the pictures of README and docs again: a simulated drive, replayed; the pages in Chromium. Run from the clone's root; TPMSD
 # names the program, PY the Python with the extras dev.
 set -eu
 tpmsd="${TPMSD:-.venv/bin/tpmsd}"

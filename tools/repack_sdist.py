@@ -1,4 +1,4 @@
-"""Packs an sdist anew with the times, owners and order that depend on nothing but its content.
+"""Packs an sdist again with the times, owners and order that depend on nothing but its content.
 
 In: the path of a .tar.gz; SOURCE_DATE_EPOCH. Out: the file in its place. setuptools writes the times of the
 build into it.

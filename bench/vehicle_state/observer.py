@@ -23,7 +23,7 @@ NOISE = FilterNoise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3))
 """For a car known by its geometry alone and ticks of a tenth of a second."""
 START_STD = (0.2, 0.3, 0.05)
 DEAF_S = 2.0
-"""A reading refused for so long is right and the state wrong: start anew."""
+"""A reading refused for so long is right and the state wrong: start again."""
 HARDLY = 0.01
 """Equivalent weight below which a reading counts as refused."""
 TRUST_TAU_S = 20.0

@@ -1,7 +1,7 @@
 """How a car moved, whatever world moved it.
 
 In: arrays. Out: `Course`, and what concealed physics makes of it: turning rates of the wheels, the gyro's
-reading, the antenna's way. Equations are written anew from the public table of effects; noise is added
+reading, the antenna's way. Equations are written from the public table of effects alone; noise is added
 elsewhere.
 
 Frames: x forward, y left, z up; yaw rate and lateral acceleration positive to the left. Wheels: fl fr rl

@@ -2,7 +2,7 @@
 
 In: a `Spec` (car, road, receiver, bus, concealed physics) and a seed. Out: `Drive`: what counters, gyro,
 accelerometers and receiver saw. It imports nothing of the program: equations, noise and file formats are
-written anew from the public description of the formats, so that a shared mistake cannot hide.
+written independently from the public description of the formats, so that a shared mistake cannot hide.
 """
 
 from __future__ import annotations

@@ -50,7 +50,7 @@ class Course:
         return Course(**parts)
 
     def cut(self, first: int, last: int) -> Course:
-        """Instants `first` to `last`, the time beginning anew."""
+        """Instants `first` to `last`, the time beginning again."""
         parts = {name: None if value is None else value[first:last] for name, value in vars(self).items()}
         return replace(Course(**parts), time_s=self.time_s[first:last] - self.time_s[first])
 

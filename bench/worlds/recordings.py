@@ -70,7 +70,7 @@ def read(folder: Path) -> Recorded:
     if counts:
         step = np.diff(raw, axis=0)
         step = (step + 2.0**31) % 2.0**32 - 2.0**31
-        step[np.abs(step) > 1e5] = 0.0  # the counters start anew
+        step[np.abs(step) > 1e5] = 0.0  # the counters start again
         metres = 2 * math.pi * float(vehicle["wheel_radius_m"]) / float(vehicle["teeth_per_rev"])
         distance = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)]) * metres
     else:

@@ -120,7 +120,7 @@ class Spec:
 
 
 def draw_spec(rng: np.random.Generator, **fixed: Any) -> Spec:
-    """A car, a road, a receiver and a bus drawn anew; `fixed` overrides what is drawn."""
+    """A car, a road, a receiver and a bus, newly drawn; `fixed` overrides what is drawn."""
     drawn = {**_road(rng), **_car(rng), **_receiver(rng), **_bus(rng)}
     return Spec(**{**drawn, **fixed})
 

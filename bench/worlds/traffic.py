@@ -1,6 +1,6 @@
 """Trajectories of a traffic simulator: SUMO drives one car through generated networks full of others.
 
-In: a seed, a folder for work and memory. Out: `Course`. Networks are drawn anew for each seed (`netgenerate`:
+In: a seed, a folder for work and memory. Out: `Course`. Networks are drawn for each seed (`netgenerate`:
 random, grid and spider towns with lights, several lanes, speeds from 30 to 100 km/h); some hundred other cars
 make it stop, follow and change lanes. SUMO moves points along polylines and jumps between lanes, so the path
 is smoothed over some metres and its curvature limited to what a car can follow; speed is smoothed over half a

@@ -180,7 +180,7 @@ def test_one_of_five_is_killed_again_and_again(tmp_path: Path) -> None:
             made = ticks(path)
             processes[victim].end(signal.SIGKILL)
             owners += victim == "dbus"
-            retained.clear()  # both are told anew every second
+            retained.clear()  # both are told again every second
             kuksa.values.clear()
             time.sleep(float(rng.uniform(0.0, 0.5)))
             processes[victim].start()

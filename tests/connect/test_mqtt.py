@@ -141,7 +141,7 @@ def test_state_is_right_after_the_broker_was_away(broker: Server, tmp_path: Path
         assert bridge.process.poll() is None
         listener.retained.clear()
         broker.start()
-        wait_for("the state anew", lambda: bool(listener.state().get("alarms")), 20.0)
+        wait_for("the state again", lambda: bool(listener.state().get("alarms")), 20.0)
         wheels = listener.state()["wheels"]
         assert isinstance(wheels, dict)
         assert ["rl"] == [name for name, wheel in wheels.items() if wheel["problem"]]

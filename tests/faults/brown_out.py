@@ -170,7 +170,7 @@ LOST_S = INTERVAL_S + 1.0
 """What a loss of power may cost: the time since the last write, and the one that it cuts."""
 FIRST_TICK_S, BETWEEN_S = 2.0, 1.0
 """Bounds of lateness, the second also where the clock is set."""
-DAMAGED = ("set aside", "starting without", "learning anew", "not saved", "trying again later")
+DAMAGED = ("set aside", "starting without", "learning again", "not saved", "trying again later")
 
 
 def problems(lives: list[Life]) -> list[str]:

@@ -70,7 +70,7 @@ def _sealed(line: bytes) -> bytes:
 
 
 def sentences(data: bytes, rng: random.Random) -> bytes:
-    """A field of a sentence or a byte of a UBX frame is changed, and its checksum made anew."""
+    """A field of a sentence or a byte of a UBX frame is changed, and its checksum made again."""
     frame = data.find(b"\xb5b")
     if frame >= 0 and len(data) >= frame + 8 and rng.random() < 0.7:
         made = bytearray(data)

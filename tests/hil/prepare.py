@@ -1,6 +1,6 @@
 """The tree that is mounted over the machine's in the guest: the Debian package, unpacked as dpkg would.
 
-In: the sources. Out: build/hil/root. So what is tested is what is installed. Built anew only when the sources
+In: the sources. Out: build/hil/root. So what is tested is what is installed. Rebuilt only when the sources
 have changed.
 """
 

@@ -1,4 +1,4 @@
-"""A state file whose checksum holds and whose numbers lie: refused at restore, and learning begins anew."""
+"""A state file whose checksum holds and whose numbers lie: refused at restore, and learning begins again."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ class Pipeline:
         return build_estimator(self._config, lambda: np.random.default_rng(self._config.filter.seed))
 
     def _reset(self, request: ResetRequest) -> None:
-        """Learn the tyres anew, if the monitor agrees."""
+        """Learn the tyres again, if the monitor agrees."""
         taken, _ = self.monitor.reset(request.tyres)
         if taken and self.resonance is not None:
             self.resonance.forget()
@@ -237,7 +237,7 @@ class Pipeline:
             try:
                 self.resonance.restore(saved["resonance"])
             except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError):
-                # Saved without it, or by another version: learned anew, and the radii are kept.
+                # Saved without it, or by another version: learned again, and the radii are kept.
                 self.resonance.forget()
 
 

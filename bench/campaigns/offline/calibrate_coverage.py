@@ -3,7 +3,7 @@
 In: a number of drives, a seed. Out: `covered` (how each drive went), `report` (the table).
 
 The drives come from `bench/worlds/kinematic.py`, which shares no line with the program: cars, roads,
-receivers and buses are drawn anew, 5 to 10 minutes each. Receivers have 1, 5 or 10 fixes a second with
+receivers and buses are drawn, 5 to 10 minutes each. Receivers have 1, 5 or 10 fixes a second with
 wandering errors of position and velocity; buses carry counts or rounded speeds, of four wheels or two; tyres
 grow with speed, slip and lean in bends; roads slant; antenna, tracks and the GNSS latency are not quite
 as configured.

@@ -2,7 +2,7 @@
 
 In: a `Recording`, the `Car`. Out: `Prepared`, whose arrays are read-only, the columns (`Design`) of models in
 it, and fits and replicates of both. Pure functions: the same arguments give the same bits. The program itself
-linearises anew (`tpmsd.offline.inference.replicate`).
+linearises again (`tpmsd.offline.inference.replicate`).
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""How long bootstrap replicates of a drive take: design fixed (`refit`), and everything anew (`rerun`).
+"""How long bootstrap replicates of a drive take: design fixed (`refit`), and everything again (`rerun`).
 
     python -m bench run replicates [--refit 300] [--rerun 20] [--minutes 20]
 
 A drive of the kinematic world on which load transfer acts. `refit` draws residuals from the fitted noise
 about the fitted model and solves them all at once: gains and columns are computed once. `rerun` draws the
-drive's ticks and fixes anew, and smooths, compares, whitens and fits each replicate on its own. Both spread
+drive's ticks and fixes again, and smooths, compares, whitens and fits each replicate on its own. Both spread
 as the fit's own standard deviation says, or the covariance is wrong.
 """
 
@@ -74,7 +74,7 @@ def refit(one: Fitted, count: int, rng: np.random.Generator) -> FloatArray:
 
 
 def rerun(one: Fitted, count: int, rng: np.random.Generator) -> FloatArray:
-    """(count,) values of the effect, each from a drive that was drawn and prepared anew."""
+    """(count,) values of the effect, each from a drive that was drawn and prepared again."""
     reader = Reader(one.drive.recording, one.drive.reference, kept=one.drive.windows.index)
     out = []
     for _ in range(count):

@@ -95,7 +95,7 @@ def test_a_leg_by_frames_is_a_replay_of_its_folder(leaking: Written) -> None:
 
 
 def test_what_was_learned_is_carried_over_a_restart() -> None:
-    """Already flat at the start: the alarm comes without learning anew, on the right wheel."""
+    """Already flat at the start: the alarm comes without learning again, on the right wheel."""
     car = car_with("counts")
     healthy = replay_leg(drive_leg(car, Leg(seed=1, road="track", duration_s=180.0)))
     flat = drive_leg(car, Leg(seed=2, road="track", duration_s=120.0, losses=(Loss(0, 0.3),)))

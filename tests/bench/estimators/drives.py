@@ -8,7 +8,7 @@ from bench.worlds.paper_route import STEP_S, Route, paper_route
 
 
 def piece(begin_s: float, end_s: float) -> Route:
-    """The route between two instants, its clock and its wheels begun anew."""
+    """The route between two instants, its clock and its wheels begun again."""
     whole = paper_route()
     first, last = round(begin_s / STEP_S), round(end_s / STEP_S) + 1
     parts = {f.name: getattr(whole, f.name)[first:last] for f in fields(Route)}

@@ -1,4 +1,4 @@
-"""The estimator from tick to tick: what it follows, when it begins anew, what it says of its error."""
+"""The estimator from tick to tick: what it follows, when it begins again, what it says of its error."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_the_side_slip_has_the_deviation_of_its_parts() -> None:
 
 @pytest.mark.parametrize("method", FILTERS)
 def test_a_standstill_and_lost_steering_end_the_estimate(method: str) -> None:
-    """Below 2 m/s, and a second after the last steering angle, nothing is said; then it begins anew."""
+    """Below 2 m/s, and a second after the last steering angle, nothing is said; then it begins again."""
     _, given = drive(60)
     one = estimator(method)
     assert one.step(*given[0]) is not None

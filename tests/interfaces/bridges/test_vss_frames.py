@@ -102,7 +102,7 @@ def test_values_that_are_not_sent(path: str, value: object, why: NotSent) -> Non
 
 
 def test_what_is_not_renewed_is_not_sent_again() -> None:
-    """A stamp that was seen before, in the state at the start too, is no news; the same value anew is."""
+    """A stamp that was seen before, in the state at the start too, is no news; the same value again is."""
     frames = VssFrames()
     frames.note(FL, 1.0)
 

@@ -190,7 +190,7 @@ def test_the_page_adds_the_rows_that_the_server_keeps() -> None:
 
 
 def test_a_new_visitor_gets_the_history_as_it_is_now(tmp_path: Path) -> None:
-    """The history is encoded once for all visitors, and anew when it has grown."""
+    """The history is encoded once for all visitors, and again when it has grown."""
 
     async def first(hub: LiveHub) -> list[float]:
         (rows,) = await received(hub, "history", 1)

@@ -74,7 +74,7 @@ def test_effects_and_models_add_up(tmp_path: Path) -> None:
 
 
 def test_another_car(tmp_path: Path) -> None:
-    """The car of a drive folder can be driven anew."""
+    """The car of a drive folder can be driven again."""
     assert 0 == main(["simulate", str(tmp_path / "a"), "--duration", "20"])
     text = (tmp_path / "a" / "vehicle.toml").read_text()
     text = text.replace(

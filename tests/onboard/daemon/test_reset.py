@@ -183,4 +183,4 @@ def test_the_log_names_the_set_that_is_learned_again(
     clock.at_s += 6.0
     daemon.reset(None)
     reported = [text for text in caplog.messages if text.startswith("asked to learn")]
-    assert ["asked to learn the tyres anew (winter)", "asked to learn the tyres anew"] == reported
+    assert ["asked to learn the tyres again (winter)", "asked to learn the tyres again"] == reported

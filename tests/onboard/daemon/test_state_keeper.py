@@ -151,7 +151,7 @@ def test_a_state_that_cannot_be_set_aside_says_why(tmp_path: Path, caplog: pytes
     (tmp_path / "state.json.other" / "full").mkdir(parents=True)
     StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
     (said,) = caplog.messages
-    assert said.endswith("; could not be set aside (Is a directory), learning anew")
+    assert said.endswith("; could not be set aside (Is a directory), learning again")
 
 
 @pytest.mark.parametrize("start_s", [0.5, 60.0, 1e6])
@@ -275,7 +275,7 @@ def test_whatever_a_snapshot_breaks_is_made_anew(
 
 
 def test_the_state_of_another_car_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Radii learned with other nominal radii or signals are of no use: one line, and learning begins anew."""
+    """Radii learned with other nominal radii or signals are useless: one line, and learning begins again."""
     config, database = car(tmp_path)
     pipeline = Pipeline(config, database)
     StateKeeper(config, LOG).save(0.0, pipeline.snapshot())
@@ -288,7 +288,7 @@ def test_the_state_of_another_car_is_set_aside(tmp_path: Path, caplog: pytest.Lo
     assert (tmp_path / "state.json.other").is_file()
     assert [
         f"{config.state.file}: does not fit: it was learned with another vehicle or other signals; "
-        "set aside as state.json.other, learning anew"
+        "set aside as state.json.other, learning again"
     ] == caplog.messages
 
 
@@ -312,7 +312,7 @@ def test_a_snapshot_of_nonsense_is_set_aside(
 
     assert Pipeline(config, database).snapshot() == pipeline.snapshot()
     assert 1 == len(caplog.messages)
-    assert "learning anew" in caplog.messages[0]
+    assert "learning again" in caplog.messages[0]
 
 
 def test_a_damaged_file_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
@@ -360,7 +360,7 @@ def test_a_state_of_a_version_without_the_table_of_teeth_stays_valid(tmp_path: P
 def test_a_state_that_cannot_be_read_is_said_and_done_without(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """A folder in the file's place: one warning, and a car that learns anew."""
+    """A folder in the file's place: one warning, and a car that learns again."""
     state, config = keeper(tmp_path)
     assert config.state.file is not None
     config.state.file.mkdir()
@@ -410,7 +410,7 @@ def test_the_reason_of_a_snapshot_that_does_not_fit_is_said(
     config, _ = car(tmp_path)
     StateKeeper(config, LOG).save(0.0, {"n": 1})
     StateKeeper(config, LOG).restored(lambda: HalfRestored(error))  # type: ignore[return-value, arg-type]
-    assert [f": does not fit: {reason}; set aside as state.json.other, learning anew"] == [
+    assert [f": does not fit: {reason}; set aside as state.json.other, learning again"] == [
         message.removeprefix(str(config.state.file)) for message in caplog.messages
     ]
 

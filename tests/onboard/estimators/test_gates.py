@@ -135,7 +135,7 @@ def test_the_smoothed_speed_follows_in_half_a_second() -> None:
 
 
 def test_course_rate_by_courses_and_across_north() -> None:
-    """Courses that turn steadily, also through pi, give their rate; a pause begins anew."""
+    """Courses that turn steadily, also through pi, give their rate; a pause begins again."""
     rate = CourseRate()
     for k in range(200):
         rate.update(fix_at(0.1 * k, heading=math.remainder(3.0 + 0.02 * k, 2 * math.pi)))

@@ -48,7 +48,7 @@ class DisagreesAtTheEnd:
 
 
 def test_what_cannot_be_taken_up_again_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disagreement after radii that left the bounds of a saved state: the estimate is made anew, and a
+    """A disagreement after radii that left the bounds of a saved state: the estimate is made again, and a
     fault says so."""
     guarded = GuardedEstimator(Spun, [0, 1, 2, 3], np.full(4, RADIUS_M))
     ticks = 3
@@ -93,7 +93,7 @@ def test_a_short_disagreement_is_no_night(
 
 
 def test_trouble_right_after_the_start_leaves_what_was_taken_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disagreement before anything of this start was kept: those of the earlier one are taken up anew."""
+    """A disagreement before anything of this start was kept: those of the earlier one are taken up again."""
     guarded = GuardedEstimator(Drifting, [0, 1, 2, 3], np.full(4, RADIUS_M))
     guarded.restore({})
     monkeypatch.setattr(guarded, "_watch", DisagreesAtTheEnd(2))

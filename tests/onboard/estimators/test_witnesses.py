@@ -57,7 +57,7 @@ def test_a_leap_of_the_height_is_bounded() -> None:
 
 
 def test_the_slope_is_the_least_squares_line_of_the_window() -> None:
-    """Over 60 km of hills, with a gap: at every height that of a polynomial fitted anew to the last 200 m."""
+    """Over 60 km of hills, with a gap: at every height that of a polynomial fitted to the last 200 m."""
     rng = np.random.default_rng(3)
     tracker, distance = GradeTracker(), 0.0
     points: list[tuple[float, float]] = []

@@ -32,14 +32,14 @@ def test_a_position_is_out_of_reach_beyond_its_distance(north: float, east: floa
 
 
 def test_a_new_place_is_believed_from_the_third_fix_on() -> None:
-    """Three fixes in a row within reach of one another are believed; one that is elsewhere begins anew."""
+    """Three fixes in a row within reach of one another are believed; one that is elsewhere begins again."""
     leap = Leap()
     reported = [leap.judge(fix(north_m)) for north_m in (0.0, 9e3, 5e4, 5e4, 5e4, 5e4, 0.0, 5e4)]
     assert [False, True, True, True, False, False, True, False] == reported
 
 
 def test_a_position_is_frozen_from_the_fifth_time_on() -> None:
-    """The same place five times at more than 2 m/s; slower fixes begin the count anew, until it is frozen."""
+    """The same place five times at more than 2 m/s; slower fixes restart the count, until it is frozen."""
     frozen = FrozenPosition()
     assert [False] * 4 + [True] * 2 == [frozen.judge(fix()) for _ in range(6)]
     assert frozen.judge(fix(speed_mps=0.0))

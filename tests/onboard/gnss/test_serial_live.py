@@ -70,7 +70,7 @@ def test_unplugged(pty: Pty):
 
 
 def test_plugged_in_again(tmp_path: Path):
-    """After it went away, the same receiver object opens the device anew and reads on."""
+    """After it went away, the same receiver object opens the device again and reads on."""
     device = tmp_path / "ttyACM0"
     first = Pty()
     device.symlink_to(first.name)

@@ -124,7 +124,7 @@ def test_some_malfunctions_leave_no_wheel_watched(kind: str, all_blind: bool) ->
 
 
 def test_a_second_in_order_takes_back_what_was_counted() -> None:
-    """Twenty-nine seconds, then one in order, count on; one and a half begin anew."""
+    """Twenty-nine seconds, then one in order, count on; one and a half begin again."""
     for good_s, rest_s in ((1.0, 1.0), (1.5, 30.0)):
         ticks = Ticks()
         assert [] == ticks.until("raised", lost=(2, 3), most_s=29.0)
@@ -150,7 +150,7 @@ def test_a_malfunction_of_a_missing_signal_stands_again_after_a_restart(
     kind: str, name: str, cleared_s: float
 ) -> None:
     """At once, as it was raised, while the signal is missing (UN R141: when the ignition is on again); it
-    goes with the signal as ever, and is raised anew by none."""
+    goes with the signal as ever, and is raised again by none."""
     before, after = Ticks(), Ticks()
     before.until("raised", **wrong(kind))  # type: ignore[arg-type]
     saved = json.loads(json.dumps(before.watch.to_json()))

@@ -69,7 +69,7 @@ def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
 
 
 def test_what_an_alarm_says_is_not_asked() -> None:
-    """An alarm of a tyre stands: there is no question, and after it one has to last anew."""
+    """An alarm of a tyre stands: there is no question, and after it one has to last again."""
     questions = Questions(SETTINGS, [0, 1, 2, 3])
     assert ("fl", "fr") == asked(questions, 0.64, 200)
     assert () == asked(questions, 0.64, 1, said=True)

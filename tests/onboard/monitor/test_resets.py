@@ -1,4 +1,4 @@
-"""Resets and sets of tyres: learning anew, and what a soft tyre does to it."""
+"""Resets and sets of tyres: learning again, and what a soft tyre does to it."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def learning(report: MonitorReport) -> LearningReport:
 def test_a_reset_learns_anew_and_then_counts() -> None:
     """With tyres in order (say, pumped up a little) the new radii are learned and become normal."""
     player = learned()
-    assert (True, "learning default anew; it will be compared with what was normal before") == (
+    assert (True, "learning default again; it will be compared with what was normal before") == (
         player.monitor.reset()
     )
     player.play(10.0, [0.001] * 4)
     assert {WheelState.LEARNING} == {wheel.state for wheel in player.last.wheels}
     assert "learning" == learning(player.last).reset
     assert [] == player.play(70.0, [0.001] * 4)
-    assert ("accepted", "default is learned anew") == (
+    assert ("accepted", "default is learned again") == (
         learning(player.last).reset,
         learning(player.last).reset_reason,
     )
@@ -141,7 +141,7 @@ def test_a_reset_before_anything_was_learned_is_no_question() -> None:
     """There is nothing to compare with: learning begins again, and counts."""
     player = Player(monitor(ALL))
     player.play(20.0)
-    assert (True, "learning default anew") == player.monitor.reset()
+    assert (True, "learning default again") == player.monitor.reset()
     player.play(60.0)
     assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
 

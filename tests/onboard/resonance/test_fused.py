@@ -136,7 +136,7 @@ def test_what_was_known_at_an_instant_does_not_change_with_later_samples() -> No
 
 
 def test_the_pipeline_keeps_what_was_learned_if_it_listens(tmp_path: Path) -> None:
-    """With `[monitor] resonance` the state has the baselines; without them saved they are learned anew."""
+    """With `[monitor] resonance` the state has the baselines; without them saved they are learned again."""
     write_drive(tmp_path, simulate_drive(DriveSpec(duration_s=12.0, seed=1)))
     config = load_config(tmp_path)
     database = load_database(config.can.dbc)

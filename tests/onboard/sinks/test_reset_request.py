@@ -99,7 +99,7 @@ def test_the_command_says_what_became_of_it(
 def test_json_for_programs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """`--json -` writes the baseline's part of the status, and nothing else."""
     path = tmp_path / "s.sock"
-    with daemon(path, "accepted", "learning default anew"):
+    with daemon(path, "accepted", "learning default again"):
         assert 0 == main(["reset", "--json", "-", "--socket", str(path)])
     out = capsys.readouterr().out
     assert '"reset": "accepted"' in out

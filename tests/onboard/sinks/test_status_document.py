@@ -55,7 +55,7 @@ REPORT = MonitorReport(
     events=(),
     learning_fraction=0.4,
     learning=LearningReport(
-        "winter", ("default", "winter"), 40.0, ((29, 3), (58, 0)), "accepted", "learning winter anew", 2
+        "winter", ("default", "winter"), 40.0, ((29, 3), (58, 0)), "accepted", "learning winter again", 2
     ),
 )
 ESTIMATE = RadiusEstimate(
@@ -151,7 +151,7 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "learned_s": 40.0,
             "samples_by_kmh": {"29": 3, "58": 0},
             "reset": "accepted",
-            "reset_reason": "learning winter anew",
+            "reset_reason": "learning winter again",
             "resets": 2,
         },
         "can": {

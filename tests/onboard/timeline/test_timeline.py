@@ -381,7 +381,7 @@ def test_slow_wheels_may_differ() -> None:
 
 def test_faults_of_the_sources_reach_the_next_tick() -> None:
     """A fault is handed on once, in the first tick that is made after it."""
-    fault = SourceFault(START_S + 1.0, "can", "reset", "counter began anew", 2)
+    fault = SourceFault(START_S + 1.0, "can", "reset", "counter began again", 2)
     ticks = play(Timeline(10.0), merged(rotations(50.0, 3.0), [fault]))
     assert [fault] == [f for tick in ticks for f in tick.faults]
 

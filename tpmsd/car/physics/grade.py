@@ -15,7 +15,7 @@ MIN_SPAN_M = 60.0
 MIN_FIXES = 4
 MAX_GRADE = 0.25
 REBASE_M = 2000.0
-"""When the old origin is this far behind, the sums are formed anew: so rounding cannot add up."""
+"""When the old origin is this far behind, the sums are formed again: so rounding cannot add up."""
 
 
 class GradeTracker:
@@ -31,7 +31,7 @@ class GradeTracker:
         """Height gained per distance along the road."""
 
     def reset(self) -> None:
-        """Start anew (after a gap)."""
+        """Start again (after a gap)."""
         self._points.clear()
         self._sums = (0.0, 0.0, 0.0, 0.0)
         self.sine = 0.0
@@ -72,7 +72,7 @@ class GradeTracker:
         self._sums = (along + sign * x, up + sign * y, square + sign * x * x, product + sign * x * y)
 
     def _rebase(self) -> None:
-        """Form the sums anew, about the newest point."""
+        """Form the sums again, about the newest point."""
         self._origin, self._sums = self._points[-1], (0.0, 0.0, 0.0, 0.0)
         for point in self._points:
             self._count(*point, 1.0)

@@ -47,7 +47,7 @@ class VehicleStateAssumptions:
     hold_s: float = 1.0
     """For so long the last steering angle and acceleration stand in for missing ones."""
     deaf_s: float = 2.0
-    """A reading refused by the robust weights for so long is right and the state wrong: start anew."""
+    """A reading refused by the robust weights for so long is right and the state wrong: start again."""
     hardly: float = 0.01
     """Equivalent weight below which a reading counts as refused."""
 
@@ -75,7 +75,7 @@ def make_filter(
 
 
 class VehicleStateEstimator:
-    """Keeps a filter from tick to tick; begins anew behind pauses, standstills and lost inputs."""
+    """Keeps a filter from tick to tick; begins again behind pauses, standstills and lost inputs."""
 
     def __init__(
         self,

@@ -79,7 +79,7 @@ def add_parser(subparsers: Subparsers) -> None:
         "--without", choices=("calibrate", "diagnose"), action="append", default=[], help="leave this out"
     )
     work.add_argument(
-        "--recompute", action="store_true", help="anew where another version of the program worked"
+        "--recompute", action="store_true", help="again where another version of the program worked"
     )
     _optional_json(work)
     status = parts.add_parser("status", help="how far the store is")

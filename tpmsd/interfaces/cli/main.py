@@ -33,7 +33,7 @@ Commands = tuple[tuple[str, str, str], ...]
 COMMANDS: Commands = (
     ("run", "tpmsd.interfaces.cli.run", "watch the tyres of this car: the daemon"),
     ("status", "tpmsd.interfaces.cli.status", "ask the running daemon how the tyres are"),
-    ("reset", "tpmsd.interfaces.cli.reset", "tell the running daemon to learn the tyres anew"),
+    ("reset", "tpmsd.interfaces.cli.reset", "tell the running daemon to learn the tyres again"),
     ("replay", "tpmsd.interfaces.cli.replay", "run a recorded drive through the same core, at full speed"),
     ("explain", "tpmsd.interfaces.cli.explain", "why an alarm stands, or why none does"),
     (

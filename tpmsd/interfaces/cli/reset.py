@@ -1,4 +1,4 @@
-"""`tpmsd reset`: tells the running daemon to learn the tyres anew, or that another set is on the car.
+"""`tpmsd reset`: tells the running daemon to learn the tyres again, or that another set is on the car.
 
 In: the daemon's Unix socket. Out: one line that says what the daemon made of it; exit code 1 if it refused.
 """
@@ -23,7 +23,7 @@ POLL_S = 0.1
 
 _EPILOG = """\
 examples:
-  tpmsd reset                     the pressures were set: learn what is normal anew
+  tpmsd reset                     the pressures were set: learn what is normal again
   tpmsd reset --tyres winter      the winter tyres are on; known ones need no learning
 
 The daemon compares what it learns with what was normal before: a tyre that is soft is found, the reset is
@@ -35,7 +35,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Declare the command's arguments."""
     parser = subparsers.add_parser(
         "reset",
-        help="tell the running daemon to learn the tyres anew",
+        help="tell the running daemon to learn the tyres again",
         description="Call it after pressures were set or wheels were changed. Then drive: learning takes a\n"
         "minute of steady driving, and goes on for half an hour.",
         epilog=_EPILOG,

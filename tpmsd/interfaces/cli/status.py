@@ -88,7 +88,7 @@ def watch(
 
 
 def can_move(out: IO[str], environment: Mapping[str, str] | None = None) -> bool:
-    """Return whether lines can be written anew in place: on a terminal that knows how."""
+    """Return whether lines can be written again in place: on a terminal that knows how."""
     environment = os.environ if environment is None else environment
     return out.isatty() and environment.get("TERM") != "dumb"
 

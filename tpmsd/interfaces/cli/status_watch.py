@@ -1,6 +1,6 @@
 """`tpmsd status --watch` on a terminal: the table, trends of the wheels, rates of the sources, keys.
 
-In: status documents as they come; keys from the terminal. Out: a screen that is drawn anew in place. The
+In: status documents as they come; keys from the terminal. Out: a screen that is drawn again in place. The
 terminal is left as it was, whatever ends the view.
 """
 
@@ -58,7 +58,7 @@ class View:
             change = number(one.get("change_mm")) if isinstance(one, dict) else None
             kept = self._changes.setdefault(wheel, deque(maxlen=MOST_KEPT))
             if kept and time_s < kept[-1][0]:
-                kept.clear()  # the daemon began anew
+                kept.clear()  # the daemon began again
             kept.append((time_s, math.nan if change is None else change))
 
     def key(self, letter: str) -> None:

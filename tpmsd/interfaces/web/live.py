@@ -71,7 +71,7 @@ class LiveHub:
             while True:
                 line = await asyncio.wait_for(reader.readline(), self.settings.silence_s)
                 if not line.endswith(b"\n"):
-                    raise TpmsdError("tpmsd has closed the connection: it is stopping or starting anew")
+                    raise TpmsdError("tpmsd has closed the connection: it is stopping or starting again")
                 await self._publish(parse_status(self.socket, line), "")
         except TimeoutError:
             raise TpmsdError(f"tpmsd has said nothing for {self.settings.silence_s:g} s") from None

@@ -154,7 +154,7 @@ def other_noise(state: State) -> State:
 
 
 Alternative = Callable[[Found, Selection], Found]
-"""Findings, and what was chosen before any alternative; the first anew."""
+"""Findings, and what was chosen before any alternative; the first again."""
 
 ALTERNATIVES: tuple[Alternative, ...] = (
     # Outliers of the receiver, where it alone shows an event.

@@ -1,7 +1,7 @@
 """A drive, from a folder or from arrays.
 
 In: a path, or wheels, fixes and inertial signals as dicts of arrays or data frames. Out: `Drive`, which the
-other functions take; the recording itself is read by them, each time anew.
+other functions take; the recording itself is read by them, each time again.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Drive:
         column is a role with its unit, as in the tick table:
 
         - `wheels`: `wheel_angle_fl_rad`, or `wheel_speed_fl_radps` (`_mps`, `_kmh`, `_rpm`), or
-          `wheel_count_fl`; of all four wheels, or of the rear pair. `modulus`: where counts begin anew.
+          `wheel_count_fl`; of all four wheels, or of the rear pair. `modulus`: where counts begin again.
         - `gnss`: `latitude_deg` and `longitude_deg` (or a simulator's `east_m` and `north_m`), `altitude_m`,
           `speed_mps`, `course_rad` (clockwise from north; or `heading_rad`, counter-clockwise from east),
           `position_std_m` or `hdop`, `quality`, and `arrival_s` and `utc_s` where they differ from `time_s`.

@@ -6,7 +6,7 @@ In: a finished selection and its findings. Out: the findings with p-values count
 Parametric bootstrap through the whole analysis (Davison and Hinkley, Bootstrap Methods and their Application,
 1997, section 4.2): a replicate is drawn from the fitted model without the finding, on the recorded inputs,
 with the fitted noise of states, disturbances and readings. Noise, path and the other terms are fitted to it
-anew, and all alternatives are asked, those over covariates and time too. The statistic is the log evidence;
+again, and all alternatives are asked, those over covariates and time too. The statistic is the log evidence;
 its null distribution is that of the largest one of any alternative, so that their number is accounted for
 (Westfall and Young, Resampling-Based Multiple Testing, 1993).
 """

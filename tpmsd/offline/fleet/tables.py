@@ -1,4 +1,4 @@
-"""The tables of a store: made anew from the result files, in an order of their own, and kept as Parquet.
+"""The tables of a store: made again from the result files, in an order of their own, and kept as Parquet.
 
 In: a store. Out: `drives wheels alarms findings statistics` as rows, and as files that DuckDB, pandas and
 others read. The same results give the same bytes, whoever worked on them in which order.
@@ -175,7 +175,7 @@ def _newest(folder: Path) -> int:
 
 
 def write_tables(store: Store) -> dict[str, int]:
-    """Make the tables anew; how many rows each has."""
+    """Make the tables again; how many rows each has."""
     tables = rows_of(store)
     for name, rows in tables.items():
         write_atomic(store.tables / f"{name}.parquet", parquet_of(name, rows))

@@ -1,7 +1,7 @@
 """A drive again, drawn from a fitted model: the parametric bootstrap's recordings.
 
 In: the `Reader` of a drive, a model that acts in it, a `Noise`, a generator. Out: a `Recording` of the same
-motion in which nothing acts but that model, with errors of wheels, gyro and receiver drawn anew (Davison and
+motion in which nothing acts but that model, with errors of wheels, gyro and receiver drawn again (Davison and
 Hinkley, Bootstrap Methods and their Application, 1997, section 2.2). It goes through the whole analysis like
 any other: what smoothing, whitening and selection make of shared errors shows in it.
 

@@ -136,7 +136,7 @@ class Reader:
         return self._rolled
 
     def recalibrate(self, radii_m: FloatArray, base: ExtendedModel, errors: FloatArray) -> None:
-        """Tell everything anew with other radii (4,) of the car, where this model acts, and with a motion
+        """Tell everything again with other radii (4,) of the car, where this model acts, and with a motion
         moved by the errors (w, 3) of its speed, its yaw rate and its heading at the windows' ends.
         """
         car = replace(self.reference.car, radius_m=radii_m)

@@ -18,7 +18,7 @@ from tpmsd.offline.signals.drive import make_drive
 from tpmsd.offline.signals.read import SignalTable
 
 LONGEST_STEP_S = 1.0
-"""Rows further apart are a pause: the estimate begins anew behind it."""
+"""Rows further apart are a pause: the estimate begins again behind it."""
 NEEDED = ("yaw_rate", "accel_lat")
 
 

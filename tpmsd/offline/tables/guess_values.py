@@ -104,7 +104,7 @@ def kind_of_wheel(values: FloatArray) -> str:
 
 
 def modulus_of(values: FloatArray) -> int | None:
-    """At which number a count begins anew; None where it never does.
+    """At which number a count begins again; None where it never does.
 
     The power of two above the largest count where that is within the largest step; else the smallest number
     that makes each step over the end as large as the steps around it.

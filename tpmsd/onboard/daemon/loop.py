@@ -200,7 +200,7 @@ class Daemon:
         self._reset_s = now_s
         # As an input among the others: so the recording holds it, and its replay does the same.
         self._queue.put_sentence(to_sentence(ResetRequest(tyres)), self._clock.now())
-        self._log.info("asked to learn the tyres anew%s", "" if tyres is None else f" ({tyres})")
+        self._log.info("asked to learn the tyres again%s", "" if tyres is None else f" ({tyres})")
         return ""
 
     def stop(self, why: str = "asked to") -> None:

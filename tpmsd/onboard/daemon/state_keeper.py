@@ -168,4 +168,4 @@ class StateKeeper:
             moved = f"set aside as {target.name}"
         except OSError as error:
             moved = f"could not be set aside ({error.strerror or error})"
-        self._log.warning("%s: does not fit: %s; %s, learning anew", self._file, reason, moved)
+        self._log.warning("%s: does not fit: %s; %s, learning again", self._file, reason, moved)

@@ -294,7 +294,7 @@ class Monitor:
     # -- resets ----------------------------------------------------------------------------------------------
 
     def reset(self, tyres: str | None = None) -> tuple[bool, str]:
-        """Learn the radii anew, or change to the set `tyres`; whether it was taken up, and why (not)."""
+        """Learn the radii again, or change to the set `tyres`; whether it was taken up, and why (not)."""
         standing = [WHEELS[w] for kind, w in self._standing if kind is AlarmKind.DEFLATION]
         before = self._sets.baseline
         taken, reason = self._sets.request(tyres, standing)

@@ -144,5 +144,5 @@ class MonitorReport(NamedTuple):
 
     @property
     def detectable(self) -> DetectableLoss | None:
-        """Minimum detectable losses, computed anew each time; None before anything was judged."""
+        """Minimum detectable losses, computed again each time; None before anything was judged."""
         return None if self.losses is None else self.losses()

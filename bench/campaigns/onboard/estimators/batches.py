@@ -6,7 +6,7 @@ while a tick's fixed cost is more than its particles', so for few particles.
 
 All runs of a batch share the counts, hence which ticks are informative (a run's own receiver would move the
 limits of that by a tick here or there). The rest of the program's filters is left out: no fix is refused
-and no pose found anew, so a filter that has lost its way stays lost, as in the paper.
+and no pose found again, so a filter that has lost its way stays lost, as in the paper.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ Divergence. The paper does not define it. Here a run has diverged if
 - an estimate is not a finite number, or
 - the filter gave its pose up, or its position is more than `LOST_M` off for more than `LOST_S`: with fixes
   of 1.5 m five times a second all the way, only a filter whose particles are all in the wrong place does
-  that. The paper's filters had no way back from there; ours find the pose anew, so the loss is counted,
+  that. The paper's filters had no way back from there; ours find the pose again, so the loss is counted,
   not its consequences; or
 - the left-right difference is more than `WRONG_M` off for more than `WRONG_S`, after settling: twice the
   whole puncture, for longer than any window of the fastest forgetting.

@@ -6,7 +6,7 @@
     python -m bench run realistic --describe FOLDER               the car's DBC and drives, for another system
 
 A system on a bus gets the frames of the car as they came, at `--pace` times real time, and answers by its
-own frame. It is started anew by hand before each case (`--case` plays one). Found: the lamp is lit within the
+own frame. It is restarted by hand before each case (`--case` plays one). Found: the lamp is lit within the
 case's time of driving, from the drive on which the tyres are soft. `asked` is a question that this program
 puts instead of an alarm.
 """

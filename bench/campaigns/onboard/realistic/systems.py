@@ -106,7 +106,7 @@ class OnBus:
     sleep: Callable[[float], None] = time.sleep
 
     def begin(self) -> None:
-        """Nothing can be forgotten by way of the bus: whoever measures starts the system anew."""
+        """Nothing can be forgotten by way of the bus: whoever measures starts the system again."""
 
     def reset(self) -> None:
         """Send the frame of a reset."""

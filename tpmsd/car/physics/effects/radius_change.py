@@ -48,7 +48,7 @@ class RadiusChange(Effect):
             "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
             "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
         ),
-        distinguished_by="repeat the drive: a tyre that lost air stays small, warm-up starts anew",
+        distinguished_by="repeat the drive: a tyre that lost air stays small, warm-up starts again",
     )
     identification = Identification(shows_in=("wheel_ratio", "time"))
     confounding = Confounding(resembles=NoiseResemblance.WHEEL)

@@ -89,7 +89,7 @@ def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
 
 
 def _uneven(found: list[Ripple], seconds: float) -> Finding:
-    """Return one ring in the drives that show it; the phase is that of the first, for angles start anew."""
+    """Return one ring in the drives that show it; the phase is that of the first, for angles start again."""
     weight = np.array([one.std_rad**-2 for one in found])
     gain = sum(one.gain for one in found)
     amplitude = float(np.average([one.amplitude_rad for one in found], weights=weight))

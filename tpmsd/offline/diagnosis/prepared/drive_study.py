@@ -1,7 +1,7 @@
 """One drive under examination: its residual, its columns, its noise.
 
 In: a `Reader`. Out: `DriveStudy`, whose whitened columns and Gram matrices are those of its present noise.
-What was asked for under a noise before is kept, and only columns that were added since are whitened anew.
+What was asked for under a noise before is kept, and only columns that were added since are whitened again.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ class DriveStudy:
         """Return the same columns under the same noise, of a replicate of this drive's recording that a model
         made.
 
-        Its reference motion is made anew from the replicate, and moved by its own smoothed errors: what it
+        Its reference motion is made again from the replicate, and moved by its own smoothed errors: what it
         shares with the residual it shares here as well. All is one block: gains are not divided by an
         overdispersion.
         """

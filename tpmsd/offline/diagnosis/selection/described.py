@@ -61,7 +61,7 @@ def nonlinear_of(term: Term) -> dict[str, float]:
 
 def effect_of(term: Term, values: FloatArray) -> tuple[Effect, FloatArray] | None:
     """Return the effect with values (k,) within its bounds, and the values that it has there; None of what
-    has no formula or is fitted anew on every drive.
+    has no formula or is fitted again on every drive.
     """
     if term.free or term.calibrates or not term.parameters[0]:
         return None

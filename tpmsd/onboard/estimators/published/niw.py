@@ -8,7 +8,7 @@ The model: w | mu, Sigma ~ N(mu, Sigma), mu | Sigma ~ N(mu_hat, gamma Sigma), Si
 dim(w). gamma and nu follow the same path in every particle (they count samples, whatever these are), so they
 are scalars.
 
-Misprints in the paper, derived anew: the predictive (21) is Student-t with nu - d + 1 degrees of freedom,
+Misprints in the paper, derived again: the predictive (21) is Student-t with nu - d + 1 degrees of freedom,
 location mu_hat and *scale matrix* (1 + gamma) / (nu - d + 1) * Lambda; and E[Sigma] = Lambda / (nu - d - 1)
 in (24b).
 """

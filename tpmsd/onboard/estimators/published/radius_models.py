@@ -61,7 +61,7 @@ class RadiusModel(Protocol):
         self, state: Any, mean_m: FloatArray, covariance_m2: FloatArray, noise_m2: FloatArray,
         rng: np.random.Generator,
     ) -> Any:  # fmt: skip
-        """Radii drawn anew from saved moments, noise (2,) as saved."""
+        """Radii drawn again from saved moments, noise (2,) as saved."""
         ...
 
     def log_predictive(self, state: Any, noise_m: FloatArray) -> FloatArray:

@@ -217,7 +217,7 @@ class SampledBelief:
         particles.level()
 
     def forget_pose(self) -> None:
-        """Nothing belongs to the pose but the poses themselves, which are placed anew."""
+        """Nothing belongs to the pose but the poses themselves, which are placed again."""
 
     def snapshot(self) -> dict[str, Any]:
         """Moments of the radii, and the variances of one tick's radius errors."""

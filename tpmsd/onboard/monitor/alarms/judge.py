@@ -100,7 +100,7 @@ class Judgement:
 
     @property
     def detectable(self) -> DetectableLoss | None:
-        """Minimum detectable losses, computed anew each time; None before anything was judged."""
+        """Minimum detectable losses, computed again each time; None before anything was judged."""
         return None if self.detectability is None else self.detectability.losses()
 
     @property

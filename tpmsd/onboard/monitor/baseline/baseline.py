@@ -242,7 +242,7 @@ class TyreSetBaseline:
         raised it, and nothing else did.
 
         While the car is learned for the first time, what was learned on such a drive holds part of the loss,
-        and is estimated anew beside it. After any other alarm the drive is not asked again until the car has
+        and is estimated again beside it. After any other alarm the drive is not asked again until the car has
         stood: it would not show that the tyre is in order again.
         """
         if self.settled and not self._first_drive:
@@ -423,7 +423,7 @@ class TyreSetBaseline:
             drive_samples = whole(saved["drive_samples"], 0, REFERENCE.most_samples, "number of samples")
             ready = saved["ready"]
             reference = RadiusReference.from_json(saved["reference"], self._vehicle)
-            shadow = saved.get("lessons")  # states of before have none: the next drive begins anew
+            shadow = saved.get("lessons")  # states of before have none: the next drive begins again
             if shadow is not None:
                 shadow = RadiusReference.from_json(shadow, self._vehicle)
             doubt = number(saved.get("doubt", 0.0), 0.0, 1.0, "doubt")

@@ -1,6 +1,6 @@
 """Sets of tyres, each with its own baseline, and resets that a soft tyre cannot pass.
 
-In: requests to learn anew. Out: the baseline that counts, and what became of the request.
+In: requests to learn again. Out: the baseline that counts, and what became of the request.
 
 A reset keeps the baseline before it until the new one is ready. Then the radii are held against the old one:
 a tyre that was soft when the driver pressed the button is found, the reset is refused and the old baseline
@@ -63,7 +63,7 @@ class TyreSets:
             self._before.update(tick, estimate)
 
     def request(self, name: str | None, standing: list[str]) -> tuple[bool, str]:
-        """Learn anew, or change to another set; whether it was taken, and why (not).
+        """Learn again, or change to another set; whether it was taken, and why (not).
 
         `standing`: wheels for which a deflation is announced now. To ask for the set that is being learned
         changes nothing: else whoever asks every minute keeps the car unlearned.
@@ -122,10 +122,10 @@ class TyreSets:
         if known:
             self.state, self.reason = "accepted", f"changed to {wanted}, as learned before"
         elif self._before is None:
-            self.state, self.reason = "accepted", f"learning {wanted} anew"
+            self.state, self.reason = "accepted", f"learning {wanted} again"
         else:
             self.state = "learning"
-            self.reason = f"learning {wanted} anew; it will be compared with what was normal before"
+            self.reason = f"learning {wanted} again; it will be compared with what was normal before"
 
     def _refuse(self, why: str) -> bool:
         self.state, self.reason = "refused", f"reset refused: {why}"
@@ -142,7 +142,7 @@ class TyreSets:
         named = [WHEELS[w] for w in self._wheels if soft[w] >= TYRE_SETS.soft_probability]
         before, self._before = self._before, None
         if not named:
-            self.state, self.reason = "accepted", f"{self.name} is learned anew"
+            self.state, self.reason = "accepted", f"{self.name} is learned again"
             return self.state
         if self.name != self._name_before:
             self._others.pop(self._name_before, None)

@@ -111,7 +111,7 @@ class _Malfunction:
         return []
 
     def stand(self, time_s: float | None) -> None:
-        """Stand since that time, or not (None), as before the program was started anew."""
+        """Stand since that time, or not (None), as before the program was started again."""
         self.bad_s = self.good_s = 0.0
         self.raised = None if time_s is None else self._at("raised", self.reason, time_s)
 
@@ -138,7 +138,7 @@ class SignalWatch:
         self._agreed_s = 0.0
         """Driving (`SIGNALS.driving_mps`) in which wheels and receiver agreed."""
         self._car_differs = _Malfunction("the wheels' speed is far from the car's own (OBD)")
-        self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
+        self._restarted = _Malfunction("the estimate of the radii broke down and is made again")
         self._no_detection = _Malfunction(
             "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
         )
