@@ -33,18 +33,6 @@ def test_an_arm_is_as_uncertain_as_the_side_slip_that_looks_like_it(one_speed: b
     assert abs(found.values[0] - ARM_M) < found.stds[0]
 
 
-def test_a_smoothing_is_as_uncertain_as_the_lag_that_looks_like_it() -> None:
-    """Where no acceleration begins or ends a low-pass of 0.7 s and a lag of 0.05 s are one of 0.75 s."""
-    responses = 1e3 * np.repeat(directions(1), 2, axis=1)
-    smoothing = Term("gnss_smoothing", columns(1, width=3), ("time_constant_s",), 3.5)
-    lag = Term("velocity_lag", columns(2, width=3), ("lag_s",), 3.5)
-    made = noiseless(responses @ np.array([0.7, 0.05]), responses)
-    (found,) = Selector(made, Given(3, [smoothing, lag], [])).judged([smoothing]).chosen
-
-    assert found.stds[0] == pytest.approx(np.hypot(0.03, 0.05), rel=0.05)
-    assert abs(found.values[0] - 0.7) < found.stds[0]
-
-
 def test_what_is_known_beforehand_is_a_reading_more() -> None:
     """Values and covariance are those of least squares with a row that reads one value as zero."""
     rng = np.random.default_rng(2)

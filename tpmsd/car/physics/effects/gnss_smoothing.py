@@ -34,7 +34,7 @@ class GnssSmoothing(Effect):
         distinguished_by="accelerate and brake as hard as the traffic allows, ten times",
     )
     identification = Identification(shows_in=("gnss_speed", "accel_long"), needs=("gnss_speed",))
-    confounding = Confounding(tested_jointly_with=("velocity_lag",), estimated_jointly_with=("velocity_lag",))
+    confounding = Confounding(tested_jointly_with=("velocity_lag",))
     one_sign = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (
