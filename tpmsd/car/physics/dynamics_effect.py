@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from operator import is_
 from typing import Any, ClassVar
 
 from tpmsd.car.physics.baselines.car import DynamicCar
@@ -26,6 +27,8 @@ NUISANCE = "nuisance"
 
 EARLY_HOOKS = ("shift_series", "adapt_car", "adapt_inputs", "adapt_loads", "adapt_angles", "adapt_tyres")
 """Hooks that act before the tyres' forces are known."""
+MOVING_HOOKS = (*EARLY_HOOKS, "add_forces", "add_rates")
+"""Hooks by which the car moves otherwise; `read` changes readings alone."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class DynamicsEffect:
     """Effects that it is often confounded with, for the reference."""
     acts_early: ClassVar[bool] = False
     """True if one of its hooks acts before the tyres' forces are known."""
+    moves_car: ClassVar[bool] = False
+    """True if the car moves otherwise with it."""
     order: ClassVar[int] = 0
     """Effects that share a hook act in the order of this number, then of their names."""
 
@@ -83,7 +88,10 @@ class DynamicsEffect:
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         fold_flat(cls)
-        cls.acts_early = any(getattr(cls, hook) is not getattr(DynamicsEffect, hook) for hook in EARLY_HOOKS)
+        cls.acts_early, cls.moves_car = (
+            any(getattr(cls, hook) is not getattr(DynamicsEffect, hook) for hook in hooks)
+            for hooks in (EARLY_HOOKS, MOVING_HOOKS)
+        )
 
     @classmethod
     def numbers(cls) -> tuple[Parameter, ...]:
@@ -150,6 +158,12 @@ def in_order(theta: Sequence[DynamicsEffect]) -> list[DynamicsEffect]:
     the difference would hold what the order does, over the size of the probe.
     """
     return sorted(theta, key=lambda effect: (effect.order, effect.name))
+
+
+def same_motion(theta: Sequence[DynamicsEffect], other: Sequence[DynamicsEffect]) -> bool:
+    """Return True if two models may differ in their readings alone."""
+    one, two = ([effect for effect in in_order(each) if effect.moves_car] for each in (theta, other))
+    return len(one) == len(two) and all(map(is_, one, two))
 
 
 def before_forces(theta: Sequence[DynamicsEffect]) -> tuple[DynamicsEffect, ...]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import Theta
+from tpmsd.car.physics.dynamics_effect import same_motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.noise import PathNoise
@@ -58,7 +59,7 @@ def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> 
     states = setup.states(theta)
     inputs = setup.inputs(theta)
     rolled = setup.baseline.rolled(at.path[:, : len(states)], inputs, theta, states)
-    rates, outputs = setup.evaluate(at.path, inputs, theta, states, rolled)
+    rates, outputs, earlier = setup.evaluate(at.path, inputs, theta, states, rolled)
     by_rate = np.empty((len(probes), *rates.shape))
     by_output = np.empty((len(probes), *outputs.shape))
     last: Theta | None = None
@@ -66,7 +67,8 @@ def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> 
     for k, probe in enumerate(probes):
         if probe.theta is not last:
             last = probe.theta
-            moved, seen = setup.evaluate(at.path, setup.inputs(last), last, states, rolled)
+            known = earlier if same_motion(theta, last) else None
+            moved, seen, _ = setup.evaluate(at.path, setup.inputs(last), last, states, rolled, earlier=known)
             moved, seen = (moved - rates) / probe.size, (seen - outputs) / probe.size
         weights = 1.0 if probe.weights is None else probe.weights
         np.multiply(moved, weights, out=by_rate[k])

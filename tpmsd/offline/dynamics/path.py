@@ -7,14 +7,14 @@ evaluations are vectorised over time. The estimate is the fixed-interval Kalman 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tpmsd.car.physics.baselines.base import Baseline, Rolled, Theta
-from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.frame import Earlier, Frame
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, covariate_of
@@ -87,19 +87,23 @@ class Setup:
         theta: Theta,
         states: Sequence[str] | None = None,
         rolled: Rolled | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return rates (s, n) and predicted readings (m, n) at the rows; `states` are those of the path,
-        `rolled` is an evaluation at them."""
+        late: bool = True,
+        earlier: Mapping[str, Earlier] | None = None,
+    ) -> tuple[FloatArray, FloatArray, Mapping[str, Earlier]]:
+        """Return rates (s, n) and predicted readings (m, n) at the rows, and where delayed ones are read;
+        `states` are those of the path, `rolled` and `earlier` are evaluations that serve the model; unless
+        `late` readings have no ages.
+        """
         names = self.states(theta) if states is None else states
         state, free = self.held(path, len(names))
         read = len(self.channels) > 0
-        frame = self.baseline.frame(state, inputs, (*theta, free), names, rolled, read)
+        frame = self.baseline.frame(state, inputs, (*theta, free), names, rolled, read, late, earlier)
         rates, outputs = np.empty((len(names), len(path))), np.empty((len(self.channels), len(path)))
         for k, name in enumerate(names):
             rates[k] = frame.rates[name]
         for k, name in enumerate(self.channels):
             outputs[k] = frame.outputs[name]
-        return rates, outputs
+        return rates, outputs, frame.earlier
 
     def start(self, theta: Theta) -> FloatArray:
         """Return a path to start from: readings where there are any, else rest."""
@@ -161,21 +165,110 @@ def linear(
     dt = np.diff(drive.time_s)
     dt = np.where(drive.linked, dt, 1e-6)
     rolled = setup.baseline.rolled(path[:, :count], inputs, theta, names)
-    rates, predicted = setup.evaluate(path, inputs, theta, names, rolled)
+    rates, predicted, earlier = setup.evaluate(path, inputs, theta, names, rolled)
     ahead = stepped(setup, theta, path, inputs, dt, rates.T[:-1])
     residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
     if near is not None:
         return near.moved(path, residual, setup.readings() - predicted.T)
-    jacobian = np.zeros((len(path), total, total))
-    outputs_by = np.zeros((len(path), len(setup.channels), total))
-    for k in range(total if driven else count):
-        moved = path.copy()
-        moved[:, k] += _STEP
-        up, out_up = setup.evaluate(moved, inputs, theta, names, rolled if k >= count else None)
-        jacobian[:, :count, k] = ((up - rates) / _STEP).T
-        outputs_by[:, :, k] = ((out_up - predicted) / _STEP).T
+    chained = all(one.age_s.ndim == 0 for one in earlier.values())
+    there = _Evaluated(path, inputs, names, rolled, rates, predicted)
+    jacobian, outputs_by = _derivatives(setup, theta, there, total if driven else count, late=not chained)
+    if chained:
+        for name, derivatives in _delayed_by_state(setup, theta, there, earlier, jacobian, driven).items():
+            outputs_by[:, setup.channels.index(name)] = derivatives
     by_state = transition(setup, theta, inputs, jacobian, dt, count)
     return Linear(path, residual, setup.readings() - predicted.T, by_state, outputs_by)
+
+
+@dataclass(frozen=True)
+class _Evaluated:
+    """Rates (s, n) and readings (m, n) at a path."""
+
+    path: FloatArray
+    inputs: Inputs
+    states: tuple[str, ...]
+    rolled: Rolled
+    rates: FloatArray
+    outputs: FloatArray
+
+
+def _evaluated(
+    setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, states: tuple[str, ...]
+) -> _Evaluated:
+    """Return rates and readings without ages."""
+    rolled = setup.baseline.rolled(path[:, : len(states)], inputs, theta, states)
+    rates, outputs, _ = setup.evaluate(path, inputs, theta, states, rolled, late=False)
+    return _Evaluated(path, inputs, states, rolled, rates, outputs)
+
+
+def _derivatives(
+    setup: Setup, theta: Theta, at: _Evaluated, columns: int, late: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of rates (n, t, t) and readings (n, m, t) by so many columns of the path."""
+    count, (rows, total) = len(at.states), at.path.shape
+    jacobian, outputs_by = np.zeros((rows, total, total)), np.zeros((rows, len(setup.channels), total))
+    for k in range(columns):
+        moved = at.path.copy()
+        moved[:, k] += _STEP
+        known = at.rolled if k >= count else None
+        up, out_up, _ = setup.evaluate(moved, at.inputs, theta, at.states, known, late)
+        jacobian[:, :count, k] = ((up - at.rates) / _STEP).T
+        outputs_by[:, :, k] = ((out_up - at.outputs) / _STEP).T
+    return jacobian, outputs_by
+
+
+def _delayed_by_state(
+    setup: Setup,
+    theta: Theta,
+    now: _Evaluated,
+    earlier: Mapping[str, Earlier],
+    jacobian: FloatArray,
+    driven: bool,
+) -> dict[str, FloatArray]:
+    """Return the derivatives of delayed readings by the path, (n, t) by the output's name.
+
+    By the chain rule: those by the earlier state times those of the earlier state by the path, the
+    exponential of the mean Jacobian as for a step, from one earlier state to the next. `jacobian` is that of
+    now.
+    """
+    disturbances = now.path[:, len(now.states) :]
+    total, pushes = now.path.shape[1], disturbances.shape[1]
+    out: dict[str, FloatArray] = {}
+    at, before, age, by_path = now, jacobian, 0.0, _by_itself(now)
+    for name, one in earlier.items():
+        if float(one.age_s) * age < 0.0:
+            at, before, age, by_path = now, jacobian, 0.0, _by_itself(now)
+        kept = [k for k, state in enumerate(at.states) if state in one.state]
+        count = len(kept)
+        width = count + (pushes if driven else 0)
+        if count < len(at.states):
+            columns = [*kept, *range(len(at.states), at.path.shape[1])]
+            names = tuple(at.states[k] for k in kept)
+            at, by_path = _evaluated(setup, theta, at.path[:, columns], at.inputs, names), by_path[kept]
+            before = _derivatives(setup, theta, at, width, late=False)[0]
+        path = np.column_stack([*(one.state[state] for state in at.states), disturbances])
+        at = _evaluated(setup, theta, path, one.frame.inputs, at.states)
+        there, outputs_by = _derivatives(setup, theta, at, width, late=False)
+        span = float(one.age_s) - age
+        acting = [effect for effect in theta if set(effect.states) <= set(at.states)]
+        substeps = setup.baseline.substeps(now.inputs, abs(span), acting)
+        mean = np.moveaxis(0.5 * (before[:, :count] + there[:, :count]), 0, -1) * (-span / substeps)
+        step, push = _exponential(mean, substeps)
+        by_path = _times(step, by_path)
+        by_path[:, total - pushes :] += push
+        if name in setup.channels:
+            by = outputs_by[:, setup.channels.index(name)].T
+            whole = _times(by[None, :count], by_path)[0]
+            whole[total - pushes :] += by[count:]
+            out[name] = whole.T
+        before, age = there, float(one.age_s)
+    return out
+
+
+def _by_itself(at: _Evaluated) -> FloatArray:
+    """Return the derivatives of states by the path that they belong to, (s, t, n)."""
+    rows, total = at.path.shape
+    return _plus_one(np.zeros((len(at.states), total, rows)))
 
 
 def transition(
@@ -184,6 +277,21 @@ def transition(
     """Return the derivatives of the steps, (n - 1, t, t): the exponential of the mean Jacobian."""
     substeps = setup.baseline.substeps(inputs, float(np.median(dt)), theta)
     mean = np.moveaxis(0.5 * (jacobian[:-1, :count] + jacobian[1:, :count]), 0, -1) * (dt / substeps)
+    by_own, by_driven = _exponential(mean, substeps)
+    out = np.zeros((len(dt), len(jacobian[0]), len(jacobian[0])))
+    out[:, :count, :count] = np.moveaxis(by_own, -1, 0)
+    out[:, :count, count:] = np.moveaxis(by_driven, -1, 0)
+    for k in range(count, out.shape[1]):
+        out[:, k, k] = np.exp(-dt / SETTINGS.disturbance_time_s)
+    return out
+
+
+def _exponential(mean: FloatArray, substeps: int) -> tuple[FloatArray, FloatArray]:
+    """Return the derivatives of so many steps by states (s, s, n) and by disturbances (s, d, n).
+
+    `mean` is the Jacobian times one of them, (s, t, n).
+    """
+    count = len(mean)
     own, driven = np.ascontiguousarray(mean[:, :count]), np.ascontiguousarray(mean[:, count:])
     # exp [A B; 0 0] = [exp A, P B; 0 1] with P = 1 + A / 2 + A^2 / 6 + A^3 / 24 and exp A = 1 + A P
     series = own / 4.0
@@ -193,12 +301,7 @@ def transition(
     by_own, by_driven = _plus_one(_times(own, series)), _times(series, driven)
     for _ in range(int(np.log2(substeps))):
         by_own, by_driven = _times(by_own, by_own), _times(by_own, by_driven) + by_driven
-    out = np.zeros((len(dt), len(jacobian[0]), len(jacobian[0])))
-    out[:, :count, :count] = np.moveaxis(by_own, -1, 0)
-    out[:, :count, count:] = np.moveaxis(by_driven, -1, 0)
-    for k in range(count, out.shape[1]):
-        out[:, k, k] = np.exp(-dt / SETTINGS.disturbance_time_s)
-    return out
+    return by_own, by_driven
 
 
 def _plus_one(matrix: FloatArray) -> FloatArray:

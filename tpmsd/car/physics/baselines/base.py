@@ -19,7 +19,7 @@ import numpy as np
 
 from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.car import DynamicCar
-from tpmsd.car.physics.baselines.frame import Frame, Real, frame_of
+from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, frame_of
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect, before_forces, in_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -68,6 +68,7 @@ class Rolled:
             np.array(one) for one in (frame.force_x, frame.force_y, frame.moment)
         )
         frame.rates, frame.outputs, frame.delays = dict(frame.rates), dict(frame.outputs), dict(frame.delays)
+        frame.earlier = {}
         return frame
 
 
@@ -147,12 +148,15 @@ class Baseline(ABC):
         states: Sequence[str] | None = None,
         rolled: Rolled | None = None,
         read: bool = True,
+        late: bool = True,
+        earlier: Mapping[str, Earlier] | None = None,
     ) -> Frame:
         """Return everything of one evaluation, readings included.
 
         `states` names those of x where they are not all that the effects have: an effect without its states
         acts to first order. `rolled` is an evaluation of the same states and inputs; it is used where the
-        tyres cannot tell the effects from its own. Without `read` there are no readings.
+        tyres cannot tell the effects from its own. Without `read` there are no readings, unless `late` they
+        have no ages. `earlier` are earlier evaluations of a model that moves as this one does.
         """
         names = self.states(theta) if states is None else states
         state = {name: x[..., k] for k, name in enumerate(names)}
@@ -163,8 +167,8 @@ class Baseline(ABC):
             frame = self._moved(state, u, theta)
         if read:
             self._instruments(frame, theta)
-        if frame.delays:
-            self._delayed(frame, state, u, theta)
+        if frame.delays and late:
+            self._delayed(frame, state, u, theta, earlier or {})
         return frame
 
     def rolled(self, x: FloatArray, u: Inputs, theta: Theta, states: Sequence[str] | None = None) -> Rolled:
@@ -230,21 +234,33 @@ class Baseline(ABC):
         for effect in theta:
             effect.read(frame)
 
-    def _delayed(self, frame: Frame, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> None:
+    def _delayed(
+        self,
+        frame: Frame,
+        state: Mapping[str, FloatArray],
+        u: Inputs,
+        theta: Theta,
+        known: Mapping[str, Earlier],
+    ) -> None:
         """Put readings back by their ages: y(t - T) is read in the state that the car had then.
 
         That state is integrated backwards over the recorded inputs; that of an older reading goes on from the
-        younger one's where both ages are single numbers of one sign.
+        younger one's where both ages are single numbers of one sign. It is a `known` one of the same age.
         """
         before, past, done = frame, state, np.zeros(())
         for name, delay in sorted(frame.delays.items(), key=lambda pair: float(np.max(np.abs(pair[1])))):
             age = np.asarray(delay)
             if age.ndim > 0 or done.ndim > 0 or age * done < 0.0:
                 before, past, done = frame, state, np.zeros(())
-            past, then = self._backwards(before, past, u, theta, age, done)
-            before, done = self._moved(past, then, theta), age
+            near = known.get(name) if age.ndim == 0 else None
+            if near is not None and age == near.age_s:
+                before, past, done = near.again(), near.state, near.age_s
+            if before is frame or np.any(age != done):
+                past, then = self._backwards(before, past, u, theta, age, done)
+                before, done = self._moved(past, then, theta), age
             self._instruments(before, theta)
             frame.outputs[name] = before.outputs[name]
+            frame.earlier[name] = Earlier(age, past, before)
 
     def _backwards(
         self,

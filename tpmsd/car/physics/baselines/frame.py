@@ -8,6 +8,7 @@ effects of the model change what is there. Arrays of contacts have the contact f
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,6 +18,23 @@ from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.foundation.wheels import FloatArray
 
 Real = float | FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Earlier:
+    """The evaluation in which a delayed output is read."""
+
+    age_s: FloatArray
+    """Age of the reading."""
+    state: Mapping[str, FloatArray]
+    frame: Frame
+    """Its inputs are those of then."""
+
+    def again(self) -> Frame:
+        """Return the evaluation for other instruments."""
+        frame = copy(self.frame)
+        frame.outputs, frame.delays = {}, {}
+        return frame
 
 
 @dataclass(slots=True)
@@ -94,6 +112,8 @@ class Frame:
     """Readings by the output's name."""
     delays: dict[str, Real] = field(default_factory=dict)
     """Age of a reading by the output's name, s."""
+    earlier: dict[str, Earlier] = field(default_factory=dict)
+    """Evaluations at these ages by the output's name, the youngest first."""
 
     @property
     def axles(self) -> bool:
