@@ -18,6 +18,8 @@ from tpmsd.offline.dynamics.terms import CandidateTerm
 
 CompetitorNats = Mapping[str, Mapping[str, float]]
 """Log odds of competitors, by the key of the term and by the competitor's name."""
+CompetitorFits = Mapping[tuple[str, str], Search]
+"""Selections with a competitor in its term's place, by the same."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +36,17 @@ def with_likeliest(search: Search) -> Compared:
     seen: set[frozenset[str]] = set()
     while True:
         look = search.look([term for term in search.offered() if term.name not in search.rejected])
-        nats = fitted_competitors(search, look)
+        nats, fits = fitted_competitors(search, look)
         seen.add(frozenset(term.name for term in search.terms))
-        other = _likelier(search, look, nats, seen)
+        other = _likelier(search, look, nats, fits, seen)
         if other is None:
             return Compared(search, look, nats)
         search = other
 
 
-def _likelier(search: Search, look: Look, nats: CompetitorNats, seen: set[frozenset[str]]) -> Search | None:
+def _likelier(
+    search: Search, look: Look, nats: CompetitorNats, fits: CompetitorFits, seen: set[frozenset[str]]
+) -> Search | None:
     """Return the selection with the likeliest competitor in its term's place; None where none is plainly
     likelier, the prediction gets worse, or the selection was there before."""
     odds = [
@@ -55,15 +59,16 @@ def _likelier(search: Search, look: Look, nats: CompetitorNats, seen: set[frozen
         competitor = next(one for one in _close(look, k) if one.name == name)
         if frozenset(one.name for one in (*search.terms[:k], competitor, *search.terms[k + 1 :])) in seen:
             continue
-        other = _exchanged(search, k, competitor)
+        other = fits.get((search.terms[k].key, name)) or _exchanged(search, k, competitor)
         if other is not None:
             other.keep_stage()
             return other
     return None
 
 
-def fitted_competitors(search: Search, look: Look) -> CompetitorNats:
-    """Return the log odds of the competitors of each named term, fitted on a part of the blocks."""
+def fitted_competitors(search: Search, look: Look) -> tuple[CompetitorNats, CompetitorFits]:
+    """Return the log odds of the competitors of each named term, fitted on a part of the blocks, and the fits
+    where that part is the whole drive."""
     few = search.part()
     whole = len(search.setup.drive.time_s) / len(few.setup.drive.time_s)
     own = few.copied()
@@ -71,6 +76,7 @@ def fitted_competitors(search: Search, look: Look) -> CompetitorNats:
         own.fit()
     own.error = own.prediction_error()
     out: dict[str, dict[str, float]] = {}
+    fits: dict[tuple[str, str], Search] = {}
     for k, term in enumerate(search.terms):
         if term.nuisance or term.name == "unknown":
             continue
@@ -84,7 +90,9 @@ def fitted_competitors(search: Search, look: Look) -> CompetitorNats:
                 gain, rest = _parts(fitted, own, k)
                 nats = whole * (gain - likelihood) + rest - other
                 out.setdefault(term.key, {})[competitor.name] = nats
-    return out
+                if few.setup is search.setup:
+                    fits[term.key, competitor.name] = fitted
+    return out, fits
 
 
 def _close(look: Look, k: int) -> list[CandidateTerm]:
