@@ -33,6 +33,8 @@ CHECKSUMS_EXPECTED = 10
 """Sentences with a checksum after which one without is rejected."""
 _SAME_TIME_S = 5e-4
 _POSITION_ORDER = ("GGA", "GNS", "RMC", "GLL", "VTG")
+_SILENT = NmeaReading("other")
+"""A sentence without a value, in place of one that did not come."""
 _SPEAKS_OF_EPOCH = frozenset({"RMC", "GGA", "VTG", "GNS", "GLL"})
 
 
@@ -226,7 +228,7 @@ def merge_readings(
         return GnssFix(arrival_s, utc_s, quality=0, hdop=hdop)
     ordered = [readings[kind] for kind in _POSITION_ORDER if kind in readings]
     moving = [readings[kind] for kind in ("RMC", "VTG") if kind in readings]
-    accuracy = readings.get(ACCURACY)
+    accuracy = readings.get(ACCURACY, _SILENT)
     quality = next((reading.quality for reading in ordered if reading.quality is not None), 1)
     speed_mps = _first([reading.speed_mps for reading in moving])
     course_rad = _first([reading.course_rad for reading in moving])
@@ -249,7 +251,7 @@ def merge_readings(
         hdop=hdop,
         position_std_m=std_m,
         speed_mps=speed_mps,
-        speed_std_mps=NAN if accuracy is None else _first([accuracy.speed_std_mps]),
+        speed_std_mps=_first([accuracy.speed_std_mps]),
         course_rad=NAN if speed_mps < COURSE_MIN_SPEED_MPS else course_rad,
     )
 
