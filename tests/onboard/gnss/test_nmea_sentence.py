@@ -40,6 +40,14 @@ def test_published_gga():
     assert (0.9, 1, True) == (reading.hdop, reading.quality, reading.valid)
 
 
+def test_blanks_around_fields_are_no_part_of_them():
+    """Some receivers pad their fields; a speed with blanks around it is the speed."""
+    body = "GNRMC,123519,A,4807.038,N,01131.000,E,022.4,084.4,230394,003.1,W,A"
+    padded = body.replace("022.4", " 022.4 ").replace(",A,48", ", A,48").replace(",N,", ",N ,")
+
+    assert decode_sentence(nmea(body)) == decode_sentence(nmea(padded))
+
+
 def test_southern_and_western_hemisphere():
     """South and west are negative."""
     reading = decode_sentence(gga(T, at=(-33.8568, -151.2153)))
