@@ -217,6 +217,9 @@ def test_changes_of_the_tyres() -> None:
     assert rates("rear_axle_steering", coefficient=-0.1, by_speed=0.2)[:2] == pytest.approx(
         [turned / 1480.0, -CAR.rear_m * turned / 2350.0]
     )
+    # On four wheels at a small angle it is the same force, but for Dugoff's law at the tyres' load.
+    four = rates("rear_axle_steering", ThreeDof(CAR), coefficient=-0.01)[:2]
+    assert four == pytest.approx(rates("rear_axle_steering", coefficient=-0.01)[:2], rel=0.1)
     assert rates("unknown", on="force_rear", over="steering", knots=(0.0, 0.1), heights=(0.0, 1.0))[
         :2
     ] == pytest.approx([0.3, -CAR.rear_m * 0.3 * 1480.0 / 2350.0])

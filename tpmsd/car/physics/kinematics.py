@@ -49,3 +49,10 @@ def wheel_speeds(
         longitudinal = v + sign * yaw * (geometry.track_front_m / 2)
         out[..., wheel] = np.copysign(np.hypot(longitudinal, hub_lateral), longitudinal)
     return out
+
+
+def rear_steer_ratio(speed_mps: FloatArray, crossover_mps: float) -> FloatArray:
+    """Return (v^2 - v0^2) / (v^2 + v0^2), by which a system steers the rear wheels: -1 (against the front
+    ones) at rest, 0 at the crossover speed v0, 1 at high speed ([Sano 1986])."""
+    square, crossover = speed_mps**2, crossover_mps**2
+    return np.asarray((square - crossover) / (square + crossover))

@@ -157,7 +157,7 @@ def linear(
 ) -> Linear:
     """Return residuals and derivatives at a path; those by the disturbances are left out unless `driven`.
 
-    With `near`, where the model is as linear as is asked for, the derivatives are those that are known there.
+    With `near` the derivatives are taken from there instead; the caller checks that they hold.
     """
     drive, names = setup.drive, setup.states(theta)
     inputs = setup.inputs(theta)
@@ -414,8 +414,8 @@ def _start_information(setup: Setup, noise: PathNoise, total: int) -> FloatArray
 def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: PathNoise) -> Linear:
     """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton.
 
-    `start` is a path, or what is known at one for the same effects. Derivatives are kept where a step makes
-    the sum of squares fall as they foretell.
+    `start` is a path, or what is known at one for the same effects. Derivatives are kept where a step
+    decreases the sum of squares as they predict.
     """
     kept = isinstance(start, Linear)
     at = start if isinstance(start, Linear) else linear(setup, theta, start)

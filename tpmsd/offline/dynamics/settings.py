@@ -61,8 +61,9 @@ class DynamicsSettings:
     """Decrease of the sum of squares that is left aside, per unit of it or per ten thousand residuals: 0.005
     nats of log-likelihood, far below what any decision asks."""
     derivative_error: float = 0.01
-    """Fall of that sum of squares beside what the derivatives foretell, over it, up to which they are kept:
-    the noise, and so every standard deviation, is known to two hundredths."""
+    """Relative difference between the decrease of that sum of squares and the one that the derivatives
+    predict, up to which the derivatives are kept: the noise, and so every standard deviation, is known to
+    two hundredths."""
     false_discovery: float = 0.02
     """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
     alternatives: the bar is one in fifty."""

@@ -9,6 +9,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
+from tpmsd.car.physics.kinematics import rear_steer_ratio
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 CROSSOVER_MPS = 16.0
@@ -63,9 +64,9 @@ class DynamicsRearAxleSteering(DynamicsEffect):
 
     def adapt_angles(self, frame: Frame) -> None:
         """Turn the rear wheels."""
-        square, crossover = frame.u**2, CROSSOVER_MPS**2
-        share = self.coefficient + self.by_speed * (square - crossover) / (square + crossover)
-        turn = share * frame.steer
+        speed = np.asarray(frame.u)
+        ratio = self.coefficient + self.by_speed * rear_steer_ratio(speed, CROSSOVER_MPS)
+        turn = ratio * frame.steer
         still = np.zeros_like(turn)
         turned = (still, turn) if frame.axles else (still, still, turn, turn)
         frame.angle = frame.angle + np.stack(np.broadcast_arrays(*turned))

@@ -9,6 +9,7 @@ import numpy as np
 
 from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
 from tpmsd.car.physics.effect_records import Confounding, Identification, Nonlinear, Wording
+from tpmsd.car.physics.kinematics import rear_steer_ratio
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
@@ -95,8 +96,8 @@ class RearAxleSteering(Effect):
 
     def axle_course_rad(self, motion: Motion) -> FloatArray:
         """(n,) the angle of the rear wheels."""
-        square, cross = motion.speed_mps**2, self.crossover_mps**2
-        return np.asarray(self.gain * (square - cross) / (square + cross) * motion.steering_rad)
+        ratio = rear_steer_ratio(motion.speed_mps, self.crossover_mps)
+        return np.asarray(self.gain * ratio * motion.steering_rad)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) 1 / cos(beta) - 1 on the rear wheels, which roll along the path."""
