@@ -1,8 +1,7 @@
-"""Likelihoods of soft against sound, and their fusion with other evidence."""
+"""Likelihoods of soft against sound."""
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -15,8 +14,6 @@ from tpmsd.onboard.resonance.evidence import (
     SHIFTS,
     TRUST,
     ResonanceEvidence,
-    fuse,
-    fused_probability,
     shift_likelihood,
 )
 from tpmsd.onboard.resonance.peak_fit import DAMPING, LOG_GRID
@@ -89,39 +86,25 @@ def test_no_evidence_is_endless() -> None:
 
 
 def test_silence_changes_nothing() -> None:
-    """Where no wheel has a resonance the fused posterior is the one before."""
-    weights = {(): math.log(0.9), (0,): math.log(0.07), (0, 1): math.log(0.03)}
-    fused = fuse(weights, ResonanceEvidence.silent())
-
-    assert {(): 0.9, (0,): 0.07, (0, 1): 0.03} == pytest.approx(fused)
+    """Where no wheel has a resonance, every set of wheels has a log-likelihood ratio of 0."""
+    assert [0.0] * 3 == [ResonanceEvidence.silent().log_ratio(wheels) for wheels in ((), (0,), (0, 1))]
 
 
-def test_fusion_is_bayes_rule() -> None:
-    """Weights times likelihood ratios, normalised; wheels without evidence count by the others."""
-    evidence = ResonanceEvidence((0, 1), {(): 0.0, (0,): math.log(4.0), (1,): math.log(0.5), (0, 1): 0.0})
-    fused = fuse({(): math.log(0.8), (0,): math.log(0.1), (1, 3): math.log(0.1)}, evidence)
-    total = 0.8 + 0.4 + 0.05
+def test_wheels_without_a_resonance_change_nothing() -> None:
+    """The ratio of a set is that of its wheels with a resonance, in any order."""
+    evidence = ResonanceEvidence((0, 1), {(): 0.0, (0,): 1.5, (1,): -0.5, (0, 1): 0.25})
 
-    assert {(): 0.8 / total, (0,): 0.4 / total, (1, 3): 0.05 / total} == pytest.approx(fused)
-
-
-def test_a_ratio_is_added_to_the_odds() -> None:
-    """Odds of 1 : 3 and a ratio of 6 are odds of 2 : 1; certainty stays."""
-    assert 2.0 / 3.0 == pytest.approx(fused_probability(0.25, math.log(6.0)))
-    assert [0.0, 1.0] == [fused_probability(sure, 3.0) for sure in (0.0, 1.0)]
+    assert [-0.5, 0.25, 0.0] == [evidence.log_ratio(wheels) for wheels in ((1, 3), (1, 0), (2,))]
 
 
 @settings(derandomize=True, deadline=None, max_examples=60)
 @given(st.lists(st.floats(-0.3, 0.15), min_size=1, max_size=4), st.floats(0.004, 0.2))
 def test_evidence_is_always_a_finite_number(changes: list[float], std: float) -> None:
-    """Whatever the wheels did, all ratios are finite and bounded, and the fused posterior sums to one."""
+    """Whatever the wheels did, all ratios are finite and bounded."""
     shifts = {
         wheel: shift_likelihood(bell(40.0, std), bell(40.0 * math.exp(x), std))
         for wheel, x in enumerate(changes)
     }
     evidence = ResonanceEvidence.of(shifts)
-    subsets = [s for size in range(5) for s in itertools.combinations(range(4), size)]
-    fused = fuse(dict.fromkeys(subsets, 0.0), evidence)
 
     assert all(abs(log) <= MAX_LOG + 1e-9 for log in evidence.subsets.values())
-    assert 1.0 == pytest.approx(sum(fused.values()))

@@ -83,7 +83,6 @@ class MqttBridge:
         self._connected = False
         self._again = False
         self._subscribed_s: float | None = None
-        self._recalled: bytes | None = None
         self._available = False
         self._published_available: bool | None = None
         self._introduced: tuple[str, ...] = ()

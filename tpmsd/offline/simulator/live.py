@@ -100,8 +100,6 @@ class PlayStats:
     """Frames that were not sent, since the next of their message was due by then."""
     worst_lateness_s: float = 0.0
     """Largest lateness behind a deadline, in wall-clock time, s."""
-    played_s: float = 0.0
-    """Time of the drive that was played, s."""
 
 
 class LivePlayer:
@@ -168,7 +166,6 @@ class LivePlayer:
             elif self._port is not None:
                 self._port.write(nmea[index - len(frames)].text.encode("ascii") + b"\r\n")
                 self.stats.sentences += 1
-            self.stats.played_s = float(times[index]) - self.start_host_s
         return self.stats
 
     def start(self) -> None:

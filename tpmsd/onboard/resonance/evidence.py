@@ -1,4 +1,4 @@
-"""Likelihood of 'soft' against 'not soft' from the resonances, and its fusion with other evidence.
+"""Likelihood of 'soft' against 'not soft' from the resonances.
 
 In: for each wheel the resonance's likelihood now and when the tyre was known to be in order. Out: a
 `ResonanceEvidence`: log likelihood ratios per wheel and per set of wheels, to be added to those of the radii.
@@ -99,26 +99,6 @@ class ResonanceEvidence:
     def wheel_llr(self, wheel: int) -> float:
         """Return the log-likelihood ratio of just this wheel soft against none."""
         return self.log_ratio((wheel,))
-
-
-def fuse(
-    log_weights: Mapping[tuple[int, ...], float], evidence: ResonanceEvidence
-) -> dict[tuple[int, ...], float]:
-    """Return the posterior over sets of soft wheels, by other evidence and by the resonance.
-
-    The two are taken to be independent given which wheels are soft.
-    `log_weights`: log of prior times likelihood of each set, unnormalised. The result sums to one.
-    """
-    logs = {subset: log + evidence.log_ratio(subset) for subset, log in log_weights.items()}
-    total = float(_log_sum(np.array(list(logs.values())), 0))
-    return {subset: math.exp(log - total) for subset, log in logs.items()}
-
-
-def fused_probability(probability: float, log_ratio: float) -> float:
-    """Return a probability after independent evidence: its odds times the likelihood ratio."""
-    if not 0.0 < probability < 1.0:
-        return probability
-    return 1.0 / (1.0 + math.exp(-(math.log(probability / (1.0 - probability)) + log_ratio)))
 
 
 def _blurred(log_values: FloatArray, std: float) -> FloatArray:

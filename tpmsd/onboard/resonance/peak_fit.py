@@ -91,7 +91,7 @@ class PeakFit:
     """Fits spectra of one sampling rate."""
 
     def __init__(self, rate_hz: float) -> None:
-        self._bins_hz = frequency = bins_hz(rate_hz)
+        frequency = bins_hz(rate_hz)
         self._reach = _reach(frequency)
         f0 = FREQUENCY_HZ[: self._reach, None, None]
         damped = 2.0 * DAMPING[None, :, None] * f0 * frequency

@@ -1,6 +1,4 @@
-"""Pressure of a tyre from the torsional resonance of its wheel.
-
-In: inertias and stiffnesses, or a change of pressure. Out: frequencies, and how they change.
+"""Torsional resonance of a wheel: its range, and how much a loss of pressure lowers it.
 
 The tyre is a rigid ring (the belt) on the rim, held by the sidewalls' torsional stiffness c:
 
@@ -20,8 +18,6 @@ Sources: Zegelaar, The dynamic response of tyres to brake torque variations and 
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
@@ -33,23 +29,6 @@ PRESSURE_LOSS = np.linspace(0.15, 0.5, 8)
 ELASTICITY = np.array([0.10, 0.16, 0.22, 0.30])
 """d ln f / d ln p: pressure carries some 50 to 70 per cent of the sidewall's torsional stiffness, and the
 contact's stiffness, in series with it, takes up to half of the effect away."""
-
-
-def free_frequency_hz(rim_inertia_kgm2: float, belt_inertia_kgm2: float, stiffness_nm: float) -> float:
-    """Return the frequency at which rim and belt swing against each other, free of the road; stiffness in
-    Nm/rad."""
-    return math.sqrt(stiffness_nm * (1.0 / rim_inertia_kgm2 + 1.0 / belt_inertia_kgm2)) / (2.0 * math.pi)
-
-
-def held_frequency_hz(rim_inertia_kgm2: float, stiffness_nm: float) -> float:
-    """Return the frequency at which the rim swings while the road holds the belt."""
-    return math.sqrt(stiffness_nm / rim_inertia_kgm2) / (2.0 * math.pi)
-
-
-def sidewall_stiffness(stiffness_nm: float, share: float, pressure_ratio: float) -> float:
-    """Return the torsional stiffness at a pressure, relative to the one at which `stiffness_nm` was measured,
-    Nm/rad."""
-    return stiffness_nm * (1.0 - share + share * pressure_ratio)
 
 
 def soft_shifts() -> FloatArray:

@@ -60,16 +60,12 @@ class Notifier:
         return self._send(self._status(text))
 
     def watchdog(self) -> bool:
-        """Return the estimator advances; call it only then."""
+        """Feed the watchdog of systemd; to be called only while the estimator advances."""
         return self._send(["WATCHDOG=1"])
 
     def stopping(self, status: str = "") -> bool:
         """Report that shut-down has begun."""
         return self._send(["STOPPING=1", *self._status(status)])
-
-    def extend_timeout(self, usec: int) -> bool:
-        """Ask for `usec` microseconds more to start or stop."""
-        return self._send([f"EXTEND_TIMEOUT_USEC={usec}"])
 
     def close(self) -> None:
         """Give the socket back; later calls open it again."""
