@@ -16,7 +16,7 @@ PACKAGES = {path.parent.name: path.parent for path in PACKAGE.glob("*/*/__init__
 SETTLED = ("diagnosis", "fleet", "monitor")
 """Packages whose numbers are all in their settings."""
 STRUCTURE = {
-    "monitor.slow_leaks.filter.LEAST_PROBABILITY": "keeps a logarithm finite",
+    "monitor.slow_leaks.filter.MIN_PROBABILITY": "keeps a logarithm finite",
     "monitor.slow_leaks.filter.NO_EVENT": "stands for none",
     "monitor.slow_leaks.filter.NO_WHEEL": "stands for none",
     "monitor.slow_leaks.history._FIRST": "how an earlier state is known",
@@ -30,7 +30,7 @@ STRUCTURE = {
     "monitor.slow_leaks.state.WEEK_D": "a unit",
     "monitor.slow_leaks.state.WHEEL_SETS": "which wheels belong together",
     "monitor.evidence.posterior.LEAST": "keeps a division by a probability of zero finite",
-    "monitor.evidence.probability.MOST_STEPS": "terms of a series, by which it has converged to the last bit",
+    "monitor.evidence.probability.MAX_STEPS": "terms of a series, by which it has converged to the last bit",
     "monitor.baseline.reference.CAR": "a place in an array, like the others of this module",
     "monitor.baseline.reference.GROWTH": "a place",
     "monitor.baseline.reference.LOAD": "a place",

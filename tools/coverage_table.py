@@ -11,7 +11,7 @@ import sys
 from collections import defaultdict
 from pathlib import Path
 
-LEAST_PERCENT = 90.0
+MIN_PERCENT = 90.0
 
 
 def main(report: Path, core: list[str]) -> int:
@@ -36,7 +36,7 @@ def main(report: Path, core: list[str]) -> int:
         ]
         print(f"| {package} | {statements} | {shares[0]:.1f} | {branches} | {shares[1]:.1f} |")
     _, _, taken, branches = sums["together"]
-    return int(100.0 * taken < LEAST_PERCENT * branches)
+    return int(100.0 * taken < MIN_PERCENT * branches)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from bench.worlds.spec import Spec
 
 DRAG_PER_M, ROLLING_MPS2 = 2.7e-4, 0.1
 """What slows a car that rolls: by the speed squared, and always."""
-MOST_SHARE = 0.95
+MAX_SHARE = 0.95
 """Of the grip that a tyre is asked for."""
 ROLL_RAD_PER_MPS2 = 6e-3
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])
@@ -52,7 +52,7 @@ def grip_slip(force: Array, stiffness: float, most: float, shape: float = 1.45) 
 
     `stiffness` is force per slip where both are small, `most` the grip, both in m/s2.
     """
-    asked = np.clip(force / most, -MOST_SHARE, MOST_SHARE)
+    asked = np.clip(force / most, -MAX_SHARE, MAX_SHARE)
     return np.asarray(np.tan(np.arcsin(asked) / shape) * shape * most / stiffness)
 
 

@@ -28,7 +28,7 @@ class Drive:
     truth: dict[str, dict[str, float]]
 
 
-def course(duration_s: float, rng: np.random.Generator, most_lat: float = 7.0) -> tuple[Array, Array]:
+def course(duration_s: float, rng: np.random.Generator, max_lat: float = 7.0) -> tuple[Array, Array]:
     """Return road-wheel angle and speed every millisecond: bends, lane changes, weaving, braking, pulling
     away."""
     n = round(duration_s / STEP_S)
@@ -41,7 +41,7 @@ def course(duration_s: float, rng: np.random.Generator, most_lat: float = 7.0) -
     at = 1.0
     while at < duration_s - 4.0:
         kind = rng.integers(4)
-        size = rng.uniform(0.3, 1.0) * most_lat * rng.choice([-1.0, 1.0])
+        size = rng.uniform(0.3, 1.0) * max_lat * rng.choice([-1.0, 1.0])
         length = rng.uniform(1.5, 5.0)
         rows = (t >= at) & (t < at + length)
         phase = (t[rows] - at) / length
@@ -76,11 +76,11 @@ def drive(
     duration_s: float = 300.0,
     sensors: SensorSpec | None = None,
     forces: bool = False,
-    most_lat: float = 7.0,
+    max_lat: float = 7.0,
 ) -> Drive:
     """Return a recorded drive of `model` (single-track or three-dof) with these effects."""
     sensors = SensorSpec() if sensors is None else sensors
-    steer, speed = course(duration_s, rng, most_lat)
+    steer, speed = course(duration_s, rng, max_lat)
     delay = round(concealed.get("steering_delay", "delay_s") / STEP_S)
     ratio = concealed.get("steering_ratio_error", "ratio", 1.0)
     zero = concealed.get("steering_offset", "offset_rad")

@@ -25,9 +25,9 @@ from bench.worlds.spec import Spec, draw_spec
 
 SAMPLES, SAMPLE_S = 4, 0.01
 LOOP_S = 0.1
-LEAST_MORE, MOST_MORE = 1e-4, 3e-3
+MIN_MORE, MAX_MORE = 1e-4, 3e-3
 """By which share a loop takes longer than it waits: what it does, and its timer."""
-LEAST_RAD, MOST_RAD = 1e-4, 5e-4
+MIN_RAD, MAX_RAD = 1e-4, 5e-4
 
 
 def draw(rng: np.random.Generator, **fixed: Any) -> Spec:
@@ -53,11 +53,11 @@ def sampled(drive: Drive, seed: int) -> Drive:
 
 def uneven(angle_rad: Array, rng: np.random.Generator) -> Array:
     """(n,) angle that a ring shows beyond the one turned: two harmonics."""
-    sizes, phases = rng.uniform(LEAST_RAD, MOST_RAD, 2), rng.uniform(0.0, 2.0 * math.pi, 2)
+    sizes, phases = rng.uniform(MIN_RAD, MAX_RAD, 2), rng.uniform(0.0, 2.0 * math.pi, 2)
     return np.asarray(sum(sizes[k] * np.sin((k + 1) * angle_rad + phases[k]) for k in range(2)))
 
 
 def rounded_late(arrival_s: Array, rng: np.random.Generator) -> Array:
     """(m,) time from each arrival to the nearest instant of the loop, of either sign."""
-    every = LOOP_S * (1.0 + math.exp(float(rng.uniform(math.log(LEAST_MORE), math.log(MOST_MORE)))))
+    every = LOOP_S * (1.0 + math.exp(float(rng.uniform(math.log(MIN_MORE), math.log(MAX_MORE)))))
     return np.asarray(np.mod(float(rng.random()) * every - arrival_s, every) - 0.5 * every)

@@ -38,10 +38,10 @@ PATH_SMOOTH_M = 5.0
 SPEED_SMOOTH_S = 0.4
 TIGHTEST_PER_M = 1.0 / 6.0
 """A passenger car's smallest turning circle is some 11 m wide."""
-MOST_LATERAL_MPS2 = 4.5
+MAX_LATERAL_MPS2 = 4.5
 SPREADS = 30
 OTHERS_PER_KM_LANE = 2.5
-MOST_OTHERS = 120
+MAX_OTHERS = 120
 EARLIEST_S = 120.0
 """The car sets off when the streets have filled."""
 
@@ -147,7 +147,7 @@ def _edges(file: Path) -> tuple[list[str], float]:
 
 
 def _trips(edges: list[str], lane_km: float, end_s: float, rng: np.random.Generator) -> str:
-    number = int(min(OTHERS_PER_KM_LANE * lane_km, MOST_OTHERS))
+    number = int(min(OTHERS_PER_KM_LANE * lane_km, MAX_OTHERS))
     style = 'carFollowModel="EIDM" sigma="0.3" speedFactor="normc(1,0.1,0.8,1.2)"'
     lines = ["<routes>", f'<vType id="car" accel="1.8" decel="2.5" {style}/>']
     entries = [_trip("ego", EARLIEST_S, edges, 40, rng)]
@@ -198,7 +198,7 @@ def _curvature(trace: Trace) -> tuple[Array, Array]:
 
 def _drivable(curvature: Array, speed: Array) -> Array:
     """Curvature within the car's limits over the way: what is too much is spread over the metres around."""
-    most = np.minimum(TIGHTEST_PER_M, MOST_LATERAL_MPS2 / np.maximum(speed, 1.0) ** 2)
+    most = np.minimum(TIGHTEST_PER_M, MAX_LATERAL_MPS2 / np.maximum(speed, 1.0) ** 2)
     for _ in range(SPREADS):
         within = np.clip(curvature, -most, most)
         curvature = within + gaussian_filter1d(curvature - within, PATH_SMOOTH_M / PATH_STEP_M)

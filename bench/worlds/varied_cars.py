@@ -50,7 +50,7 @@ class Case:
     sensors: Sensors = field(default_factory=Sensors)
     forces: bool = False
     """Drive and brake force are recorded."""
-    most_lat_mps2: float = 5.0
+    max_lat_mps2: float = 5.0
 
     def get(self, effect: str, parameter: str, default: float = 0.0) -> float:
         """Return a concealed value, or the default."""
@@ -173,7 +173,7 @@ def plan(case: Case, car: Car, duration_s: float, rng: np.random.Generator) -> t
         low = min(low, 0.7 * high)
     at = np.concatenate([[0.0], np.cumsum(rng.uniform(4.0, 11.0, math.ceil(duration_s / 4.0)))])
     speed = _rounded(np.interp(t, at, rng.uniform(low, high, len(at))), 1.2)
-    most = case.most_lat_mps2 * (0.5 if case.style in ("ordinary", "slow") else 1.0)
+    most = case.max_lat_mps2 * (0.5 if case.style in ("ordinary", "slow") else 1.0)
     lat = np.zeros(n)
     begin = 1.5
     while begin < duration_s - 6.0:

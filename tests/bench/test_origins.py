@@ -46,7 +46,7 @@ def test_a_car_follows_the_traffic_simulators_path(town: tuple[traffic.Trace, Co
     apart = road.heading[-1] - road.heading[0] - (turned[-1] - turned[0])
     assert math.remainder(apart, 2 * math.pi) == pytest.approx(0.0, abs=0.1)
     assert np.abs(road.bend).max() <= traffic.TIGHTEST_PER_M
-    assert np.abs(road.a_lat).max() < 1.1 * traffic.MOST_LATERAL_MPS2
+    assert np.abs(road.a_lat).max() < 1.1 * traffic.MAX_LATERAL_MPS2
     assert np.abs(road.accel).max() < 5.0
 
 
@@ -306,7 +306,7 @@ def test_a_sentence_gets_the_stamp_of_the_nearest_instant_of_a_loop() -> None:
     stamps = arrival_s + late
     every = np.diff(stamps).min()
 
-    assert np.abs(late).max() <= 0.5 * polled.LOOP_S * (1.0 + polled.MOST_MORE)
+    assert np.abs(late).max() <= 0.5 * polled.LOOP_S * (1.0 + polled.MAX_MORE)
     assert late.mean() == pytest.approx(0.0, abs=3e-3)
     assert np.abs(np.mod(np.diff(stamps) / every + 0.5, 1.0) - 0.5).max() < 0.01
 
@@ -316,7 +316,7 @@ def test_an_uneven_ring_shows_two_harmonics_of_its_turn() -> None:
     turn = np.arange(256, dtype=np.float64) * 2.0 * math.pi / 256.0
     lines = 2.0 * np.abs(np.fft.rfft(polled.uneven(turn, np.random.default_rng(4)))) / 256.0
 
-    assert np.all((lines[1:3] > polled.LEAST_RAD) & (lines[1:3] < polled.MOST_RAD))
+    assert np.all((lines[1:3] > polled.MIN_RAD) & (lines[1:3] < polled.MAX_RAD))
     assert np.abs(np.delete(lines, [1, 2])).max() < 1e-12
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.foundation.toml_text import MOST_KEY_PARTS, parse_toml
+from tpmsd.foundation.toml_text import MAX_KEY_PARTS, parse_toml
 
 COMMAND = """
 import re, resource, sys
@@ -21,7 +21,7 @@ peak = re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]
 print(used.ru_utime + used.ru_stime, int(peak) / 1024)
 sys.exit(code)
 """
-MOST_S, MOST_MB = 10.0, 300.0
+MAX_S, MAX_MB = 10.0, 300.0
 EFFECT = '[[effect]]\nname = "centrifugal_growth"\ncoefficient = {}\n'
 DIGITS = "1" + 399 * "0"
 
@@ -55,8 +55,8 @@ def refused(words: list[str]) -> list[str]:
     )
     assert 2 == done.returncode, done.stderr[-2000:]
     seconds, megabytes = map(float, done.stdout.split())
-    assert seconds < MOST_S
-    assert megabytes < MOST_MB
+    assert seconds < MAX_S
+    assert megabytes < MAX_MB
     lines = done.stderr.splitlines()
     assert max(map(len, lines)) < 500
     return lines
@@ -90,7 +90,7 @@ def test_models(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("part", ["a", '"a b"', "'a.b'"])
 def test_keys_up_to_the_bound_are_read(part: str) -> None:
     """A dotted key of as many parts as are allowed is read; one more is refused with its line."""
-    data = parse_toml("x = 1\n" + ".".join(MOST_KEY_PARTS * [part]) + " = 1\n")
+    data = parse_toml("x = 1\n" + ".".join(MAX_KEY_PARTS * [part]) + " = 1\n")
     assert {"x", part.strip("'\"")} == set(data)
     with pytest.raises(ValueError, match=r"^line 2: a key of more than 32 parts$"):
-        parse_toml("x = 1\n" + " . ".join((MOST_KEY_PARTS + 1) * [part]) + " = 1\n")
+        parse_toml("x = 1\n" + " . ".join((MAX_KEY_PARTS + 1) * [part]) + " = 1\n")

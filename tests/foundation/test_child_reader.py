@@ -14,7 +14,7 @@ import pytest
 from tpmsd.foundation import child_reader
 from tpmsd.foundation.child_reader import ChildReader, ChildReadError, Send, limit
 
-MOST_S = 1
+MAX_S = 1
 
 
 def crash(path: Path, requests: Iterator[str], send: Send) -> None:
@@ -24,7 +24,7 @@ def crash(path: Path, requests: Iterator[str], send: Send) -> None:
 
 
 def hang(path: Path, requests: Iterator[str], send: Send) -> None:
-    child_reader.CPU_S = MOST_S
+    child_reader.CPU_S = MAX_S
     limit(path)
     while True:
         pass

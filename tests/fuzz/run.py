@@ -29,7 +29,7 @@ TIMEOUT_S = 20
 PART_S, PART_RUNS = 120, 15_000
 """A target's process ends after so long or so many cases, and another goes on: atheris keeps up to 15 kB of
 its own for each case, which would stand for a leak of the target."""
-MOST_BYTES = 65536
+MAX_BYTES = 65536
 """Size of an input, at most; the packed logs that are seeds take 10 kB."""
 OWN = 1.0 / 3.0
 """Share of inputs that libFuzzer changes by itself, byte by byte."""
@@ -75,11 +75,11 @@ def fuzz(name: str, seconds: int, seed: int) -> None:
 
         seeds = SEEDS[name]()
 
-    def changed(data: bytes, most_bytes: int, draw: int) -> bytes:
+    def changed(data: bytes, max_bytes: int, draw: int) -> bytes:
         rng = random.Random(draw)
         if rng.random() < OWN:
-            return bytes(atheris.Mutate(data, most_bytes))
-        return mutated(name, bytes(data), rng, most_bytes)
+            return bytes(atheris.Mutate(data, max_bytes))
+        return mutated(name, bytes(data), rng, max_bytes)
 
     corpus = BUILD / name
     corpus.mkdir(parents=True, exist_ok=True)
@@ -92,7 +92,7 @@ def fuzz(name: str, seconds: int, seed: int) -> None:
         f"-seed={seed}",
         f"-timeout={TIMEOUT_S}",
         "-rss_limit_mb=2000",
-        f"-max_len={MOST_BYTES}",
+        f"-max_len={MAX_BYTES}",
         f"-artifact_prefix={BUILD}/{name}-",
         "-print_final_stats=1",
         str(corpus),

@@ -220,8 +220,8 @@ KINDS: dict[str, Change] = {
 """The change of form that fits each target."""
 
 
-def mutated(name: str, data: bytes, rng: random.Random, most_bytes: int) -> bytes:
+def mutated(name: str, data: bytes, rng: random.Random, max_bytes: int) -> bytes:
     """Return the input of this target with one to four changes, of at most so many bytes."""
     for _ in range(rng.randint(1, 4)):
         data = KINDS[name](data, rng)
-    return data[:most_bytes]
+    return data[:max_bytes]

@@ -27,7 +27,7 @@ CPU_S_PER_MB = 4
 MEMORY_BYTES = 512 << 20
 MEMORY_PER_BYTE = 8
 """Address space for each byte of the file, beyond what the imports took."""
-MOST_MESSAGE_BYTES = 256 << 20
+MAX_MESSAGE_BYTES = 256 << 20
 _HEADER = struct.Struct("<cQ")
 _DATA, _END, _FAILED = b"D", b"E", b"X"
 _START = (
@@ -82,7 +82,7 @@ class ChildReader:
         if len(header) < _HEADER.size:
             raise ChildReadError(self._ended())
         kind, size = _HEADER.unpack(header)
-        if size > MOST_MESSAGE_BYTES:
+        if size > MAX_MESSAGE_BYTES:
             raise ChildReadError(f"a message of {size} bytes of its reader")
         body = self._child.stdout.read(size)
         if len(body) < size:

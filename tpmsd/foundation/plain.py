@@ -11,7 +11,7 @@ import math
 from pathlib import Path
 from typing import Any, TypeVar
 
-MOST_REPR_CHARS = 800
+MAX_REPR_CHARS = 800
 """Length of a record's `repr`: a screen of text at most."""
 _FEW = 4
 """A collection of so few numbers or short texts is shown whole."""
@@ -31,7 +31,7 @@ def brief(record: Record) -> Record:
     def line(self: Any) -> str:
         shown = [f"{f.name}={_shown(getattr(self, f.name))}" for f in dataclasses.fields(self) if f.repr]
         text = f"{type(self).__name__}({', '.join(shown)})"
-        return text if len(text) <= MOST_REPR_CHARS else f"{text[: MOST_REPR_CHARS - 4]}...)"
+        return text if len(text) <= MAX_REPR_CHARS else f"{text[: MAX_REPR_CHARS - 4]}...)"
 
     record.__repr__ = line  # type: ignore[method-assign, assignment]
     return record

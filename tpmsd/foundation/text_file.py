@@ -46,19 +46,19 @@ def opened(path: Path) -> BinaryIO:
     return file
 
 
-def read_text(path: Path, most_bytes: int, what: str) -> str:
+def read_text(path: Path, max_bytes: int, what: str) -> str:
     """Return the text of a file in UTF-8; ConfigError where it cannot be read, is longer, or is no text.
 
     `what` it should be stands in the reason, `a model` for one.
     """
     try:
         with opened(path) as file:
-            content = file.read(most_bytes + 1)
+            content = file.read(max_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL byte in the path
         reason = getattr(error, "strerror", None) or error
         raise ConfigError(f"{path}: cannot be read: {reason}") from None
-    if len(content) > most_bytes:
-        raise ConfigError(f"{path}: longer than {most_bytes} bytes: this is not {what}")
+    if len(content) > max_bytes:
+        raise ConfigError(f"{path}: longer than {max_bytes} bytes: this is not {what}")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:

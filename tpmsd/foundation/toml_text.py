@@ -10,13 +10,13 @@ import re
 import tomllib
 from typing import Any
 
-MOST_KEY_PARTS = 32
+MAX_KEY_PARTS = 32
 """Parts that a dotted key may have; a configuration needs four."""
 LARGEST_INTEGER = 2**63 - 1
 """TOML itself asks for no more than 64 bits."""
 
 _PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
-_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MOST_KEY_PARTS}}}")
+_DEEP_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{MAX_KEY_PARTS}}}")
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -24,7 +24,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     is beyond bounds. Integers may be of any size: see `check_integers`."""
     if (deep := _DEEP_KEY.search(text)) is not None:
         line = text.count("\n", 0, deep.start()) + 1
-        raise ValueError(f"line {line}: a key of more than {MOST_KEY_PARTS} parts")
+        raise ValueError(f"line {line}: a key of more than {MAX_KEY_PARTS} parts")
     try:
         return tomllib.loads(text)
     except RecursionError:

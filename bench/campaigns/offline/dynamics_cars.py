@@ -122,7 +122,7 @@ def cases(seeds: int, first_seed: int) -> list[Asked]:
             STYLES[number % len(STYLES)],
             effects,
             Sensors(rate_hz=RATES_HZ[number % len(RATES_HZ)]),
-            most_lat_mps2=lat,
+            max_lat_mps2=lat,
         )
         out.append(Asked(kind, name, baseline, case))
 

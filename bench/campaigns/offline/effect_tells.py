@@ -49,7 +49,7 @@ GIVES_WAY = {
 """Effects and those that contain them as a limit, which are no alternatives of them."""
 FORMULAS_SHARE = 1e-3
 """Of the gain: less beyond an alternative is no more than what two formulas of one effect differ by."""
-LEAST_STOPS = 2
+MIN_STOPS = 2
 SHORTEST_STOP_S = 20.0
 """In less nobody gets in."""
 
@@ -77,7 +77,7 @@ def tells(effect: str, drawn: Drawn, windows: Windows) -> Tells:
         return Tells(gain := tooth_gain(windows, drawn.truth["amplitude_rad"]), gain, "")
     if effect == "counter_lost_low_speed":
         stops = int(np.count_nonzero(np.diff((windows.course.speed < 0.2).astype(int)) == 1))
-        return Tells(float("inf") if stops >= LEAST_STOPS else 0.0, float("inf"), "")
+        return Tells(float("inf") if stops >= MIN_STOPS else 0.0, float("inf"), "")
     if effect == "load_static" and _longest_stop_s(windows) < SHORTEST_STOP_S:
         return Tells(0.0, 0.0, "")
     windows = replace(windows, spec=_with_scatter(windows))

@@ -18,7 +18,7 @@ from pyarrow import parquet
 from tests.interfaces.api.test_from_tables import straight
 from tests.interfaces.api.test_tables import MAP, frame_of, hdf5
 
-MOST_MB = 300
+MAX_MB = 300
 """Resident memory of the command and of its child."""
 WRAPPED = """
 import re, resource, sys
@@ -153,5 +153,5 @@ def test_a_hostile_table_is_refused_within_bounds(name: str, tmp_path: Path) -> 
     assert re.match(r"tpmsd: .*/" + re.escape(name), line)
     assert reason in line
     assert not (tmp_path / "drive").exists()
-    assert int(done.stdout) < MOST_MB
+    assert int(done.stdout) < MAX_MB
     assert taken_s < 20.0

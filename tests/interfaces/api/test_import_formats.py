@@ -15,7 +15,7 @@ import pytest
 from tests.interfaces.api.test_from_tables import straight
 from tests.interfaces.api.test_tables import MAP, frame_of, hdf5, mf4
 from tpmsd.offline.tables.read_table import SUFFIXES
-from tpmsd.onboard.sources.can.packed_bounds import _DZ, MOST_BLOCK_BYTES
+from tpmsd.onboard.sources.can.packed_bounds import _DZ, MAX_BLOCK_BYTES
 
 
 def run(*arguments: Any) -> subprocess.CompletedProcess[str]:
@@ -68,7 +68,7 @@ def test_import_reads_every_format(suffix: str, tmp_path: Path) -> None:
 def packed_block() -> bytes:
     """An MF4 block that says that it unpacks to more than a block may."""
     packed = zlib.compress(bytes(1000))
-    return _DZ.pack(b"##DZ", _DZ.size, 0, b"DT", 0, 0, 0, MOST_BLOCK_BYTES + 1, len(packed)) + packed
+    return _DZ.pack(b"##DZ", _DZ.size, 0, b"DT", 0, 0, 0, MAX_BLOCK_BYTES + 1, len(packed)) + packed
 
 
 @pytest.mark.parametrize(

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 import tpmsd
-from tpmsd.offline.report.card import MOST_ROWS, card
+from tpmsd.offline.report.card import MAX_ROWS, card
 
-MOST_REPR_CHARS = 2_000
+MAX_REPR_CHARS = 2_000
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_every_repr_is_short(name: str, shown: dict[str, Any]) -> None:
     assert len(text) <= 500
     objects = reached(shown[name])
     assert len(objects) >= (1 if name == "Fault" else 5)
-    assert {} == {path: len(repr(one)) for path, one in objects.items() if len(repr(one)) > MOST_REPR_CHARS}
+    assert {} == {path: len(repr(one)) for path, one in objects.items() if len(repr(one)) > MAX_REPR_CHARS}
 
 
 class Reader(HTMLParser):
@@ -111,7 +111,7 @@ def test_every_card_stands_alone(name: str, shown: dict[str, Any]) -> None:
 
 def test_a_card_has_few_rows() -> None:
     """Of a long table a card shows the first rows and says how many are left."""
-    made = card("long", (("n",), [(number,) for number in range(MOST_ROWS + 7)]))
+    made = card("long", (("n",), [(number,) for number in range(MAX_ROWS + 7)]))
 
-    assert MOST_ROWS + 2 == made.count("<tr>")
+    assert MAX_ROWS + 2 == made.count("<tr>")
     assert "<td>and 7 more</td>" in made

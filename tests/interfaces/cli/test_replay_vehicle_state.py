@@ -14,7 +14,7 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.report.vehicle_state_summary import MOST_ROWS, StateSummary
+from tpmsd.offline.report.vehicle_state_summary import MAX_ROWS, StateSummary
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.write import signals_text
 from tpmsd.offline.simulator.bus import BusSpec
@@ -109,14 +109,14 @@ def test_the_page_draws_the_state(on_bus: Path, tmp_path: Path) -> None:
 
 
 def test_what_is_drawn_is_bounded_and_at_its_time() -> None:
-    """A drive of many ticks keeps rows at their own times, no more than MOST_ROWS + 1."""
+    """A drive of many ticks keeps rows at their own times, no more than MAX_ROWS + 1."""
     summary = StateSummary("ekf")
     state = VehicleState(*np.arange(8.0).tolist())
-    for k in range(3 * MOST_ROWS):
+    for k in range(3 * MAX_ROWS):
         summary.add(0.1, state if k % 2 == 0 else None, 0.1 * k)
     rows = summary.series()
 
-    assert MOST_ROWS / 2 <= len(rows) <= MOST_ROWS + 1
+    assert MAX_ROWS / 2 <= len(rows) <= MAX_ROWS + 1
     assert rows[:, 0] == pytest.approx(0.1 * 4 * np.arange(len(rows)))
     assert rows[0, 1:].tolist() == [2.0, 3.0, 4.0, 5.0]
 

@@ -278,7 +278,7 @@ def test_the_settings_hold_a_step_of_the_radii_to_what_is_a_calibration(studied:
     moved = relinearised(study, replace(chosen(study), fit=absurd))
     grown = moved.drives[0].reader.reference.car.radius_m / before_m - 1.0
 
-    assert np.allclose(SETTINGS.refinement.most_calibration, grown)
+    assert np.allclose(SETTINGS.refinement.max_relative_radius_change, grown)
     assert np.array_equal(before_m, one.reader.reference.car.radius_m)
 
 

@@ -36,8 +36,8 @@ def test_a_lag_of_the_velocity_is_no_low_pass(seed: int, road: str) -> None:
     assert lag.std < 0.02
 
 
-@pytest.mark.parametrize(("teeth", "most_radps"), [(TEETH, 7e-3), (40_000.0, 2e-5)])
-def test_a_yaw_rate_by_wheels_has_little_of_their_rounding(teeth: float, most_radps: float) -> None:
+@pytest.mark.parametrize(("teeth", "max_radps"), [(TEETH, 7e-3), (40_000.0, 2e-5)])
+def test_a_yaw_rate_by_wheels_has_little_of_their_rounding(teeth: float, max_radps: float) -> None:
     """Two readings of one drive whose counts begin elsewhere differ by rounding alone: on a coarse ring by
     less than 7 mrad/s each, where 0.35 s of smoothing left 12; on a fine one by next to nothing."""
     made = drive(Spec(duration_s=120.0, road="city", teeth=teeth), 3)
@@ -46,7 +46,7 @@ def test_a_yaw_rate_by_wheels_has_little_of_their_rounding(teeth: float, most_ra
     moved = [replace(made, shown_rad=made.shown_rad + begin) for begin in begun]
     yaw = [reference(_blind(recording_of(one))).motion.yaw_rate_radps for one in moved]
 
-    assert float(np.std(yaw[0] - yaw[1])) / np.sqrt(2.0) < most_radps
+    assert float(np.std(yaw[0] - yaw[1])) / np.sqrt(2.0) < max_radps
 
 
 def test_a_lane_change_stays_in_a_yaw_rate_by_wheels() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bench.worlds.lively_car import CarSpec, Concealed, drive
-from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline
+from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
 from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
@@ -108,7 +108,7 @@ def test_a_car_at_walking_pace_is_not_singular() -> None:
     rates = model.rates(np.array([[0.0, 0.0]]), held(0.1, 0.0), ())
 
     assert np.all(np.isfinite(rates))
-    assert model.rates(np.array([[0.0, 0.0]]), held(0.1, LEAST_MPS), ()) == pytest.approx(rates)
+    assert model.rates(np.array([[0.0, 0.0]]), held(0.1, MIN_MPS), ()) == pytest.approx(rates)
 
 
 @pytest.mark.parametrize("delay_s", [0.05, 0.15, -0.15])

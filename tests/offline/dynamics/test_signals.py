@@ -85,7 +85,7 @@ def test_blocks_of_a_file_are_one_table(tmp_path: Path, monkeypatch: pytest.Monk
             read_signals(tmp_path / "bad")
         assert caught.value.line == 71
     assert np.array_equal(np.flatnonzero(np.isnan(whole["yaw_rate_radps"])), np.arange(0, 60, 7))
-    monkeypatch.setattr(read, "MOST_VALUES", 100)
+    monkeypatch.setattr(read, "MAX_VALUES", 100)
     with pytest.raises(InputError, match="more than 100 values"):
         read_signals(tmp_path)
 

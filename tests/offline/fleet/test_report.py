@@ -200,7 +200,7 @@ def test_a_large_fleet_has_few_pictures(
     tables: dict[str, list[Row]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Beyond a bound a car's plot is data alone; its table is there all the same."""
-    monkeypatch.setattr("tpmsd.offline.fleet.report_page.SETTINGS", FleetSettings(most_pictures=0))
+    monkeypatch.setattr("tpmsd.offline.fleet.report_page.SETTINGS", FleetSettings(max_pictures=0))
     page = Page(report_page(report_document(tables), tables))
 
     assert (0, 1) == (page.tags["svg"], len(page.data))

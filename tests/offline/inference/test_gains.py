@@ -119,7 +119,7 @@ def test_arrays_that_do_not_belong_together_are_refused() -> None:
 
 def test_more_states_than_the_compiled_code_has_room_for() -> None:
     """They are left to NumPy."""
-    given = system(2, gains.MOST_COMPILED + 1, 2)
+    given = system(2, gains.MAX_COMPILED + 1, 2)
     with pytest.raises(ValueError, match="do not belong together"):
         compiled_gains(*given, True)
     assert_alike(array_gains(*given, True), gains.gains(*given, True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.offline.inference.least_speed import INFORMATION, LEAST_MPS, TYPICAL_MPS, least_speed
+from tpmsd.offline.inference.least_speed import INFORMATION, MIN_MPS, TYPICAL_MPS, least_speed
 
 
 def test_on_the_road_walking_pace_is_left_out() -> None:
@@ -23,7 +23,7 @@ def test_in_a_car_park_the_slow_seconds_are_the_drive() -> None:
 @pytest.mark.parametrize("speeds", [np.full(100, 1.0), np.linspace(0.0, 2.0, 200)])
 def test_below_the_pace_at_which_counters_fall_silent_nothing_is_compared(speeds: np.ndarray) -> None:
     """However slow the drive is."""
-    assert LEAST_MPS == least_speed(speeds)
+    assert MIN_MPS == least_speed(speeds)
 
 
 def test_a_car_that_stands_is_as_any_other() -> None:

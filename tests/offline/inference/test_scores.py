@@ -11,7 +11,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference import gains
 from tpmsd.offline.inference.gains import array_gains, array_whitened, steps
 from tpmsd.offline.inference.scores import (
-    MOST_STATES,
+    MAX_STATES,
     Derivatives,
     System,
     array_scores,
@@ -113,7 +113,7 @@ def test_arrays_that_do_not_belong_together_are_refused() -> None:
 @pytest.mark.usefixtures("built")
 def test_more_states_than_the_compiled_code_has_room_for() -> None:
     """They are left to NumPy."""
-    made = system(2, 4, MOST_STATES - 3, 0.7, 2)
+    made = system(2, 4, MAX_STATES - 3, 0.7, 2)
     white = np.ones((2, 9, 1))
     with pytest.raises(ValueError, match="do not belong together"):
         compiled_scores(made, white)

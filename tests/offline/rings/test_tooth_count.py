@@ -112,7 +112,7 @@ def test_a_plain_ripple_decides_against_a_wrong_size(teeth: int, ripple_rad: flo
     radius_m = tyre_radius_m(WRONG_TYRE)
 
     assert radius_m is not None
-    assert abs(found.value - teeth) <= max(3 * found.std, 2.0 if teeth > SETTINGS.most_whole else 0.0)
+    assert abs(found.value - teeth) <= max(3 * found.std, 2.0 if teeth > SETTINGS.max_ring_teeth else 0.0)
     assert found.probability >= SETTINGS.decided
     assert right.by_size is None
     assert found.by_size is not None

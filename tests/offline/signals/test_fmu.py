@@ -224,7 +224,7 @@ def test_a_damaged_member_is_one_line(tmp_path: Path, method: int) -> None:
 
 def test_one_that_unpacks_to_too_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the stated sizes, before a byte is unpacked."""
-    monkeypatch.setattr(fmu, "MOST_BYTES", 1000)
+    monkeypatch.setattr(fmu, "MAX_BYTES", 1000)
     with pytest.raises(InputError, match="larger than"):
         unpack(zipped(tmp_path / "a.fmu", GOOD, ("big", bytes(2000))), tmp_path / "fmu")
     assert not (tmp_path / "fmu").exists()

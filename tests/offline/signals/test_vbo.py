@@ -18,7 +18,7 @@ from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.signals.read import read_signals
-from tpmsd.offline.signals.vbo import MOST_COLUMNS, read_vbo
+from tpmsd.offline.signals.vbo import MAX_COLUMNS, read_vbo
 
 HEADER = """File created on 01/07/2024 at 10:00:00
 
@@ -200,7 +200,7 @@ def test_without_satellites_there_is_no_position(tmp_path: Path) -> None:
         (b"[column names]\ntime\n[data]\n999999\n996060\n", "fewer than two rows"),
         (b"\x00" * 5000, "no text"),
         (b"x" * 100_000, "no text"),
-        (b"[column names]\ntime " + b"a " * (MOST_COLUMNS + 1) + b"\n[data]\n1\n", "columns"),
+        (b"[column names]\ntime " + b"a " * (MAX_COLUMNS + 1) + b"\n[data]\n1\n", "columns"),
         (b"[a]\nb\n" * 20_000, "no section [data]"),
         (b"PK\x03\x04" + bytes(range(1, 256)) * 40, "[data]"),
     ],

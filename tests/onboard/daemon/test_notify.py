@@ -14,7 +14,7 @@ from tests.onboard.daemon.fakes import car
 from tests.onboard.sinks.test_status_document import DEFLATION
 from tpmsd.car.config.model import NotifyConfig
 from tpmsd.car.config.problems import ConfigProblems
-from tpmsd.onboard.daemon.notify import MOST_WAITING, Notices
+from tpmsd.onboard.daemon.notify import MAX_WAITING, Notices
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 LOG = logging.getLogger("tests.notify")
@@ -133,7 +133,7 @@ def test_memory_is_bounded_and_kinds_are_chosen() -> None:
     none.take(DEFLATION)
     none.service(0.0)
 
-    assert 100 - MOST_WAITING == made.counts["left_out"]
+    assert 100 - MAX_WAITING == made.counts["left_out"]
     assert {"run": 0, "failed": 0, "killed": 0, "left_out": 0} == none.counts
 
 

@@ -28,12 +28,12 @@ def test_the_smallest_losses_are_those_that_are_raised_nine_times_in_ten(common:
     similar = JointLoss.of(np.zeros((1, 4)), covariance[None], np.zeros(1), RADIUS)
     found = detectable(covariance, similar, RADIUS, TYRES, THRESHOLD, ASKED)
     for share, lost in ((found.one_tyre, np.array([1.0, 0.0, 0.0, 0.0])), (found.all_tyres, np.ones(4))):
-        least_m = -TYRES[0].radius_change_m(share)
+        min_m = -TYRES[0].radius_change_m(share)
         raised = []
         for times in (1.1, 0.75):
             verdicts = [
                 Comparison(RADIUS, THRESHOLD).of(change, covariance)
-                for change in scatter - times * least_m * lost
+                for change in scatter - times * min_m * lost
             ]
             raised.append(np.mean([bool(verdict.deflated[0] >= ASKED) for verdict in verdicts]))
         assert (raised[0] >= 0.85, raised[1] <= 0.75) == (True, True), raised
@@ -59,11 +59,11 @@ def test_what_a_load_may_do_makes_all_four_harder_to_see(chance: float, lost_m: 
     found = detectable(learned, similar, RADIUS, TYRES, THRESHOLD, ASKED)
     alone = JointLoss.of(np.zeros((1, 4)), learned[None], np.zeros(1), RADIUS)
     assert found.all_tyres > 1.1 * detectable(learned, alone, RADIUS, TYRES, THRESHOLD, ASKED).all_tyres
-    least_m = -TYRES[0].radius_change_m(found.all_tyres)
+    min_m = -TYRES[0].radius_change_m(found.all_tyres)
     scatter = np.random.default_rng(2).multivariate_normal(np.zeros(4), learned, 400)
     raised = []
     for times in (1.1, 0.75):
-        changes = scatter - times * least_m
+        changes = scatter - times * min_m
         verdicts = [
             Comparison(RADIUS, THRESHOLD).of_change_hypotheses(
                 Sized.plain(np.tile(change, (2, 1)), both, weights(change))

@@ -42,10 +42,10 @@ class Ticks:
         agreement: Agreement = AGREED,
         watching: Watching = SEES,
         source: str = "gnss",
-        most_s: float = 700.0,
+        max_s: float = 700.0,
     ) -> list[tuple[float, str]]:
         """Seconds until the first event of that state, and every reason of that tick."""
-        for step in range(1, round(most_s / DT_S) + 1):
+        for step in range(1, round(max_s / DT_S) + 1):
             self.time_s += DT_S
             rotation = np.full(4, mps * DT_S / RADIUS_M)
             rotation[list(lost)] = math.nan
@@ -98,7 +98,7 @@ def test_a_malfunction_takes_its_time_to_come_and_a_tenth_of_it_to_go(
 ) -> None:
     """Raised with the tick that completes its time; cleared after a tenth of it in order, at least 2 s."""
     ticks = Ticks()
-    assert [] == ticks.until("raised", most_s=20.0)
+    assert [] == ticks.until("raised", max_s=20.0)
     ((raised, reason),) = ticks.until("raised", **wrong(kind))
     assert raised_s == raised
     assert [reason] == [event.reason for event in ticks.watch.standing]
@@ -117,7 +117,7 @@ def test_a_malfunction_takes_its_time_to_come_and_a_tenth_of_it_to_go(
 def test_some_malfunctions_leave_no_wheel_watched(kind: str, all_blind: bool) -> None:
     """Those of the rear pair, of the speed, of stamps, of the estimate and of the configuration."""
     ticks = Ticks()
-    ticks.until("raised", most_s=5.0)
+    ticks.until("raised", max_s=5.0)
     assert not ticks.watch.unusable
     assert ticks.until("raised", **wrong(kind))
     assert all_blind == ticks.watch.unusable
@@ -127,8 +127,8 @@ def test_a_second_in_order_takes_back_what_was_counted() -> None:
     """Twenty-nine seconds, then one in order, count on; one and a half begin again."""
     for good_s, rest_s in ((1.0, 1.0), (1.5, 30.0)):
         ticks = Ticks()
-        assert [] == ticks.until("raised", lost=(2, 3), most_s=29.0)
-        assert [] == ticks.until("raised", most_s=good_s)
+        assert [] == ticks.until("raised", lost=(2, 3), max_s=29.0)
+        assert [] == ticks.until("raised", max_s=good_s)
         assert [rest_s] == [after for after, _ in ticks.until("raised", lost=(2, 3))][:1]
 
 
@@ -136,7 +136,7 @@ def test_a_wheel_is_lost_after_its_time_and_not_before() -> None:
     """More than thirty seconds without a value; a wheel that was never read is lost from the start."""
     ticks = Ticks()
     assert [] == ticks.watch.received(ticks.time_s)
-    ticks.until("raised", most_s=5.0)
+    ticks.until("raised", max_s=5.0)
 
     assert [0, 1, 2, 3] == ticks.watch.received(ticks.time_s + 30.0)
     assert [] == ticks.watch.received(ticks.time_s + 30.1)
@@ -159,8 +159,8 @@ def test_a_malfunction_of_a_missing_signal_stands_again_after_a_restart(
     assert [(one.reason, one.time_s) for one in before.watch.standing] == [
         (one.reason, one.time_s) for one in after.watch.standing
     ]
-    assert [] == after.until("raised", most_s=5.0, **wrong(kind))  # type: ignore[arg-type]
-    assert [cleared_s] == [after_s for after_s, _ in after.until("cleared", most_s=60.0)][:1]
+    assert [] == after.until("raised", max_s=5.0, **wrong(kind))  # type: ignore[arg-type]
+    assert [cleared_s] == [after_s for after_s, _ in after.until("cleared", max_s=60.0)][:1]
     assert [] == after.watch.to_json()
 
 

@@ -95,15 +95,15 @@ def enumerated(
 
 @pytest.mark.parametrize("now_mm", [(-0.9, 0.1), (-0.2, 0.0), (4.0, 5.6), (-0.8, -0.9)])
 @pytest.mark.parametrize("before_mm", [(0.1, -0.1), (5.0, 5.2), (-1.2, 0.0)])
-@pytest.mark.parametrize("least_mm", [0.2, 0.6])
+@pytest.mark.parametrize("min_mm", [0.2, 0.6])
 def test_the_bank_is_the_enumeration_of_its_rows(
-    now_mm: tuple[float, float], before_mm: tuple[float, float], least_mm: float
+    now_mm: tuple[float, float], before_mm: tuple[float, float], min_mm: float
 ) -> None:
     """Of two wheels, with a size of both and two windows, every row by the joint normal density of all that
     was seen: nothing is counted twice."""
     now, before = 1e-3 * np.array(now_mm), 1e-3 * np.array(before_mm)
     now_m2 = np.full((2, 2), 6e-4**2) + np.eye(2) * 3e-4**2
-    before_m2 = np.full((2, 2), 5e-4**2) + np.eye(2) * (1e-3 * least_mm) ** 2
+    before_m2 = np.full((2, 2), 5e-4**2) + np.eye(2) * (1e-3 * min_mm) ** 2
     both_m2 = np.linalg.inv(np.linalg.inv(now_m2) + np.linalg.inv(before_m2))
     both = both_m2 @ (np.linalg.solve(now_m2, now) + np.linalg.solve(before_m2, before))
     every, sizes = members(2), since(REAR, before, before_m2)

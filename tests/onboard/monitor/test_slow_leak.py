@@ -86,7 +86,7 @@ def test_without_steps_leaks_and_outliers_it_is_the_gaussian_posterior() -> None
         TREND,
         noise_floor=(1.5, 1.0, 2.0),
         noise_shape=1e12,
-        most_noise_shape=1e15,
+        max_noise_shape=1e15,
         base_walk=0.1,
         drift_stds=((1.2, 0.9, 0.6),),
         outlier_share=1e-12,
@@ -182,7 +182,7 @@ def test_refills_do_not_add_up() -> None:
         TREND,
         noise_floor=(1e-3, 1e-3, 1e-3),
         noise_shape=1e12,
-        most_noise_shape=1e15,
+        max_noise_shape=1e15,
         base_walk=1e-6,
         drift_stds=((1e-6, 1e-6, 1e-6),),
         diffusion=(0.0, 1e-9),
@@ -346,7 +346,7 @@ def test_a_history_is_bounded_and_survives_json(
             history.mark_step()
         history.add(day, np.array([difference, 0.001, difference]), np.full(3, variance))
     dates = [one.day for one in history.readings]
-    assert len(dates) <= READINGS.most_readings
+    assert len(dates) <= READINGS.max_readings
     assert sorted(dates) == dates
     again = LeakHistory.from_json(json.loads(json.dumps(history.to_json())))
     assert history.to_json() == again.to_json()
@@ -359,7 +359,7 @@ def test_drives_of_a_day_are_held_against_the_same_steps() -> None:
         TREND,
         noise_floor=(1e-6, 1e-6, 1e-6),
         noise_shape=1e12,
-        most_noise_shape=1e15,
+        max_noise_shape=1e15,
         drift_stds=((1e-6, 1e-6, 1e-6),),
         outlier_share=1e-12,
     )
@@ -521,7 +521,7 @@ def test_other_tyres_take_the_notice_with_them(noticed_leak: tuple[Player, list[
 
 def test_settings_are_in_order() -> None:
     """What healthy tyres do is less than what a leak does; shares are shares."""
-    assert 3.0 * TREND.diffusion[1] < TREND.least_rate < min(rate for rate, _, _ in TREND.leak_rates)
+    assert 3.0 * TREND.diffusion[1] < TREND.min_rate < min(rate for rate, _, _ in TREND.leak_rates)
     assert 1.0 == pytest.approx(sum(share for _, _, share in TREND.leak_rates))
     assert 1.0 == pytest.approx(sum(TREND.refill_shares)) == pytest.approx(sum(TREND.change_shares))
     assert len(WHEEL_SETS) == len(TREND.refill_shares) == len(TREND.change_shares)

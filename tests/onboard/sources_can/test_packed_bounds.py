@@ -13,7 +13,7 @@ import can
 import pytest
 
 from tpmsd.onboard.sources.can.log import read_can_log
-from tpmsd.onboard.sources.can.packed_bounds import MOST_CONTAINER_BYTES, check_blf, check_mf4
+from tpmsd.onboard.sources.can.packed_bounds import MAX_CONTAINER_BYTES, check_blf, check_mf4
 
 MB = 1 << 20
 READ = r"""
@@ -102,4 +102,4 @@ def test_objects_are_followed_over_containers() -> None:
     for cut in range(1, len(text)):
         with pytest.raises(ValueError, match="an object of 7 bytes"):
             check_blf(io.BytesIO(blf(text[:cut], text[cut:] + bytes(64))))
-    check_blf(io.BytesIO(blf(bytes(MOST_CONTAINER_BYTES - 64), method=0)))
+    check_blf(io.BytesIO(blf(bytes(MAX_CONTAINER_BYTES - 64), method=0)))

@@ -84,12 +84,12 @@ def in_blocks(folder: Path) -> tuple[dict[str, Any], float]:
     return said(source, stream.counts, ticks, seen), 1.0 - blocks.single / source.decoder.counts["frames"]
 
 
-def assert_same(folder: Path, least_share: float) -> None:
+def assert_same(folder: Path, min_share: float) -> None:
     """Both passes tell the same, and so much of the drive went in blocks."""
     (expected, (actual, share)) = one_by_one(folder), in_blocks(folder)
     for key, value in expected.items():
         assert value == actual[key], key
-    assert share >= least_share
+    assert share >= min_share
 
 
 @pytest.mark.skipif(not REAL, reason="no recordings")

@@ -20,7 +20,7 @@ from tpmsd.car.config.suggest import nearest
 WHEN = ("cyclic", "change", "both")
 J1939 = ("tire", "dm1")
 ALGORITHM_NAMES = ("crc8_j1850", "crc8_autosar", "xor8", "sum8", "sum8_inverted", "toyota")
-MOST_OUTPUTS, MOST_IDENTIFIERS, MOST_MAPPED, MOST_DATA_ID = 16, 32, 16, 8
+MAX_OUTPUTS, MAX_IDENTIFIERS, MAX_MAPPED, MAX_DATA_ID = 16, 32, 16, 8
 LONGEST_ID = 0x1FFF_FFFF
 
 
@@ -30,8 +30,8 @@ class Identifiers:
 
     def read(self, value: object) -> tuple[int, ...]:
         """Return the identifiers."""
-        if not isinstance(value, list) or len(value) > MOST_IDENTIFIERS:
-            raise BadValueError("not a list", show(value), f"up to {MOST_IDENTIFIERS} identifiers, [0x3A0]")
+        if not isinstance(value, list) or len(value) > MAX_IDENTIFIERS:
+            raise BadValueError("not a list", show(value), f"up to {MAX_IDENTIFIERS} identifiers, [0x3A0]")
         return tuple(Whole(0, LONGEST_ID, base=16).read(one) for one in value)
 
 
@@ -108,10 +108,10 @@ def _options(name: str, value: Mapping[str, Any]) -> OutputSignal:
         if key in value and name != owner:
             raise BadValueError(f"{key}: is of a {owner} only")
     mapped = value.get("map", [])
-    if not isinstance(mapped, list) or len(mapped) > MOST_MAPPED:
+    if not isinstance(mapped, list) or len(mapped) > MAX_MAPPED:
         raise BadValueError("map: not a list", show(mapped), "values for 0, 1, 2, ...: [0, 1, 1, 3]")
     data_id = value.get("data_id", [])
-    if not isinstance(data_id, list) or len(data_id) > MOST_DATA_ID:
+    if not isinstance(data_id, list) or len(data_id) > MAX_DATA_ID:
         raise BadValueError("data_id: not a list of bytes", show(data_id), "[0x12]")
     if name == "checksum" and "algorithm" not in value:
         raise BadValueError("algorithm: missing", None, " ".join(ALGORITHM_NAMES))

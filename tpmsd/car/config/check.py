@@ -28,7 +28,7 @@ from tpmsd.foundation.errors import ConfigError
 
 _OWN_MESSAGES = "TPMSD_"  # dbc/tpmsd.dbc: a bus description may well include our own frames
 _CLASSIC_CAN_BYTES = 8
-_MOST_NOTES = 8
+_MAX_NOTES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +253,7 @@ class _Checker:
 
 def _noted(path: Path, database: NotedDatabase) -> list[Problem]:
     """Report what could not be used of a DBC, the first entries line by line."""
-    shown = [Problem(str(path), note.line, "", note.what) for note in database.notes[:_MOST_NOTES]]
+    shown = [Problem(str(path), note.line, "", note.what) for note in database.notes[:_MAX_NOTES]]
     if more := database.noted - len(shown):
         shown.append(Problem(str(path), None, "", f"and {more} more statements that were left out or mended"))
     return shown

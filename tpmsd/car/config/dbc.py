@@ -21,7 +21,7 @@ from tpmsd.car.config.dbc_text import MAX_LINE_BYTES, DbcReader, Note, TooLargeE
 from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.car.config.suggest import nearest
 
-_MOST_LISTED = 8
+_MAX_LISTED = 8
 _OTHER_FORMATS = (".kcd", ".sym", ".arxml", ".xml", ".cdd")
 MAX_BYTES = 64 << 20
 """The greatest ARXML files of whole cars come near this."""
@@ -157,8 +157,8 @@ def _nearest_free(message: Message, signal_name: str, taken: Collection[str]) ->
 
 
 def _listed(names: list[str]) -> str:
-    more = len(names) - _MOST_LISTED
-    return " ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+    more = len(names) - _MAX_LISTED
+    return " ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _reason(error: Exception) -> tuple[str, int | None]:

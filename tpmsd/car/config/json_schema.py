@@ -16,7 +16,7 @@ from tpmsd.car.config.can_output import (
     ALGORITHM_NAMES,
     J1939,
     LONGEST_ID,
-    MOST_IDENTIFIERS,
+    MAX_IDENTIFIERS,
     WHEN,
     Identifiers,
 )
@@ -120,7 +120,7 @@ def _(rule: Words) -> Schema:
 
 @of_rule.register
 def _(rule: Identifiers) -> Schema:
-    return {"type": "array", "items": of_rule(Whole(0, LONGEST_ID)), "maxItems": MOST_IDENTIFIERS}
+    return {"type": "array", "items": of_rule(Whole(0, LONGEST_ID)), "maxItems": MAX_IDENTIFIERS}
 
 
 @of_rule.register

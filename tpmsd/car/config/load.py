@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.car.config import agree
-from tpmsd.car.config.can_output import MOST_OUTPUTS, read_output
+from tpmsd.car.config.can_output import MAX_OUTPUTS, read_output
 from tpmsd.car.config.document import Document, read_document
 from tpmsd.car.config.dynamics_record import DynamicsConfig
 from tpmsd.car.config.model import (
@@ -254,7 +254,7 @@ class _ConfigParser:
         """Return the entries of [[can.output]] that can be read."""
         raw = self._raw("can").get("output", [])
         good: list[OutputConfig] = []
-        if not isinstance(raw, list) or len(raw) > MOST_OUTPUTS:
+        if not isinstance(raw, list) or len(raw) > MAX_OUTPUTS:
             bad = BadValueError("must be a list of tables", show(raw), "[[can.output]] on a line of its own")
             self._report(bad, "can", "output")
             return ()

@@ -15,7 +15,7 @@ from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
 
 _LONGEST_SHOWN = 60
-MOST_SHOWN = 20
+MAX_SHOWN = 20
 """Problems that are shown one by one: whoever has mended these runs the check again."""
 
 
@@ -60,7 +60,7 @@ class ConfigProblems(ConfigError):  # noqa: N818 - it is all of them, not one er
 
 def shown_lines(problems: Sequence[Problem]) -> list[str]:
     """Return a line for each problem; of many the first, and how many more there are."""
-    lines = [problem.text for problem in problems[:MOST_SHOWN]]
+    lines = [problem.text for problem in problems[:MAX_SHOWN]]
     more = len(problems) - len(lines)
     if more > 0:
         lines.append(f"{problems[0].file}: and {counted(more, 'more problem')}")

@@ -22,8 +22,8 @@ from tpmsd.foundation.wheels import WHEELS
 _NAME = "'Message.Signal' as in the DBC"
 _CONDITION = re.compile(r"(\S+?)\s*(==|!=|<=|>=|<|>)\s*([-+0-9.xXa-fA-F]+)\Z")
 _CONDITION_ALLOWED = "'Message.Signal == number' (or != < <= > >=)"
-_MOST_INVALID = 64
-_MOST_BUSES = 8
+_MAX_INVALID = 64
+_MAX_BUSES = 8
 _WIDEST = (1 << 64) - 1
 
 
@@ -56,8 +56,8 @@ class WhenSignal:
 @dataclass(frozen=True, slots=True)
 class _RawValues:
     def read(self, value: object) -> tuple[int, ...]:
-        allowed = f"a list of up to {_MOST_INVALID} raw values"
-        if not isinstance(value, list) or len(value) > _MOST_INVALID:
+        allowed = f"a list of up to {_MAX_INVALID} raw values"
+        if not isinstance(value, list) or len(value) > _MAX_INVALID:
             raise BadValueError("not a list", show(value), allowed)
         return tuple(Whole(-(1 << 63), _WIDEST).read(one) for one in value)
 
@@ -195,8 +195,8 @@ def buses_of(
     table)."""
     if not isinstance(raw, dict):
         return {}, {"": BadValueError("must be a table", show(raw), "can1 = { channel = 'can1' }")}
-    if len(raw) > _MOST_BUSES:
-        return {}, {"": BadValueError("too many buses", str(len(raw)), f"at most {_MOST_BUSES}")}
+    if len(raw) > _MAX_BUSES:
+        return {}, {"": BadValueError("too many buses", str(len(raw)), f"at most {_MAX_BUSES}")}
     good, bad = {}, {}
     for name, value in raw.items():
         try:

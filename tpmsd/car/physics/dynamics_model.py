@@ -14,7 +14,7 @@ from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.toml_text import check_integers, parse_toml
 
-MOST_EFFECTS = 200
+MAX_EFFECTS = 200
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ def parse_dynamics_model(text: str) -> DynamicsModel:
     tables = document.get("effect", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError("'effect' must be written as [[effect]] tables")
-    if len(tables) > MOST_EFFECTS:
-        raise ConfigError(f"{len(tables)} effects: a model has at most {MOST_EFFECTS}")
+    if len(tables) > MAX_EFFECTS:
+        raise ConfigError(f"{len(tables)} effects: a model has at most {MAX_EFFECTS}")
     found = [_effect_of(dict(table), number) for number, table in enumerate(tables, start=1)]
     return DynamicsModel(
         tuple(one for one, _, _ in found),

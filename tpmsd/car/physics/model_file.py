@@ -23,7 +23,7 @@ from tpmsd.foundation.text_file import read_text
 from tpmsd.foundation.toml_text import check_integers, parse_toml
 
 MAX_BYTES = 1 << 20
-MOST_EFFECTS = 200
+MAX_EFFECTS = 200
 """A model of all effects there are, for each wheel where they have one, has fewer."""
 LONGEST_WORD = 60
 """Characters of a name, and of what is shown of a longer one."""
@@ -51,8 +51,8 @@ def parse_model(text: str) -> ExtendedModel:
     tables = document.get("effect", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError("'effect' must be written as [[effect]] tables")
-    if len(tables) > MOST_EFFECTS:
-        raise ConfigError(f"{len(tables)} effects: a model has at most {MOST_EFFECTS}")
+    if len(tables) > MAX_EFFECTS:
+        raise ConfigError(f"{len(tables)} effects: a model has at most {MAX_EFFECTS}")
     effects: list[Effect] = []
     stds: list[dict[str, Std]] = []
     for number, table in enumerate(tables, start=1):

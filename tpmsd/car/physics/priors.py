@@ -22,7 +22,7 @@ DRIVE_SLIP_S2PM = Prior(4e-3, 4e-3, "1e-3 to 8e-3 by tyre and axle: Gustafsson 1
 DRAG_SLIP_S2PM2 = Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2")
 GROWTH_S2PM = Prior(1e-6, 7e-7, "Besselink, Schmeitz, Pacejka 2010: 1.1 mm from 10 to 36 m/s on a 205/60R15")
 WARMTH_M = Prior(5e-4, 5e-4, "20 K is 0.56 mm on a 205/60R15")
-MOST_LOAD_LONGITUDINAL_S2 = 3e-4
+MAX_LOAD_LONGITUDINAL_S2 = 3e-4
 """Longitudinal load transfer of a car, s2, beyond which it is something else: five standard deviations above
 the usual 6e-5."""
 LATERAL_LOAD_S2 = Prior(1e-4, 1e-4, "270 N per wheel and m/s2, 0.25 mm per 500 N")

@@ -18,9 +18,9 @@ from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.rings.ring import share_of, turns_hz
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 
-LEAST_MPS = 0.5
+MIN_MPS = 0.5
 """Below, the share of the pulses is that at this speed."""
-MOST_SHARE, AT_MPS = 0.1, 20.0
+MAX_SHARE, AT_MPS = 0.1, 20.0
 """Share of its pulses at a speed beyond which a counter is broken: 50 a second of a ring of 48 teeth, 50,000
 of an encoder of 40,000 counts."""
 
@@ -59,7 +59,7 @@ class PulseRate(Effect):
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
         """Change by a share of the pulses that this car's rings make."""
-        most = MOST_SHARE * car.teeth_per_rev * turns_hz(AT_MPS, float(np.mean(car.radius_m)))
+        most = MAX_SHARE * car.teeth_per_rev * turns_hz(AT_MPS, float(np.mean(car.radius_m)))
         return {"rate_per_s": (-most, most)}
 
     @classmethod
@@ -71,7 +71,7 @@ class PulseRate(Effect):
         """(n, 4) share of the pulses on its wheel."""
         wheel = WHEELS.index(self.wheel)
         speed_mps = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheel]
-        turned_hz: FloatArray = turns_hz(np.maximum(speed_mps, LEAST_MPS), car.radius_m[wheel])
+        turned_hz: FloatArray = turns_hz(np.maximum(speed_mps, MIN_MPS), car.radius_m[wheel])
         out = np.zeros((len(motion), 4))
         out[:, wheel] = self.more * share_of(self.rate_per_s, car.teeth_per_rev, turned_hz)
         return out

@@ -18,7 +18,7 @@ from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
 ROLLING = ExtendedModel()
-LEAST_MPS = 0.05
+MIN_MPS = 0.05
 """Speed of a wheel (m/s) below which its factor is that of a standing one, 1."""
 FACTORS = (0.0, 3.0)
 """Least and greatest factor on a wheel's turn: a locked wheel, and one that spins as tyres do on ice."""
@@ -38,7 +38,7 @@ def turn_factors(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
     """(n, 4) turn of each wheel with the effects over its turn without them; 1 where the car stands."""
     plain = wheel_rates(motion, car, ROLLING)
     acting = wheel_rates(motion, car, model)
-    rolls = np.abs(plain) * car.radius_m > LEAST_MPS
+    rolls = np.abs(plain) * car.radius_m > MIN_MPS
     factors = np.divide(acting, plain, out=np.ones_like(plain), where=rolls)
     return np.clip(factors, *FACTORS)
 

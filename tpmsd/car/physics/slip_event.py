@@ -12,7 +12,7 @@ from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask, within
 from tpmsd.foundation.wheels import FloatArray
 
-LEAST_SLIP = 0.003
+MIN_SLIP = 0.003
 """Slip below which a tyre creeps on a dry road under ordinary force (F_x/F_z of 0.05 is 0.0023)."""
 SHORTEST_S, LONGEST_S = 2.0, 120.0
 """Two windows, and a long stretch of ice: what lasts longer is a changed tyre or a warm brake."""

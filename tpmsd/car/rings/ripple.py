@@ -41,7 +41,7 @@ class LostShares:
 LOST_SHARES = LostShares()
 OUTLIER_STDS = 6.0
 """Rapid differences beyond so many standard deviations are kerbs, joints and lost frames, no ripple."""
-LEAST_STD_RAD = 1e-12
+MIN_STD_RAD = 1e-12
 """Least standard deviation of rapid differences: a simulation without noise has none."""
 STD_OF_MEDIAN = 0.6745
 """Median size of normal noise, in standard deviations."""

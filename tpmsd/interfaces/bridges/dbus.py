@@ -24,7 +24,7 @@ NAME = "org.tpmsd.Tpmsd1"
 PATH = "/org/tpmsd/Tpmsd1"
 ANSWER_S = 2.0
 """Time that the bus may take to give the name, s."""
-MOST_CALLS = 50
+MAX_CALLS = 50
 """Number of calls answered after one document; further ones wait in the socket."""
 OWNER, ALREADY_OWNER = 1, 4
 """Answers to RequestName (D-Bus specification) that mean the name is ours."""
@@ -141,7 +141,7 @@ class DbusBridge:
 
         connection = self._connection
         assert connection is not None
-        for _ in range(MOST_CALLS):
+        for _ in range(MAX_CALLS):
             try:
                 call = connection.receive(timeout=0)
             except TimeoutError:

@@ -22,7 +22,7 @@ from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 SCRAPE_TIMEOUT_S = 3.0
 """Time-out of a scrape, s; below the 10 s of Prometheus's own default."""
-MOST_REQUESTS = 16
+MAX_REQUESTS = 16
 """Requests at a time, a thread each: a server or two scrape, every some seconds."""
 WAITING = 64
 """Connections that the system holds until they are accepted; one beyond tries again after a second only."""
@@ -110,7 +110,7 @@ class _Server(ThreadingMixIn, WSGIServer):
 
     def __init__(self, family: int, where: tuple[str, int]) -> None:
         self.address_family = family
-        self._slots = threading.BoundedSemaphore(MOST_REQUESTS)
+        self._slots = threading.BoundedSemaphore(MAX_REQUESTS)
         super().__init__(where, _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:

@@ -56,15 +56,15 @@ class Delays:
 
     def __init__(self) -> None:
         self._began_s = -math.inf
-        self._least_s = self._before_s = math.inf
+        self._min_s = self._before_s = math.inf
 
     def late(self, stamp_s: float, now_s: float) -> bool:
         """Take one; `stamp_s` by the databroker's clock, `now_s` by the host's."""
         if not 0.0 <= now_s - self._began_s <= WINDOW_S:
-            self._before_s, self._least_s, self._began_s = self._least_s, math.inf, now_s
+            self._before_s, self._min_s, self._began_s = self._min_s, math.inf, now_s
         delay_s = now_s - stamp_s
-        self._least_s = min(self._least_s, delay_s)
-        return delay_s - min(self._least_s, self._before_s) > LATE_S
+        self._min_s = min(self._min_s, delay_s)
+        return delay_s - min(self._min_s, self._before_s) > LATE_S
 
 
 class VssFrames:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tpmsd.offline.calibration.result import FittedGeometry
     from tpmsd.offline.inference.recording import Recording
 
-MOST_FROM_NOMINAL = 0.2
+MAX_FROM_NOMINAL = 0.2
 """Largest share by which a calibrated radius may leave the configured one. All tyres that fit one car lie
 within 5 % (ETRTO); the smallest wrong unit, mph for km/h, is off by 38 %."""
 
@@ -163,7 +163,7 @@ def refuse_the_impossible(found: FittedGeometry, config: Config) -> None:
 
     nominal = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
     for wheel, result in found.wheels.items():
-        if not abs(result.radius_m / nominal[wheel] - 1.0) <= MOST_FROM_NOMINAL:
+        if not abs(result.radius_m / nominal[wheel] - 1.0) <= MAX_FROM_NOMINAL:
             raise InputError(
                 config.file or "the configuration",
                 f"wheel {wheel} comes out with a radius of {result.radius_m:.3f} m, and"

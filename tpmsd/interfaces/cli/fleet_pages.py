@@ -24,7 +24,7 @@ def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, A
     keys = list(dict.fromkeys(row["key"] for row in tables["alarms"]))
     folder = report.with_name(f"{report.stem}-drives")
     links = {}
-    for key in keys[: SETTINGS.most_pictures]:
+    for key in keys[: SETTINGS.max_pictures]:
         try:
             page = replay(paths[key], table=True).to_html()
         except TpmsdError as error:
@@ -33,6 +33,6 @@ def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, A
         folder.mkdir(exist_ok=True)
         (folder / f"{key}.html").write_text(page, encoding="utf-8")
         links[key] = Path("/", folder.name, f"{key}.html").as_uri().removeprefix("file:///")
-    if len(keys) > SETTINGS.most_pictures:
-        print(f"tpmsd: pages of the first {SETTINGS.most_pictures} of {len(keys)} drives", file=sys.stderr)
+    if len(keys) > SETTINGS.max_pictures:
+        print(f"tpmsd: pages of the first {SETTINGS.max_pictures} of {len(keys)} drives", file=sys.stderr)
     return links

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tpmsd.offline.simulator.onto import Onto
 
 SCHEMA = "tpmsd.injection/1"
-MOST_CONCEALED = 10
+MAX_CONCEALED = 10
 """More effects than any drive shows side by side."""
 SALT_BYTES = 16
 _OWN = ("out", "force", "seed", "effect", "model", "json", "onto", "conceal", "help", "effects_path")
@@ -136,8 +136,8 @@ def _check(args: argparse.Namespace) -> None:
         return
     if args.effect or args.model is not None:
         raise ConfigError("--conceal draws the effects: it does not go with --effect and --model")
-    if not 1 <= args.conceal <= MOST_CONCEALED:
-        raise ConfigError(f"--conceal {args.conceal}: 1 to {MOST_CONCEALED} effects are concealed")
+    if not 1 <= args.conceal <= MAX_CONCEALED:
+        raise ConfigError(f"--conceal {args.conceal}: 1 to {MAX_CONCEALED} effects are concealed")
     if args.seed is not None and args.seed < 0:
         raise ConfigError(f"--seed {args.seed}: a seed is 0 or more")
 

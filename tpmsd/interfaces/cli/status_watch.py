@@ -26,13 +26,13 @@ from tpmsd.offline.report.wording import wheel_name
 
 RANGES_S = (120.0, 600.0, 3600.0)
 """Length of the trends; a key goes to the next."""
-MOST_KEPT = 7200
+MAX_KEPT = 7200
 """Documents whose numbers are kept: two hours of one each second."""
 _BLOCKS, _ASCII = "▁▂▃▄▅▆▇█", "_.-=+*%#"
 _ENTER, _LEAVE = "\x1b[?1049h\x1b[?25l", "\x1b[?25h\x1b[?1049l"
 _HOME, _CLEAR_LINE, _CLEAR_BELOW = "\x1b[H", "\x1b[K", "\x1b[J"
 _COUNTS = (("can", "frames", "bus", "frames/s"), ("gnss", "fixes", "receiver", "fixes/s"))
-_LEAST_SPAN_MM = 0.2
+_MIN_SPAN_MM = 0.2
 """Height of a trend at least, so that a tenth of a millimetre of noise does not fill it."""
 
 
@@ -56,7 +56,7 @@ class View:
         for wheel in WHEELS:
             one = wheels.get(wheel)
             change = number(one.get("change_mm")) if isinstance(one, dict) else None
-            kept = self._changes.setdefault(wheel, deque(maxlen=MOST_KEPT))
+            kept = self._changes.setdefault(wheel, deque(maxlen=MAX_KEPT))
             if kept and time_s < kept[-1][0]:
                 kept.clear()  # the daemon began again
             kept.append((time_s, math.nan if change is None else change))
@@ -129,7 +129,7 @@ def sparkline(values: list[float], blocks: str = _BLOCKS) -> str:
     if not known:
         return " " * len(values)
     low = min(known)
-    span = max(max(known) - low, _LEAST_SPAN_MM)
+    span = max(max(known) - low, _MIN_SPAN_MM)
     top = len(blocks) - 1
     return "".join(
         blocks[round((value - low) / span * top)] if math.isfinite(value) else " " for value in values

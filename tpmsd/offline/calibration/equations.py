@@ -162,7 +162,7 @@ def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> Reference
         valid=np.ones(recording.ticks, dtype=bool),
         grade_known=True,
         grade_by="heights",
-        least_mps=0.0,
+        min_mps=0.0,
     )
 
 

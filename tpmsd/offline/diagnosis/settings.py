@@ -57,9 +57,9 @@ class HypothesisSettings:
 class PreparationSettings:
     """Drives, blocks and memory."""
 
-    least_driving_s: int = 90
+    min_driving_s: int = 90
     """Below, a drive is not judged: three blocks."""
-    most_drives: int = 12
+    max_drives: int = 12
     """Each has some three hundred columns of its own."""
     near_m: float = 100.0
     near_share: float = 0.03
@@ -70,9 +70,9 @@ class PreparationSettings:
     correlated."""
     fewest_blocks: int = 10
     """In a short drive blocks are shorter."""
-    most_blocks: int = 120
+    max_blocks: int = 120
     """Blocks of all drives together: beyond an hour blocks grow, so that memory is bounded."""
-    most_moves: int = 8
+    max_moves: int = 8
     """Linearisations of radii and motion of a replicate. After one, a radius that is 8 % off leaves products
     that gain a thousand nats, a wheel that locks 75; five leave none.
     """
@@ -90,7 +90,7 @@ class SelectionSettings:
     """Penalised gain from which a term is admitted: odds of four hundred."""
     heldout_nats: float = 4.0
     """Cross-validated gain that it must bring."""
-    most_terms: int = 8
+    max_terms: int = 8
     """In one model."""
     spline_handicap: float = 0.08
     """Share of its gain by which a spline must beat an effect: no effect's formula is the last word."""
@@ -136,11 +136,11 @@ class SelectionSettings:
     independent_share: float = 0.5
     """Share of its gain that a term keeps beside an alternative from which the two explain different
     things."""
-    least_eigenvalue: float = 1e-6
+    min_eigenvalue: float = 1e-6
     """Least eigenvalue of the terms' correlation matrix, calibration included: below, they are one."""
-    least_own_share: float = 1e-5
+    min_own_share: float = 1e-5
     """Share of a column that the chosen terms leave of it, below which it is theirs."""
-    most_overdispersion: float = 25.0
+    max_overdispersion: float = 25.0
     """Block-wise over assumed variance: beyond, a few blocks decide."""
     step_s: float = 3.0
     """A ramp shorter than this is a step: the middle of a window is known no better."""
@@ -170,7 +170,7 @@ class RefinementSettings:
     """Penalised gain by which finer knots must be better."""
     exact_rounds: int = 2
     """Steps of Gauss-Newton with the exact response: the first leaves a tenth of the linearisation error."""
-    most_calibration: float = 0.05
+    max_relative_radius_change: float = 0.05
     """Relative change of a radius at one linearisation."""
 
 
@@ -271,7 +271,7 @@ class RobustnessSettings:
     beyond_doubt: float = 1e-4
     """Probability below which no further replicate changes the answer: a hundredth of the discovery
     rate."""
-    least_scale_nats: float = 1.0
+    min_scale_nats: float = 1.0
     """Scale of the maxima's distribution: half a chi-square falls off by e per nat, whatever its degrees of
     freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not.
     """
@@ -295,7 +295,7 @@ class SensorSettings:
     """With fewer, the scatter between blocks tells too little."""
     model_error: float = 0.02
     """Relative standard deviation of any value: the motion that it multiplies is no better known."""
-    least_share: float = 1e-3
+    min_share: float = 1e-3
     """Fraction of a column that the others must leave, squared, for its value to be reported."""
     beyond_stds: float = 4.0
     """Beyond the usual size of an error: one in 30,000 by chance, for some ten errors of a drive."""

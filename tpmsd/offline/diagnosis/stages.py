@@ -96,7 +96,7 @@ def choose(state: State) -> State:
     What is clearest comes first and exactly: a pulse half a minute off leaves more than a faint effect.
     """
     study, evidence = state.study.copied(), _present(state)
-    for most in (1, SETTINGS.selection.most_terms):
+    for most in (1, SETTINGS.selection.max_terms):
         selection = Selector(evidence, study.hypotheses).select(most)
         if refine(study, selection, evidence, again=most == 1):
             evidence = study.evidence()

@@ -70,7 +70,7 @@ def assign(
 
 
 def _likely(group: Sequence[Follower], settings: Settings) -> list[Follower]:
-    return sorted(group, key=lambda m: (-abs(m.lateral_m), m.lag_s))[: settings.most_in_cluster]
+    return sorted(group, key=lambda m: (-abs(m.lateral_m), m.lag_s))[: settings.max_in_cluster]
 
 
 def _log_normal(x: float, mean: float, std: float) -> float:

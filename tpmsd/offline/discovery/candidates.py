@@ -69,7 +69,7 @@ def candidates(
     for group in clusters(found, settings):
         if len(group) < len(WHEELS):
             continue
-        members = sorted(group, key=lambda one: -one.r2)[: settings.most_in_cluster]
+        members = sorted(group, key=lambda one: -one.r2)[: settings.max_in_cluster]
         made = _weighed(members, reference, settings)
         if made and (not best or _of_wheels(made) > _of_wheels(best)):
             best = made

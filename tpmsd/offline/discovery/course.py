@@ -150,4 +150,4 @@ def _stretches(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.
     if not len(cells):
         return []
     parts = np.split(cells, np.flatnonzero(np.diff(number[cells])) + 1)
-    return [part for part in parts if len(part) >= SETTINGS.least_cells]
+    return [part for part in parts if len(part) >= SETTINGS.min_cells]

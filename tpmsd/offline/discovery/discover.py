@@ -83,7 +83,7 @@ def decide(
         has_dbc=material.has_dbc,
         channels=material.channels,
     )
-    if reference.duration_s < settings.least_drive_s:
+    if reference.duration_s < settings.min_drive_s:
         why = f"only {reference.duration_s:.0f} s of driving above 2 m/s with fixes"
         return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with the sky in view"))
     match = None if database is None else match_car(cars, dbc_fields(database, material.logs))
@@ -187,7 +187,9 @@ def _against_size(teeth: ToothCount, tyre: str | None, car: CarPlatform | None) 
 
 def _counts(teeth: ToothCount) -> str:
     return (
-        f"{teeth.value:.1f} +- {teeth.std:.1f}" if teeth.value > SETTINGS.most_whole else f"{teeth.value:.0f}"
+        f"{teeth.value:.1f} +- {teeth.std:.1f}"
+        if teeth.value > SETTINGS.max_ring_teeth
+        else f"{teeth.value:.0f}"
     )
 
 

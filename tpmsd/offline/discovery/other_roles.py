@@ -23,7 +23,7 @@ from tpmsd.offline.discovery.result import FoundRole
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
-_LEAST_R = {
+_MIN_R = {
     "yaw_rate": 0.7, "accel_long": 0.6, "accel_lat": 0.7, "steering_wheel_angle": 0.7, "brake_pressure": 0.5,
     "drive_torque": 0.4,
 }  # fmt: skip
@@ -154,7 +154,7 @@ def _scored(one: Series, role: str, aim: FloatArray, moving: np.ndarray) -> tupl
     if rows.sum() < 40 or not np.ptp(value[rows]) > 0:
         return None
     r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
-    if not abs(r) >= _LEAST_R[role]:
+    if not abs(r) >= _MIN_R[role]:
         return None
     effective = min(rows.sum() / (2 * SETTINGS.smooth_cells), 100.0)
     evidence = (

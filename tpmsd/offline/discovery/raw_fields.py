@@ -17,7 +17,7 @@ from tpmsd.offline.discovery.series import MessageField
 from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.onboard.sources.can.signal_plan import BUS_SHIFT, EXTENDED, BitField
 
-MOST_BYTES = 16
+MAX_BYTES = 16
 MIN_BITS, MAX_BITS = 6, 33
 
 
@@ -29,7 +29,7 @@ def message_name(key: int) -> str:
 
 def flip_rates(log: MessageLog) -> FloatArray:
     """Return (bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
-    data = log.data[: SETTINGS.flip_sample, :MOST_BYTES]
+    data = log.data[: SETTINGS.flip_sample, :MAX_BYTES]
     flips = np.unpackbits(data[1:] ^ data[:-1], axis=1, bitorder="little").reshape(
         len(data) - 1, data.shape[1], 8
     )

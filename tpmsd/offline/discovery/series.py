@@ -94,7 +94,7 @@ def _no_value(raw: RawArray) -> frozenset[int]:
     """Return the greatest number if it is all ones and far above all others: by custom it means that there is
     no value."""
     greatest = int(raw.max()) if len(raw) else 0
-    if greatest < SETTINGS.least_reserved or greatest & (greatest + 1):
+    if greatest < SETTINGS.min_reserved_value or greatest & (greatest + 1):
         return frozenset()
     others = raw[raw != greatest]
     apart = len(others) > len(raw) // 2 and int(others.max()) < SETTINGS.reserved_apart * greatest

@@ -100,7 +100,7 @@ class Settings(ToothCountSettings):
 
     # -- `assign` --
 
-    most_in_cluster: int = 14
+    max_in_cluster: int = 14
     """Signals of one speed that are tried as its wheels, those farthest out first: the number of ways to
     assign them grows with its fourth power."""
     lag_scale_s: float = 0.008
@@ -114,11 +114,11 @@ class Settings(ToothCountSettings):
 
     offset_step_s: float = 1.0
     """Grid on which two recordings' speeds are compared to find the offset of their clocks."""
-    least_overlap_steps: int = 120
+    min_overlap_steps: int = 120
     """Steps of that grid that both recordings must share at an offset, so that chance does not fit."""
-    least_cells: int = 6
+    min_cells: int = 6
     """Cells of a stretch; its constant takes one of them."""
-    least_drive_s: float = 30.0
+    min_drive_s: float = 30.0
     """Shorter drives hold too few cells to tell a wheel from what follows the speed by chance."""
     equal_r2: float = 5e-4
     """Readings of the same bits that follow the speed equally well differ by less."""
@@ -175,7 +175,7 @@ class Settings(ToothCountSettings):
 
     long_gap_periods: float = 5.0
     """Gap, in periods, beyond which the number of roll-overs is derived from the speed before and after."""
-    least_reserved: int = 1023
+    min_reserved_value: int = 1023
     """Numbers of ten bits and more may be reserved, ..."""
     reserved_apart: float = 0.9
     """... and a speed does not jump by a tenth between two frames."""

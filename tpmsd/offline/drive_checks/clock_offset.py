@@ -22,7 +22,7 @@ def best_offset(
     """
     one, start_one = _resampled(wheel_s, wheel)
     other, start_other = _resampled(fix_s, speed)
-    if min(len(one), len(other)) < SETTINGS.least_overlap_steps or min(one.std(), other.std()) < 0.5:
+    if min(len(one), len(other)) < SETTINGS.min_overlap_steps or min(one.std(), other.std()) < 0.5:
         return None
     size = 1 << int(np.ceil(np.log2(len(one) + len(other))))
 
@@ -38,7 +38,7 @@ def best_offset(
     covariance = correlate(one, other) - sum_x * sum_y / count
     with np.errstate(divide="ignore", invalid="ignore"):
         r = covariance / np.sqrt(np.maximum(var_x, 1e-6) * np.maximum(var_y, 1e-6))
-    shared = count >= min(SETTINGS.least_overlap_steps, 0.5 * min(len(one), len(other)))
+    shared = count >= min(SETTINGS.min_overlap_steps, 0.5 * min(len(one), len(other)))
     r = np.where(shared & (var_x / count > 0.3) & (var_y / count > 0.3), r, -1.0)
     lags = np.arange(-(len(other) - 1), len(one)) * SETTINGS.offset_step_s
     best = int(np.argmax(r))

@@ -30,9 +30,7 @@ _SETTINGS = (
 _KINDS = ("SELECT", "EXPLAIN")
 
 
-def ask(
-    store: Store, query: str, most_s: float = SETTINGS.query_s
-) -> tuple[list[str], list[tuple[Any, ...]]]:
+def ask(store: Store, query: str, max_s: float = SETTINGS.query_s) -> tuple[list[str], list[tuple[Any, ...]]]:
     """Return the answer; ConfigError where there are no tables yet, or the query is wrong or too expensive.
 
     Columns of one name are numbered."""
@@ -48,7 +46,7 @@ def ask(
                 raise ConfigError(f"{file}: damaged: {' '.join(str(error).split())[:200]}") from None
         for setting in _SETTINGS:
             database.execute(setting)
-        clock = threading.Timer(most_s, database.interrupt)
+        clock = threading.Timer(max_s, database.interrupt)
         clock.daemon = True
         clock.start()
         try:
@@ -59,7 +57,7 @@ def ask(
             rows = answer.fetchmany(SETTINGS.query_rows + 1)
             names = [column[0] for column in answer.description or ()]
         except duckdb.InterruptException:
-            raise ConfigError(f"query: takes more than {most_s:.0f} s") from None
+            raise ConfigError(f"query: takes more than {max_s:.0f} s") from None
         except (duckdb.Error, MemoryError) as error:
             raise ConfigError(f"query: {printable(str(error))[:300]}") from None
         finally:

@@ -128,7 +128,7 @@ def spreads(stack: FleetStatistics) -> tuple[FloatArray, FloatArray]:
     p = stack.vector.shape[1]
     cars = np.full(p, SETTINGS.first_scales**2 if stack.cars > 1 else 0.0)
     drives = np.full(p, SETTINGS.first_scales**2 if len(stack.car) > stack.cars else 0.0)
-    for _ in range(SETTINGS.most_iterations):
+    for _ in range(SETTINGS.max_iterations):
         before = np.sqrt(np.concatenate([cars, drives]))
         cars, drives = _improved(stack, cars, drives)
         after = np.sqrt(np.concatenate([cars, drives]))

@@ -72,7 +72,7 @@ def between_drives(
     order = np.lexsort((days, stack.car))
     same = stack.car[order][1:] == stack.car[order][:-1]
     least = np.full(4, np.square(settings.drive_scales))
-    if same.sum() < settings.least_changes:
+    if same.sum() < settings.min_changes:
         return least
     change = np.diff(value[order], axis=0)[same]
     noise = np.einsum("nii->ni", covariance)[order][:, :4]

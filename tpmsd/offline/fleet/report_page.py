@@ -145,8 +145,8 @@ def _cars(
     cars: dict[str, list[Row]] = defaultdict(list)
     for row in tables["drives"]:
         cars[row["car"]].append(row)
-    pictured = set(list(dict.fromkeys([*first, *sorted(cars)]))[: SETTINGS.most_pictures])
-    each = max(1, SETTINGS.most_drives // max(len(cars), 1))
+    pictured = set(list(dict.fromkeys([*first, *sorted(cars)]))[: SETTINGS.max_pictures])
+    each = max(1, SETTINGS.max_drives // max(len(cars), 1))
     for car, drives in sorted(cars.items()):
         drives.sort(key=lambda row: (row["start"] or 0.0, row["path"]))
         shown = drives[-each:]

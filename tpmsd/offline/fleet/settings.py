@@ -31,7 +31,7 @@ class FleetSettings:
     drive_scales: float = 0.5
     """Least spread of radii from drive to drive, in scales: 0.05 % left against right (sun, a
     passenger), 0.25 % front against rear and in the mean (load, and 10 K by night: 0.1 %)."""
-    least_changes: int = 8
+    min_changes: int = 8
     """Between successive drives, for a median that says what is usual of a model."""
     grown_nats: float = 3.0
     """A tyre that became larger than its fellows (changed alone, or inflated) is twenty times as rare as one
@@ -43,7 +43,7 @@ class FleetSettings:
     """Rounds of leaving such cars out and judging all of them again."""
     well_known_scales: float = 3.0
     """A value whose standard deviation is beyond so many scales is not known at all, and not tested."""
-    most_iterations: int = 60
+    max_iterations: int = 60
     """Iterations of the spreads' estimate (EM)."""
     converged_share: float = 2e-3
     """Converged when no standard deviation moves by more than this share of itself, or of `small_scales`."""
@@ -64,9 +64,9 @@ class FleetSettings:
     """Significant digits that are kept: sums in another order differ in the last ones."""
     connect_s: float = 20.0
     """For a scheduler to answer."""
-    most_drives: int = 2_000
+    max_drives: int = 2_000
     """Drives of which a page shows details, the newest of each car first; some megabytes."""
-    most_pictures: int = 20
+    max_pictures: int = 20
     """Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The
     others' plots take JavaScript; their tables do not."""
     first_date_s: float = 1e9

@@ -33,7 +33,7 @@ from tpmsd.offline.inference.recording import Recording
 
 LONGEST_S = 0.02
 """Age of a count: the slowest usual task of a control unit that reads its counters."""
-LEAST_STD_S = 1e-3
+MIN_STD_S = 1e-3
 """Below, the stamps' own jitter is as large, and every drive's noise holds it: 0.4 to 0.8 ms on the real
 recordings at hand."""
 JERK_MPS3 = 1.0
@@ -81,7 +81,7 @@ def common_age(recording: Recording) -> CommonAge | None:
     speed = smooth(distance_m) / recording.dt_s
     read_m = float(np.sqrt(np.mean((recording.quantum_rad[wheels] * radius_m) ** 2) / (2 * len(wheels))))
     std_s = _std_s(distance_m, speed, read_m)
-    if not LEAST_STD_S < std_s < LONGEST_S:
+    if not MIN_STD_S < std_s < LONGEST_S:
         return None
     age = np.zeros(recording.ticks + 1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], np.isfinite(distance_m), [False]]).astype(int)))

@@ -21,7 +21,7 @@ from tpmsd.offline.inference.trajectory import SLOPE_ERROR, WINDOW_S, ReferenceT
 from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import Reader, Windows
 
-MOST_BINS = 100_000
+MAX_BINS = 100_000
 BIN_STDS, KERNEL_BINS = 0.25, 2.0
 """Bins of a covariate's density in standard deviations of its error, and the kernel's in bins: half a
 standard deviation blurs the density by an eighth of the error's variance."""
@@ -37,7 +37,7 @@ def expected(values: FloatArray, std: float) -> FloatArray:
     """
     if std <= 0.0 or not len(values):
         return values
-    width = max(BIN_STDS * std, float(np.ptp(values)) / MOST_BINS)
+    width = max(BIN_STDS * std, float(np.ptp(values)) / MAX_BINS)
     first = float(values.min()) - 4.0 * std
     count = int((float(values.max()) + 4.0 * std - first) / width) + 1
     number = np.bincount(((values - first) / width).astype(int), minlength=count).astype(np.float64)

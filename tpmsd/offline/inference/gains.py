@@ -20,7 +20,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 compiled = loaded("gains")
 
-MOST_COMPILED = 48
+MAX_COMPILED = 48
 """Carried states up to which the compiled code has room."""
 
 
@@ -71,7 +71,7 @@ def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: b
 
 
 def compiled_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
-    """Return it by compiled code, for `MOST_COMPILED` states at most."""
+    """Return it by compiled code, for `MAX_COMPILED` states at most."""
     assert compiled is not None
     out = _empty(moved, keep)
     contiguous = (np.ascontiguousarray(array) for array in (moved, fresh, start))
@@ -122,11 +122,11 @@ def is_compiled(states: int, columns: int) -> bool:
     """Return whether the compiled code is there, has room, and is faster than the products of
     `array_whitened`.
     """
-    return compiled is not None and states <= MOST_COMPILED and columns <= NARROW
+    return compiled is not None and states <= MAX_COMPILED and columns <= NARROW
 
 
 def compiled_whitened(columns: FloatArray, here: np.ndarray, moved: FloatArray, by: Gains) -> FloatArray:
-    """Return it by compiled code, for `MOST_COMPILED` states at most, and without `steps`."""
+    """Return it by compiled code, for `MAX_COMPILED` states at most, and without `steps`."""
     assert compiled is not None
     out = np.empty(columns.shape)
     compiled.apply(

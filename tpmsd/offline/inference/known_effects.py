@@ -22,7 +22,7 @@ from tpmsd.offline.inference.trajectory import ReferenceTrajectory, reference
 
 ROUNDS = 2
 """Times that the motion is made: the second differs from the first by the effects, a third by less."""
-LEAST_FACTOR = 0.2
+MIN_FACTOR = 0.2
 """Factor on a wheel's turn below which it is not divided out: noise would be blown up five times."""
 STANDS_MPS = 0.3
 """Speed (m/s) of a fix below which its course is none."""
@@ -46,7 +46,7 @@ def _taken_out(recording: Recording, about: ReferenceTrajectory, model: Extended
     factor = _middle(turn_factors(motion, car, model))
     teeth = np.array([model.true_teeth_per_rev(k, car.teeth_per_rev) for k in range(4)])
     ratio = teeth / car.teeth_per_rev
-    rotation = recording.rotation_rad / np.where(factor > LEAST_FACTOR, factor, 1.0) / ratio
+    rotation = recording.rotation_rad / np.where(factor > MIN_FACTOR, factor, 1.0) / ratio
     when = recording.fix_time_s - model.fix_age_s()
     change = AntennaChange(motion, car, model).at(when)
     speed, course = _velocity(recording, change)

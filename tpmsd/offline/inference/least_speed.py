@@ -14,7 +14,7 @@ from tpmsd.foundation.wheels import FloatArray
 TYPICAL_MPS = 5.0
 """From here on every second is compared: clutches, brakes and standstill disturb slower driving more than the
 little that it tells is worth."""
-LEAST_MPS = 1.5
+MIN_MPS = 1.5
 """Below, passive wheel sensors give no edges (counts are lost below 1 to 3 m/s), and the receiver's course is
 noise."""
 INFORMATION = 0.95
@@ -29,4 +29,4 @@ def least_speed(speed_mps: FloatArray) -> float:
     if not len(information) or information[-1] <= 0.0:
         return TYPICAL_MPS
     enough = int(np.searchsorted(information, INFORMATION * information[-1]))
-    return float(np.clip(fastest[min(enough, len(information) - 1)], LEAST_MPS, TYPICAL_MPS))
+    return float(np.clip(fastest[min(enough, len(information) - 1)], MIN_MPS, TYPICAL_MPS))

@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 
-LEAST_READING_M = 1e-4
+MIN_READING_M = 1e-4
 """Least noise of a wheel's distance at an instant, where speeds are read instead of counts."""
 
 
@@ -63,7 +63,7 @@ class Noise:
         """Return where an estimate starts: the known quantisation of a tick's reading (4,), typical
         instruments.
         """
-        fl, fr, rl, rr = np.maximum(quantum_rad / np.sqrt(2.0) * radius_m, LEAST_READING_M).tolist()
+        fl, fr, rl, rr = np.maximum(quantum_rad / np.sqrt(2.0) * radius_m, MIN_READING_M).tolist()
         return cls(reading_m=(fl, fr, rl, rr))
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.gains import Gains, chained, is_compiled, kernel
 
-MOST_STATES = 64
+MAX_STATES = 64
 """States of a window up to which the compiled code has room."""
 
 
@@ -61,7 +61,7 @@ def scores(system: System, white: FloatArray) -> Derivatives:
     """Return the derivatives of -1/2 (logdet + sum of squares of white (w, 9, k)); `variance` also of what
     was not measured.
     """
-    room = system.joint.shape[2] <= MOST_STATES and is_compiled(len(system.carried), 0)
+    room = system.joint.shape[2] <= MAX_STATES and is_compiled(len(system.carried), 0)
     return (compiled_scores if room else array_scores)(system, white)
 
 
@@ -105,7 +105,7 @@ def array_scores(system: System, white: FloatArray) -> Derivatives:
 
 
 def compiled_scores(system: System, white: FloatArray) -> Derivatives:
-    """Return them by compiled code, for `MOST_STATES` states at most."""
+    """Return them by compiled code, for `MAX_STATES` states at most."""
     (count, channels, width), (rows, every) = white.shape, system.joint.shape[1:]
     carry = len(system.carried)
     variance, start = np.empty((count, channels)), np.empty(carry)

@@ -33,7 +33,7 @@ GRADE_SMOOTHING_S = 0.5
 HEIGHT_SMOOTHING_S = 12.0
 FEWEST_HEIGHTS = 30
 """Fixes with a height, from which slopes are told by them."""
-LEAST_SMOOTHING_S = 3.0
+MIN_SMOOTHING_S = 3.0
 SLOPE_ERROR = 1e-3
 FLAT_BELOW = 0.006
 """Scatter of the slope by heights alone below which it is the heights' own error."""
@@ -56,7 +56,7 @@ class ReferenceTrajectory:
     """True if slopes could be told from heights or from the accelerometer."""
     grade_by: str
     """accelerometer | heights | nothing"""
-    least_mps: float
+    min_mps: float
     """Speed from which the drive is compared."""
 
 
@@ -75,7 +75,7 @@ def reference(recording: Recording) -> ReferenceTrajectory:
     grade, by = _grade(recording, speed, motion.accel_long_mps2)
     motion = replace(motion, grade_rad=grade, measured=_measured(recording))
     known = by != "nothing"
-    return ReferenceTrajectory(motion, car, valid, grade_known=known, grade_by=by, least_mps=least)
+    return ReferenceTrajectory(motion, car, valid, grade_known=known, grade_by=by, min_mps=least)
 
 
 def moved(
@@ -210,10 +210,10 @@ def _width_s(scatter: float, every_s: float, rate_error: float) -> float:
     return float((scatter * math.sqrt(every_s) / (2.0 * math.pi**0.25 * rate_error)) ** (2.0 / 3.0))
 
 
-def _radius_scale(recording: Recording, speed: FloatArray, least_mps: float) -> float:
+def _radius_scale(recording: Recording, speed: FloatArray, min_mps: float) -> float:
     """Common factor on the radii that fits the receiver's speeds, or its ways where it gives no speeds."""
     at_fix = np.interp(recording.fix_time_s, recording.edges_s, speed)
-    usable = np.isfinite(recording.speed_mps) & (at_fix > least_mps)
+    usable = np.isfinite(recording.speed_mps) & (at_fix > min_mps)
     if usable.sum() > 30:
         return float(np.median(recording.speed_mps[usable] / at_fix[usable]))
     distance_m = np.interp(recording.fix_time_s, recording.edges_s, integrate(speed, recording.edges_s))
@@ -229,19 +229,19 @@ def _radius_scale(recording: Recording, speed: FloatArray, least_mps: float) -> 
         recording.north_m[step:] - recording.north_m[:-step],
     )
     rolled = distance_m[step:] - distance_m[:-step]
-    usable = (rolled > least_mps) & np.isfinite(moved)
+    usable = (rolled > min_mps) & np.isfinite(moved)
     return float(np.median(moved[usable] / rolled[usable])) if usable.sum() > 30 else 1.0
 
 
 def _balanced(
-    recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray, least_mps: float
+    recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray, min_mps: float
 ) -> FloatArray:
     """Radii that make the wheels agree with their common motion, in the median."""
     middle_v, middle_w = 0.5 * (speed[1:] + speed[:-1]), 0.5 * (yaw[1:] + yaw[:-1])
     expected = wheel_speeds(middle_v, middle_w, car.geometry) * recording.dt_s
     radii = car.radius_m.copy()
     for k in recording.wheels:
-        usable = np.isfinite(recording.rotation_rad[:, k]) & (middle_v > least_mps) & (np.abs(middle_w) < 0.1)
+        usable = np.isfinite(recording.rotation_rad[:, k]) & (middle_v > min_mps) & (np.abs(middle_w) < 0.1)
         if usable.sum() > 50:
             turned = recording.rotation_rad[usable, k].sum()
             radii[k] *= float(expected[usable, k].sum() / max(turned * radii[k], 1e-9))
@@ -249,13 +249,13 @@ def _balanced(
 
 
 def _heading(
-    recording: Recording, yaw: FloatArray, speed: FloatArray, least_mps: float
+    recording: Recording, yaw: FloatArray, speed: FloatArray, min_mps: float
 ) -> tuple[FloatArray, FloatArray]:
     """(n + 1,) heading: the integrated yaw rate, led slowly by the receiver's course; and its rate."""
     edges = recording.edges_s
     turned = integrate(yaw, edges)
     time_s, course = _courses(recording)
-    moving = np.interp(time_s, edges, speed) > min(COURSE_FROM_MPS, least_mps)
+    moving = np.interp(time_s, edges, speed) > min(COURSE_FROM_MPS, min_mps)
     if moving.sum() < 10:
         return turned, yaw
     drift = _drift(time_s[moving], course[moving] - np.interp(time_s[moving], edges, turned))
@@ -321,7 +321,7 @@ def _smoothing_s(time_s: FloatArray, up_m: FloatArray, speed_mps: float) -> floa
     scatter = max(float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6.0), 0.03)
     every_s = float(np.median(np.diff(time_s)))
     width = _width_s(scatter, every_s, SLOPE_ERROR * max(speed_mps, 1.0))
-    return float(np.clip(width, LEAST_SMOOTHING_S, HEIGHT_SMOOTHING_S))
+    return float(np.clip(width, MIN_SMOOTHING_S, HEIGHT_SMOOTHING_S))
 
 
 def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[FloatArray, str]:

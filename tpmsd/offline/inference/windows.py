@@ -124,7 +124,7 @@ class Reader:
         """(d,) indices of the windows with all wheels read, fast enough and without a tight bend."""
         count, motion = self._count, self.reference.motion
         whole = self.reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
-        fast = self._mean_edges(motion.speed_mps, count) > self.reference.least_mps
+        fast = self._mean_edges(motion.speed_mps, count) > self.reference.min_mps
         turning = self._mean_edges(np.abs(motion.yaw_rate_radps), count)
         return np.flatnonzero(whole & fast & (turning < MAX_YAW_RATE_RADPS))
 

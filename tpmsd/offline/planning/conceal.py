@@ -45,7 +45,7 @@ LIMITS = (2.0, 2.5)
 """Least and greatest multiple of the limit that is drawn where the usual size is below."""
 MOST = 3.0
 """Usual sizes beyond which an effect is not plausible: three standard deviations of what cars have."""
-MOST_SIMILAR = 0.95
+MAX_SIMILAR = 0.95
 """Cosine of the angle to another effect's sensitivity from which a name is a matter of luck."""
 LOSS_M = 1.4e-3
 """Loss of radius (m) at 20 % less pressure, of which UN R64 requires a warning."""
@@ -118,7 +118,7 @@ class Showing:
         terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in self._terms]
         selector = Selector(study.evidence(), study.hypotheses)
         gram, _ = selector.evidence.projected(selector.design(terms))
-        if _cosine_to_others(gram, [column - 1 for column in columns]) > MOST_SIMILAR:
+        if _cosine_to_others(gram, [column - 1 for column in columns]) > MAX_SIMILAR:
             return math.inf
         return smallest_size(study, selector, terms, gram, ramps[0])
 
@@ -152,7 +152,7 @@ def _is_ambiguous(one: EffectIdentifiability) -> bool:
     """Return whether another effect is confounded with it, other than one whose limit it is for small
     values."""
     return any(
-        cosine > MOST_SIMILAR and EFFECTS[other].confounding.limit != one.effect
+        cosine > MAX_SIMILAR and EFFECTS[other].confounding.limit != one.effect
         for other, cosine in one.confounded_with
     )
 

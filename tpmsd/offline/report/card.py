@@ -11,9 +11,9 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 
-MOST_CHARS = 400
+MAX_CHARS = 400
 """Length of one line: longer ones wrap several times on a terminal."""
-MOST_ROWS = 20
+MAX_ROWS = 20
 """Rows of a table on a card; the whole is in `to_dict()` and `to_pandas()`."""
 _CARD = (
     "display:inline-block;border:1px solid;border-radius:6px;padding:.5em 1em;max-width:100%;overflow:auto"
@@ -23,9 +23,9 @@ Row = Sequence[object]
 
 
 def one_line(kind: str, *parts: str) -> str:
-    """`Kind(part, part)`, cut where it is longer than `MOST_CHARS`."""
+    """`Kind(part, part)`, cut where it is longer than `MAX_CHARS`."""
     text = f"{kind}({' '.join(', '.join(part for part in parts if part).split())})"
-    return text if len(text) <= MOST_CHARS else f"{text[: MOST_CHARS - 4]}...)"
+    return text if len(text) <= MAX_CHARS else f"{text[: MAX_CHARS - 4]}...)"
 
 
 def card(head: str, *tables: tuple[Row, Sequence[Row]]) -> str:
@@ -35,9 +35,9 @@ def card(head: str, *tables: tuple[Row, Sequence[Row]]) -> str:
         if not rows:
             continue
         heads = "".join(f"<th>{_cut(title)}</th>" for title in titles)
-        body = "".join(_row(row) for row in rows[:MOST_ROWS])
-        if len(rows) > MOST_ROWS:
-            body += _row([f"and {len(rows) - MOST_ROWS} more"])
+        body = "".join(_row(row) for row in rows[:MAX_ROWS])
+        if len(rows) > MAX_ROWS:
+            body += _row([f"and {len(rows) - MAX_ROWS} more"])
         parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
     return "".join([*parts, "</div>"])
 
@@ -48,4 +48,4 @@ def _row(row: Row) -> str:
 
 def _cut(cell: object) -> str:
     text = str(cell)
-    return html.escape(text if len(text) <= MOST_CHARS else f"{text[: MOST_CHARS - 3]}...")
+    return html.escape(text if len(text) <= MAX_CHARS else f"{text[: MAX_CHARS - 3]}...")

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 
 __all__ = ["check_plot_target", "draw_diagnosis", "plot_diagnosis"]
 
-MOST_TRACES = 4
-MOST_BARS = 10
+MAX_TRACES = 4
+MAX_BARS = 10
 PANEL_IN = (5.6, 3.1)
-MOST_TITLE = 64
+MAX_TITLE = 64
 """Letters that stand above a panel of this width."""
 
 
@@ -39,7 +39,7 @@ def draw_diagnosis(diagnosis: RollingDiagnosis, names: list[str]) -> Figure:
     """Return the figure; `names` of the drives stand above it. One panel says so where nothing was found."""
     from matplotlib.figure import Figure
 
-    pairs = _traced(diagnosis)[:MOST_TRACES]
+    pairs = _traced(diagnosis)[:MAX_TRACES]
     panels = len(pairs) + 1
     columns = 1 if panels == 1 else 2
     rows = -(-panels // columns)
@@ -89,11 +89,11 @@ def title_of(finding: Finding) -> str:
     text = f"{finding.effect}: {values}" if values else finding.effect
     if finding.status != FINDING:
         text += " (suspicion)"
-    return text if len(text) <= MOST_TITLE else f"{text[: MOST_TITLE - 3]}..."
+    return text if len(text) <= MAX_TITLE else f"{text[: MAX_TITLE - 3]}..."
 
 
 def _draw_gains(axes: Axes, diagnosis: RollingDiagnosis) -> None:
-    found = diagnosis.findings[:MOST_BARS][::-1]
+    found = diagnosis.findings[:MAX_BARS][::-1]
     if not found:
         text = diagnosis.reason if diagnosis.reason else agreement(diagnosis)
         axes.text(0.5, 0.5, text, ha="center", va="center", wrap=True, transform=axes.transAxes)

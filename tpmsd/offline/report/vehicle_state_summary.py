@@ -14,7 +14,7 @@ from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.plain import finite
 from tpmsd.foundation.wheels import FloatArray
 
-MOST_ROWS = 20_000
+MAX_ROWS = 20_000
 """Rows kept to be drawn, more than a picture has pixels; longer drives keep every second, fourth... tick."""
 _DRAWN = ("velocity_lat_mps", "velocity_lat_std_mps", "side_slip_rad", "side_slip_std_rad")
 
@@ -36,7 +36,7 @@ class StateSummary:
         if self._ticks % self._stride == 0:
             drawn = (math.nan,) * len(_DRAWN) if state is None else [getattr(state, name) for name in _DRAWN]
             self._rows.append((time_s, *drawn))
-            if len(self._rows) > MOST_ROWS:
+            if len(self._rows) > MAX_ROWS:
                 self._rows, self._stride = self._rows[::2], 2 * self._stride
         self._ticks += 1
         if state is not None:

@@ -61,11 +61,11 @@ def cut(
     for counter, scale in wheels:
         number, ahead = counter.counts * scale, _ahead(counter, settings) * scale
         rate = np.gradient(number, counter.time_s)
-        usable = np.isfinite(ahead) & (rate > settings.ripple_least_hz * expected)
+        usable = np.isfinite(ahead) & (rate > settings.ripple_min_hz * expected)
         block = _block_of(counter, settings)
         for index in np.unique(block[usable]):
             rows = usable & (block == index)
-            if rows.sum() < settings.ripple_least_rows:
+            if rows.sum() < settings.ripple_min_rows:
                 continue
             counts.append(number[rows] - number[rows][0])
             residual.append(ahead[rows] - ahead[rows].mean())
@@ -86,10 +86,10 @@ def _ahead(counter: Counter, settings: ToothCountSettings) -> FloatArray:
     frames."""
     from scipy.signal import savgol_filter
 
-    if len(counter.time_s) < 4 * settings.ripple_least_window:
+    if len(counter.time_s) < 4 * settings.ripple_min_window:
         return np.full(len(counter.time_s), np.nan)
     period = float(np.median(np.diff(counter.time_s)))
-    window = max(2 * int(0.5 * settings.ripple_window_s / period) + 1, settings.ripple_least_window)
+    window = max(2 * int(0.5 * settings.ripple_window_s / period) + 1, settings.ripple_min_window)
     if window > len(counter.counts):
         return np.full(len(counter.time_s), np.nan)
     ahead = counter.counts - savgol_filter(counter.counts, window, 3)

@@ -44,7 +44,7 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
     shown = _wheel_speeds(recording, radii_m, time_s)
     slow = speed < COUNTERS.lost_compared_to_mps
     found: list[tuple[int, float, float, float, float, float]] = []
-    least = COUNTERS.lost_least_mps
+    least = COUNTERS.lost_min_mps
     for wheel in recording.wheels:
         y = shown[:, wheel] - speed
         here = slow & np.isfinite(y) & np.isfinite(accel)
@@ -55,7 +55,7 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
         values = np.linalg.lstsq(base[calm], y[calm], rcond=None)[0]
         left = y - base @ values
         std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
-        least = max(COUNTERS.lost_least_mps, COUNTERS.lost_errors * std)
+        least = max(COUNTERS.lost_min_mps, COUNTERS.lost_errors * std)
         best = _best(time_s, speed, left, here & (speed > least), std)
         if best is not None:
             found.append((wheel, *best))
@@ -114,7 +114,7 @@ def _best(
     if clear.sum() >= COUNTERS.lost_fewest:
         share = float(np.median(-left[clear] / speed[clear]))
     gone = -left > 0.5 * share * speed
-    lower = float(np.max(speed[use & gone & (speed < limit)], initial=COUNTERS.lost_least_mps))
+    lower = float(np.max(speed[use & gone & (speed < limit)], initial=COUNTERS.lost_min_mps))
     upper = float(np.min(speed[use & ~gone & (speed > lower)], initial=limit + 1.0))
     return (
         0.5 * (lower + upper),

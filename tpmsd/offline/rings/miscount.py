@@ -18,7 +18,7 @@ from tpmsd.offline.rings.settings import COUNTERS
 def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
     """(wheel, true number) of wheels whose radius is off by just what some teeth more or less would make."""
     teeth = recording.car.teeth_per_rev
-    if teeth > COUNTERS.most_teeth or len(recording.wheels) < 4:
+    if teeth > COUNTERS.max_teeth or len(recording.wheels) < 4:
         return []
     ratio = radii_m / recording.car.radius_m
     out = []
@@ -41,7 +41,7 @@ def _count(teeth: float, off: float, least: float) -> float | None:
     )
     return (
         float(count)
-        if count != teeth and COUNTERS.fewest_teeth <= count <= COUNTERS.most_teeth and decided
+        if count != teeth and COUNTERS.fewest_teeth <= count <= COUNTERS.max_teeth and decided
         else None
     )
 
@@ -77,7 +77,7 @@ def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
 def _has_rings(recording: Recording) -> bool:
     """Return whether all wheels are counted, by rings and not by finer encoders."""
     counted = len(recording.wheels) == 4 and bool((recording.quantum_rad > 0.0).all())
-    return counted and recording.car.teeth_per_rev <= COUNTERS.most_teeth
+    return counted and recording.car.teeth_per_rev <= COUNTERS.max_teeth
 
 
 def _put_right(recording: Recording, counts: list[float | None]) -> Recording:

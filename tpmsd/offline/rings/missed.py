@@ -23,8 +23,8 @@ from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import integrate
 from tpmsd.car.rings.ring import TURN_RAD, turns_hz
 from tpmsd.car.rings.ripple import (
-    LEAST_STD_RAD,
     LOST_SHARES,
+    MIN_STD_RAD,
     OUTLIER_STDS,
     of_one_size,
     ripple_gain,
@@ -148,7 +148,7 @@ def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int,
     use = np.concatenate([[False], ~broken]) & (turned_hz > COUNTERS.missed_from_hz)
     if not use.any():
         return None
-    use &= np.abs(rapid) < OUTLIER_STDS * max(robust_std(rapid[use]), LEAST_STD_RAD)
+    use &= np.abs(rapid) < OUTLIER_STDS * max(robust_std(rapid[use]), MIN_STD_RAD)
     (amplitude,) = (p for p in TEETH.parameters if isinstance(p, Parameter) and p.unit == "rad" and p.prior)
     assert amplitude.prior is not None
     usual = use.sum() * (0.5 * amplitude.prior.std) ** 2 / max(float(rapid[use].var()), 1e-30)

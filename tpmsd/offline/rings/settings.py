@@ -39,7 +39,7 @@ class CounterSettings:
     ripple_folded_std: float = 0.6
     """Relative standard deviation of an amplitude that was folded."""
     fewest_teeth: int = 20
-    most_teeth: int = 200
+    max_teeth: int = 200
     """Counts per turn of the rings that cars have (48 to 100 are usual), and of finer ones."""
     teeth_from_offset: float = 0.012
     """Relative offset of a radius from which another number of teeth is thought of: radii differ by some
@@ -58,11 +58,11 @@ class CounterSettings:
     """Radius to which the prior of radii belongs."""
     lost_compared_to_mps: float = 15.0
     """Up to which fixes are compared for lost counts: beyond, radii that grow with speed show."""
-    lost_least_limit_mps: float = 1.0
-    lost_most_limit_mps: float = 4.0
+    lost_min_limit_mps: float = 1.0
+    lost_max_limit_mps: float = 4.0
     lost_limit_step_mps: float = 0.1
     """Speeds below which counts may be lost: passive sensors fall silent at 1 to 3 m/s."""
-    lost_least_mps: float = 0.6
+    lost_min_mps: float = 0.6
     """Least speed looked at: the receiver's course and speed are noise below."""
     lost_errors: float = 4.0
     """Value in standard deviations of the receiver's speed."""
@@ -80,7 +80,7 @@ class CounterSettings:
     """Fixes below the limit."""
     single_block_windows: int = 120
     """Two minutes, over which a mean is taken away: radii drift slowly."""
-    single_most_steps: int = 60
+    single_max_steps: int = 60
     """Counts lost in a window: of more the scatter looks normal, and no steps show."""
     single_sum_windows: int = 12
     """Windows of a sum that tells losses from bounded errors: a tenth of a block, whose mean is gone."""
@@ -94,7 +94,7 @@ class CounterSettings:
     """Share of what an error of the best wheel explains, from which another wheel's explains it as well."""
     single_admit_nats: float = 6.0
     """Gain of losses over symmetric noise from which they are a finding: odds of four hundred."""
-    single_least_own: float = 0.05
+    single_min_own: float = 0.05
     """Share of a wheel's distance that the motion must leave open: without a gyro half of it is, on two
     wheels nothing."""
     missed_stds: float = 3.0
@@ -114,8 +114,8 @@ class CounterSettings:
     @property
     def lost_limits_mps(self) -> FloatArray:
         """Limits that are tried."""
-        count = round((self.lost_most_limit_mps - self.lost_least_limit_mps) / self.lost_limit_step_mps)
-        return np.linspace(self.lost_least_limit_mps, self.lost_most_limit_mps, count + 1)
+        count = round((self.lost_max_limit_mps - self.lost_min_limit_mps) / self.lost_limit_step_mps)
+        return np.linspace(self.lost_min_limit_mps, self.lost_max_limit_mps, count + 1)
 
 
 COUNTERS = CounterSettings()
@@ -140,12 +140,12 @@ class ToothCountSettings:
     ripple_window_s: float = 0.5
     """Length of the smooth motion against which a wheel's ripple is seen: a car's speed changes in tenths of
     seconds at most, a wheel at town speed turns several times."""
-    ripple_least_hz: float = 4.0
+    ripple_min_hz: float = 4.0
     """Revolutions per second below which the ripple is as slow as the car's own changes of speed."""
     ripple_block_s: float = 120.0
     """Length of the stretches in which the ripple is coherent: with 48 counts, numbers 1/16 apart are
     distinguished, and a counter that loses counts spoils one stretch alone."""
-    ripple_least_rows: int = 200
+    ripple_min_rows: int = 200
     """Samples of a stretch; fewer show no line."""
     other_lines: float = 0.5
     """Share of the ripple's stretches that may hold another line at a candidate. Of 16 perfect rings at
@@ -155,7 +155,7 @@ class ToothCountSettings:
     """A role below this probability is listed as undecided."""
     faultless: float = 0.5
     """Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
-    ripple_least_window: int = 7
+    ripple_min_window: int = 7
     """Samples of the window that takes out the smooth motion, for a polynomial of the third degree."""
     ripple_jump: float = 20.0
     """Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
@@ -167,14 +167,14 @@ class ToothCountSettings:
     """Weight of an even number of counts that no workshop lists, ..."""
     odd_count: float = 0.07
     """... and of an odd one. Assumed."""
-    most_whole: float = 300.0
+    max_ring_teeth: float = 300.0
     """More counts than this come from an encoder, not from teeth, and are reported as a number, not to the
     count."""
     grid_per_line: float = 8.0
     """Trial numbers per width of a line, for encoders."""
     line_nats: float = 10.0
     """Evidence from which a line of an encoder is one: e^-10 times the thousand trials is 1 in 20."""
-    most_trials: int = 4000
+    max_trials: int = 4000
     """Trial numbers at most, of a tyre's size and of all tyres each."""
     max_probability: float = 0.999
     """Largest probability that is reported, whatever the numbers: the model itself may be wrong."""

@@ -152,7 +152,7 @@ def _distances(
     out = {}
     for k, wheel in enumerate(rows):
         own = onto[:, k, k]
-        if wheel == GYRO or float(np.median(own)) < COUNTERS.single_least_own:
+        if wheel == GYRO or float(np.median(own)) < COUNTERS.single_min_own:
             continue
         error = rest[:, k] / own * stds[k] / count_m[wheel]
         explained = 0.5 * float(np.sum(rest[:, k] ** 2 / own))
@@ -241,7 +241,7 @@ def _steps(values: FloatArray, counted: FloatArray) -> _CountSteps:
     """Upward steps: values (w,) are counts more than their mean, a share of those `counted` (w,)."""
     spread = float(values.var())
     most = 0.5 * spread + COUNTERS.single_stds * math.sqrt(spread) + 1.0
-    number = np.arange(min(math.ceil(most), COUNTERS.single_most_steps))
+    number = np.arange(min(math.ceil(most), COUNTERS.single_max_steps))
     orders, usual = gammaln(number + 1.0), counted / counted.mean()
 
     def each(of: FloatArray, free: FloatArray) -> FloatArray:

@@ -121,7 +121,7 @@ def tooth_count(
     prior = count_prior(per_metre, per_metre_std, tyre, settings)
     expected = prior.expected
     blocks = cut(wheels, expected, settings)
-    if expected > settings.most_whole:
+    if expected > settings.max_ring_teeth:
         return _encoder(prior, per_metre, blocks, settings)
     low = min(mean - 5 * std for _, mean, std in prior.parts)
     high = max(mean + 5 * std for _, mean, std in prior.parts)
@@ -189,7 +189,7 @@ def _trials(prior: CountPrior, longest: float, settings: ToothCountSettings) -> 
     step = min(least**2 / longest / settings.grid_per_line, 0.25 * narrowest)
     around = []
     for _, mean, std in prior.parts:
-        half = min(math.ceil(4 * std / step), settings.most_trials // 2)
+        half = min(math.ceil(4 * std / step), settings.max_trials // 2)
         around.append(round(mean / step) + np.arange(-half, half + 1))
     multiples = np.unique(np.concatenate(around))
     return np.asarray(step * multiples[multiples > 0], dtype=np.float64), step

@@ -22,7 +22,7 @@ import numpy as np
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import integrate
 from tpmsd.car.rings.ring import amplitude_and_phase, turns_hz
-from tpmsd.car.rings.ripple import LEAST_STD_RAD, OUTLIER_STDS, robust_std
+from tpmsd.car.rings.ripple import MIN_STD_RAD, OUTLIER_STDS, robust_std
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.smoothing import NEAREST, gaussian
@@ -133,7 +133,7 @@ def _prepared(
     rows, regressors, turned_hz = rows[use], regressors[use], turned_hz[use]
     if not len(rows):
         return rows, regressors, turned_hz, np.zeros(0, dtype=int)
-    calm = np.abs(rows).max(axis=1) < OUTLIER_STDS * max(robust_std(rows), LEAST_STD_RAD)
+    calm = np.abs(rows).max(axis=1) < OUTLIER_STDS * max(robust_std(rows), MIN_STD_RAD)
     rows, regressors, turned_hz = rows[calm], regressors[calm], turned_hz[calm]
     return rows, regressors, turned_hz, np.arange(len(rows)) // COUNTERS.ripple_block_ticks
 

@@ -12,7 +12,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import filled
 from tpmsd.offline.dynamics.noise import white_noise
 
-LEAST_NOISE = 1e-5
+MIN_NOISE = 1e-5
 """Noise over the series' range below which it is taken as it is: the readings of a simulator, rounded."""
 
 
@@ -26,7 +26,7 @@ def denoised(time_s: FloatArray, values: FloatArray, rate_walk: float) -> FloatA
     known = np.isfinite(values)
     time, readings = time_s[known], values[known]
     noise = white_noise(readings)
-    if noise <= LEAST_NOISE * float(np.ptp(readings) if len(readings) else 0.0):
+    if noise <= MIN_NOISE * float(np.ptp(readings) if len(readings) else 0.0):
         return filled(time_s, values)
     h = np.diff(time)
     between = 0.5 * (h[:-1] + h[1:])

@@ -33,13 +33,13 @@ from tpmsd.offline.signals.columns import (
 from tpmsd.offline.signals.denoise import denoised
 from tpmsd.offline.signals.read import SignalTable
 
-MOST_HZ = 105.0
+MAX_HZ = 105.0
 """Rows at a higher rate are thinned out: lateral dynamics end below 10 Hz."""
-MOST_ROAD_WHEEL_RAD = 1.2
+MAX_ROAD_WHEEL_RAD = 1.2
 """Road wheels turn by 35 to 50 degrees at most (0.9 rad); a recording in degrees has tens."""
 OPPOSED = 0.5
 """Correlation of yaw rate and steering, negative, below which one of them has the other sign."""
-MOST_GAIN = 8.0
+MAX_GAIN = 8.0
 """Yaw rate over that of a car without slip, u delta / l, above which it is in deg/s: cars reach 0.2 to 3."""
 UNIT_FACTORS = {
     "speed in km/h": 1.0 / 3.6,
@@ -54,9 +54,9 @@ PARALLEL = 0.8
 ACCEL_WALK = 5.0
 """Random walk of a car's longitudinal acceleration, m/s2 per square root of a second: brakes and throttle
 change it by 2 to 3 m/s2 in a third of a second."""
-LEAST_VALUES = 10
+MIN_VALUES = 10
 """Values below which nothing is read from a column."""
-MOST_STRAIGHT_RAD = 0.5
+MAX_STRAIGHT_RAD = 0.5
 """Change of the heading beyond which a car was steered: a gyro's noise adds up to a hundredth of it."""
 MOVED_BY_STEERING = tuple(
     OUTPUTS[name] for name in ("yaw_rate", "accel_lat", "velocity_lat", "side_slip", "roll")
@@ -98,13 +98,13 @@ def make_drive(
     table: SignalTable, tables: CarTables, baseline: str, name: str
 ) -> tuple[Baseline, DynamicsDrive]:
     """Return the baseline of this car, and the drive with the outputs that were recorded."""
-    if len(table.time_s) < LEAST_VALUES:
-        raise InputError(table.file, f"{len(table.time_s)} rows: {LEAST_VALUES} are needed at least")
+    if len(table.time_s) < MIN_VALUES:
+        raise InputError(table.file, f"{len(table.time_s)} rows: {MIN_VALUES} are needed at least")
     thinned = _thinned(table)
-    if len(thinned["time_s"]) < LEAST_VALUES:
+    if len(thinned["time_s"]) < MIN_VALUES:
         span_s = table.time_s[-1] - table.time_s[0]
         raise InputError(
-            table.file, f"its rows span {span_s:.2g} s: {LEAST_VALUES / MOST_HZ:.2g} s are needed at least"
+            table.file, f"its rows span {span_s:.2g} s: {MIN_VALUES / MAX_HZ:.2g} s are needed at least"
         )
     columns, notes = _informative(thinned)
     time = columns["time_s"] - columns["time_s"][0]
@@ -148,7 +148,7 @@ def _informative(columns: dict[str, FloatArray]) -> tuple[dict[str, FloatArray],
     notes, left = [], dict(columns)
     for name, values in columns.items():
         count = int(np.isfinite(values).sum())
-        if count < LEAST_VALUES:
+        if count < MIN_VALUES:
             notes.append(f"{name} has {count or 'no'} values: nothing is read from it")
             del left[name]
     must = MOVED_BY_STEERING if any(_moves(left, name) for name in (ROAD_WHEEL, STEERING_WHEEL)) else ()
@@ -167,10 +167,10 @@ def _moves(columns: dict[str, FloatArray], name: str) -> bool:
 
 
 def _thinned(table: SignalTable) -> dict[str, FloatArray]:
-    """Return the columns at no more than `MOST_HZ`, a missing value taken from the rows between."""
+    """Return the columns at no more than `MAX_HZ`, a missing value taken from the rows between."""
     time = table.time_s
     step = float(np.median(np.diff(time)))
-    every = min(int(np.floor(1.0 / (step * MOST_HZ))), len(time)) if step * MOST_HZ < 1.0 else 1
+    every = min(int(np.floor(1.0 / (step * MAX_HZ))), len(time)) if step * MAX_HZ < 1.0 else 1
     if every <= 1:
         return dict(table.columns)
     rows = np.arange(0, len(time) - every + 1, every)
@@ -185,7 +185,7 @@ def _thinned(table: SignalTable) -> dict[str, FloatArray]:
 
 
 def _has(columns: dict[str, FloatArray], name: str) -> bool:
-    return name in columns and int(np.isfinite(columns[name]).sum()) >= LEAST_VALUES
+    return name in columns and int(np.isfinite(columns[name]).sum()) >= MIN_VALUES
 
 
 def _forces_given(columns: dict[str, FloatArray]) -> list[str]:
@@ -233,14 +233,14 @@ def _check_steering(
     The yaw rate is compared with that of a car without slip, u delta / l, at ordinary steering angles.
     """
     largest = float(np.quantile(np.abs(steer), 0.99))
-    if largest > MOST_ROAD_WHEEL_RAD:
+    if largest > MAX_ROAD_WHEEL_RAD:
         what = f"the steering reaches {largest:.1f} rad at the road wheels"
         raise InputError(table.file, f"{what}: in degrees, or steering_ratio missing?", 1)
     if not _has(columns, OUTPUTS["yaw_rate"]):
         return
     yaw = filled(time, columns[OUTPUTS["yaw_rate"]])
     turned = float(np.ptp(np.cumsum((yaw - float(np.median(yaw)))[1:] * np.diff(time))))
-    if not np.ptp(steer) > 0.0 and turned > MOST_STRAIGHT_RAD:
+    if not np.ptp(steer) > 0.0 and turned > MAX_STRAIGHT_RAD:
         raise InputError(table.file, f"the car turns by {turned:.1f} rad while the steering stands still", 1)
     bend = speed * (steer - float(np.median(steer))) / car.wheelbase_m
     yaw = yaw - float(np.median(yaw))
@@ -250,7 +250,7 @@ def _check_steering(
             table.file, "the yaw rate turns against the steering: one of them has the other sign", 1
         )
     gain = float(np.sum(bend * yaw)) / max(float(np.sum(bend**2)), 1e-12)
-    if gain > MOST_GAIN:
+    if gain > MAX_GAIN:
         raise InputError(
             table.file, f"the yaw rate is {gain:.0f} times what the steering makes: in deg/s?", 1
         )

@@ -32,10 +32,10 @@ from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
 from tpmsd.offline.signals.columns import OUTPUTS, ROAD_WHEEL, TIME
 from tpmsd.offline.signals.read import SignalTable, read_signals
 
-MOST_MEMBERS = 20_000
-MOST_BYTES = 1 << 30
+MAX_MEMBERS = 20_000
+MAX_BYTES = 1 << 30
 """Size of an unpacked archive at most."""
-MOST_DESCRIPTION_BYTES = 32 << 20
+MAX_DESCRIPTION_BYTES = 32 << 20
 WALL_S = 300.0
 """An FMU that takes longer is ended."""
 CPU_S = 300
@@ -121,13 +121,13 @@ def _check_members(file: Path, members: list[zipfile.ZipInfo]) -> None:
             or any(c in member.filename for c in "\\:\0")
         ):
             raise InputError(file, f"a member leads out of the archive: {member.filename[:80]!r}")
-    if len(members) > MOST_MEMBERS or sum(member.file_size for member in members) > MOST_BYTES:
-        raise InputError(file, f"larger than {MOST_BYTES >> 30} GB or {MOST_MEMBERS} members")
+    if len(members) > MAX_MEMBERS or sum(member.file_size for member in members) > MAX_BYTES:
+        raise InputError(file, f"larger than {MAX_BYTES >> 30} GB or {MAX_MEMBERS} members")
     described = [member for member in members if member.filename == DESCRIPTION]
     if not described:
         raise InputError(file, f"no FMU: it has no {DESCRIPTION}")
-    if described[0].file_size > MOST_DESCRIPTION_BYTES:
-        raise InputError(file, f"{DESCRIPTION} is larger than {MOST_DESCRIPTION_BYTES >> 20} MB")
+    if described[0].file_size > MAX_DESCRIPTION_BYTES:
+        raise InputError(file, f"{DESCRIPTION} is larger than {MAX_DESCRIPTION_BYTES >> 20} MB")
 
 
 def _simulated(file: Path, request: Mapping[str, Any], wall_s: float) -> tuple[list[str], FloatArray]:

@@ -29,7 +29,7 @@ FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
 """Names in a drive folder, in the order in which they are looked for."""
 LARGEST_BYTES = 500_000_000
 """Text that is read of a file at most, unpacked."""
-MOST_VALUES = 64_000_000
+MAX_VALUES = 64_000_000
 """Numbers kept of a file in CSV: 512 MB, two hours of eight columns at 1 kHz."""
 LONGEST_LINE = 1 << 20
 _BLOCK_CHARS = 1 << 22
@@ -161,7 +161,7 @@ def _text(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
         _check_names(file, names)
         known = [k for k, name in enumerate(names) if is_known(name)]
         parts: list[FloatArray] = []
-        left = MOST_VALUES
+        left = MAX_VALUES
         for first, block in blocks:
             if not block.strip():
                 continue
@@ -171,7 +171,7 @@ def _text(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
             parts.append(values)
             left -= values.size
             if left < 0:
-                raise InputError(file, f"more than {MOST_VALUES} values", first)
+                raise InputError(file, f"more than {MAX_VALUES} values", first)
     if not parts:
         raise InputError(file, "no rows")
     table = np.concatenate(parts)

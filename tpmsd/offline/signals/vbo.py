@@ -32,10 +32,10 @@ from tpmsd.foundation.wheels import FloatArray
 Note = Callable[[str], None]
 LARGEST_BYTES = 500_000_000
 LONGEST_LINE = 16_384
-MOST_COLUMNS = 500
-MOST_VALUES = 20_000_000
+MAX_COLUMNS = 500
+MAX_VALUES = 20_000_000
 """Numbers kept of a file: 160 MB."""
-MOST_HEAD_LINES = 20_000
+MAX_HEAD_LINES = 20_000
 FOLLOWS = 0.4
 """Least correlation by which a channel's sign is told."""
 SLOWEST_MPS = 5.0
@@ -201,7 +201,7 @@ def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
     """Return the sections up to `[data]`."""
     head, section = _Head(), ""
     for number, line in lines:
-        if number > MOST_HEAD_LINES:
+        if number > MAX_HEAD_LINES:
             break
         if line.startswith("[") and line.endswith("]"):
             section = line[1:-1].strip().lower()
@@ -220,8 +220,8 @@ def _head(path: Path, lines: Iterator[tuple[int, str]]) -> _Head:
 
 def _indices(path: Path, names: list[str]) -> dict[str, int]:
     """Column of each quantity; InputError without time, or with too many columns."""
-    if len(names) > MOST_COLUMNS:
-        raise InputError(path, f"{len(names)} columns; at most {MOST_COLUMNS} are read")
+    if len(names) > MAX_COLUMNS:
+        raise InputError(path, f"{len(names)} columns; at most {MAX_COLUMNS} are read")
     found: dict[str, int] = {}
     for index, name in enumerate(names):
         plain = re.sub(r"[\s._-]+", "", name.lower())
@@ -257,8 +257,8 @@ def _rows(
         except ValueError as error:
             values = values[: len(values) // len(kept) * len(kept)]
             bad, first = bad + 1, first or f"{path}:{number}: {str(error)[:80]}"
-        if len(values) > MOST_VALUES:
-            raise InputError(path, f"more than {MOST_VALUES // len(kept)} rows", number)
+        if len(values) > MAX_VALUES:
+            raise InputError(path, f"more than {MAX_VALUES // len(kept)} rows", number)
     if not values:
         raise InputError(path, f"no row that can be read{f', first {first}' if first else ''}")
     if bad:

@@ -34,7 +34,7 @@ _UNIT_PER_SI = {
     "bar": 1e-5,
     "degC": 1.0,
 }
-MOST_OF_WIDTH = 0.7
+MAX_WIDTH_SHARE = 0.7
 """Share of a counter's width that a wheel may count from frame to frame: what it may gain meanwhile, and a
 stamp that is late, must be told from one turn more. At 0.73 0.4 % of the ticks are lost, at 0.92 a fifth."""
 _SENSOR_TAU_S = 0.02
@@ -138,7 +138,7 @@ def _check_widths(world: World, layout: tuple[MessageLayout, ...]) -> None:
             if signal.role.startswith("wheel_count_"):
                 counts = world.counts_at(sampled, WHEELS.index(signal.role[-2:])) / signal.factor
                 most = float(np.max(np.abs(np.diff(counts)), initial=0.0))
-                room = MOST_OF_WIDTH * (1 << signal.bits)
+                room = MAX_WIDTH_SHARE * (1 << signal.bits)
                 held.append((teeth * room / max(most, 1e-9), signal))
     if not held:
         return

@@ -21,7 +21,7 @@ from tpmsd.offline.tables.roles import TIME_UNITS, scale_of
 
 TYPICAL_RADIUS_M, TYPICAL_TRACK_M, TYPICAL_WHEELBASE_M = 0.315, 1.55, 2.7
 """Measures of a middle-class passenger car (205/55 R16), where the table has none."""
-_LEAST_CORRELATION = 0.7
+_MIN_CORRELATION = 0.7
 """Least correlation of a yaw rate or a wheel difference with the course's rate; below it no slope."""
 _POSITIONS = (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north"))
 
@@ -265,7 +265,7 @@ class _Guesser:
     ) -> None:
         at_s, rate = motion.rate()
         slope, correlation = by_value.slope(time_s, values, at_s, rate)
-        if abs(correlation) < _LEAST_CORRELATION:
+        if abs(correlation) < _MIN_CORRELATION:
             untold = "sign" if named else "unit and sign"
             assumed = "" if named else "; without a unit it is rad/s"
             self._found.doubts.append(
@@ -389,9 +389,9 @@ class _Guesser:
                 time_s = self._time(columns[roles[0]].name)
                 if time_s is not None and len(one) == len(other) == len(time_s):
                     track, correlation = by_value.slope(time_s, other - one, at_s, rate)
-                    if correlation < -_LEAST_CORRELATION:
+                    if correlation < -_MIN_CORRELATION:
                         self._found.doubts.append(f"the {axle} wheels: left and right are swapped")
-                    elif correlation > _LEAST_CORRELATION and 1.0 < track < 2.2:
+                    elif correlation > _MIN_CORRELATION and 1.0 < track < 2.2:
                         value, why = round(track, 3), "by the wheels' difference in bends"
             measures[f"track_{axle}_m"] = (value, why)
         measures["wheelbase_m"] = (TYPICAL_WHEELBASE_M, "a usual value: not measured")

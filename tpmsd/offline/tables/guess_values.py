@@ -16,7 +16,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.tables.gather import WGS84_A_M, WGS84_E2
 
-LEAST_MOVING_MPS = 3.0
+MIN_MOVING_MPS = 3.0
 """Slower, the course of the receiver's positions is mostly noise."""
 UNIT_TOLERANCE = 0.06
 """A speed over the road differs from the receiver's by tyre and calibration, by 4 % at most (UN ECE R39)."""
@@ -54,9 +54,9 @@ def time_unit(values: FloatArray) -> str | None:
 
 
 def motion_of(
-    time_s: FloatArray, east_m: FloatArray, north_m: FloatArray, least_step_s: float = 0.5
+    time_s: FloatArray, east_m: FloatArray, north_m: FloatArray, min_step_s: float = 0.5
 ) -> GroundMotion | None:
-    """Return the motion by positions renewed at least `least_step_s` apart; None with fewer than ten."""
+    """Return the motion by positions renewed at least `min_step_s` apart; None with fewer than ten."""
     known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m) & np.isfinite(time_s))
     if not len(known):
         return None
@@ -65,7 +65,7 @@ def motion_of(
     east, north, times = east[fresh], north[fresh], times[fresh]
     kept = [0]
     for at in range(1, len(times)):
-        if times[at] - times[kept[-1]] >= least_step_s:
+        if times[at] - times[kept[-1]] >= min_step_s:
             kept.append(at)
     picked = np.array(kept)
     if len(picked) < 10:
@@ -74,7 +74,7 @@ def motion_of(
     step = np.diff(times)
     speed = np.hypot(np.diff(east), np.diff(north)) / step
     course = np.arctan2(np.diff(east), np.diff(north))
-    usable = (speed > LEAST_MOVING_MPS) & (step < 5.0)
+    usable = (speed > MIN_MOVING_MPS) & (step < 5.0)
     full = np.full(len(course), np.nan)
     full[usable] = np.unwrap(course[usable])
     return GroundMotion(0.5 * (times[1:] + times[:-1]), np.where(step < 5.0, speed, np.nan), full)
@@ -138,7 +138,7 @@ def rate_of(time_s: FloatArray, values: FloatArray, modulus: int | None = None) 
 def ratio(time_s: FloatArray, values: FloatArray, motion: GroundMotion) -> float | None:
     """Units of a speed per m/s of the receiver while the car moves; None if both know too little of that."""
     known = np.isfinite(values) & np.isfinite(time_s)
-    moving = np.isfinite(motion.speed_mps) & (motion.speed_mps > LEAST_MOVING_MPS)
+    moving = np.isfinite(motion.speed_mps) & (motion.speed_mps > MIN_MOVING_MPS)
     if known.sum() < 10 or moving.sum() < 10:
         return None
     inside = moving & (motion.time_s >= time_s[known][0]) & (motion.time_s <= time_s[known][-1])

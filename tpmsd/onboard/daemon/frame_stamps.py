@@ -28,16 +28,16 @@ class FrameStamps:
 
     def reset(self) -> None:
         """Begin again: the host's clock has stepped, or another adapter is there."""
-        self._least_s = self._least_before_s = math.inf
+        self._min_s = self._min_before_s = math.inf
         self._since_s = -math.inf
 
     def host(self, stamp_s: float, now_s: float) -> float:
         """Return the stamp on the host's clock, for a frame read at `now_s`."""
         lag_s = now_s - stamp_s
         if not 0.0 <= now_s - self._since_s < self._window_s:
-            self._least_before_s, self._least_s = self._least_s, lag_s
+            self._min_before_s, self._min_s = self._min_s, lag_s
             self._since_s = now_s
-        self._least_s = min(self._least_s, lag_s)
-        least_s = min(self._least_s, self._least_before_s)
+        self._min_s = min(self._min_s, lag_s)
+        least_s = min(self._min_s, self._min_before_s)
         # Without a jump between what is tolerated and what is corrected.
         return stamp_s + max(least_s - self._tolerance_s, 0.0) + min(least_s, 0.0)

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from tpmsd.car.config.model import NotifyConfig
 from tpmsd.onboard.monitor.records import AlarmEvent
 
-MOST_WAITING = 32
+MAX_WAITING = 32
 """Events that wait for their turn; of more the oldest are left out, for the newest say how it is."""
 PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TZ")
 """Variables of the daemon's own environment that the program is given; secrets of the service are left
@@ -45,7 +45,7 @@ class Notices:
         """Take an alarm that was raised or cleared."""
         if not self._config.command or event.kind not in (self._config.kinds or (event.kind,)):
             return
-        if len(self._waiting) == MOST_WAITING:
+        if len(self._waiting) == MAX_WAITING:
             self._waiting.popleft()
             self.counts["left_out"] += 1
         self._waiting.append(event)

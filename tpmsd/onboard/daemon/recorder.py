@@ -23,7 +23,7 @@ from tpmsd.onboard.sources.can.frame import CanFrame
 MARK = b"$PTPMSD"
 BUFFER_BYTES = 1 << 18
 """Bytes kept back at most until the next flush, per file."""
-_MOST_FOLDERS = 10_000
+_MAX_FOLDERS = 10_000
 
 _log = logging.getLogger(__name__)
 
@@ -137,9 +137,9 @@ def candump_line(frame: CanFrame, channel: str) -> bytes:
 
 def _free(folder: Path) -> Path:
     """Return the folder, or one beside it with a number, in which there is no drive yet."""
-    for number in range(1, _MOST_FOLDERS + 1):
+    for number in range(1, _MAX_FOLDERS + 1):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}-{number}")
         candidate.mkdir(parents=True, exist_ok=True)
         if not any((candidate / name).exists() for name in ("can.log", "gnss.nmea")):
             return candidate
-    raise OSError(f"{_MOST_FOLDERS} recordings are there already")
+    raise OSError(f"{_MAX_FOLDERS} recordings are there already")

@@ -83,7 +83,7 @@ class Estimator(Protocol):
         ...
 
 
-MOST_DEVIATION_M = 0.2
+MAX_DEVIATION_M = 0.2
 """No tyre that a car drives on is off its nominal radius by so much: an estimate beyond it has diverged."""
 
 
@@ -99,6 +99,6 @@ def unsound(estimate: RadiusEstimate, wheels: list[int]) -> str:
         return "a radius is not a number"
     if min(variances) < 0.0:
         return "a variance is negative"
-    if max(map(abs, deviation)) > MOST_DEVIATION_M:
-        return f"a radius is off by more than {MOST_DEVIATION_M:g} m"
+    if max(map(abs, deviation)) > MAX_DEVIATION_M:
+        return f"a radius is off by more than {MAX_DEVIATION_M:g} m"
     return ""

@@ -77,7 +77,7 @@ class EstimatorSettings:
     """Least time between two positions whose distance is a step of the way: an arc."""
     slide_window_s: float = 4.5
     """Time over which way and speeds are compared: long against white noise, short against `bias_tau_s`."""
-    slide_most_turn_rad: float = 1.0
+    slide_max_turn_rad: float = 1.0
     """Largest turn of a step: beyond, its direction is noise and it is no arc."""
     slide_jump_m: float = 1.0
     """A step of the way that differs from the speeds by more is a jump and no slide ..."""
@@ -257,7 +257,7 @@ class EstimatorSettings:
     """Position error before the receiver has stated one."""
     latency_drift: float = 0.001
     """s per sqrt(s): what the tracking of the clocks leaves."""
-    least_load_factor: float = 0.5
+    min_load_factor: float = 0.5
     """Least ratio of the wheels' turn over the car's, which load transfer makes larger: less than one is
     unphysical, at zero a turn would have no end.
     """
@@ -308,9 +308,9 @@ class AgreementSettings:
 
     window_s: float = 10.0
     """Length of the window over which fixes that are off are counted, ..."""
-    least_fixes: int = 4
+    min_fixes: int = 4
     """... which has to hold so many, ..."""
-    least_span_s: float = 3.0
+    min_span_s: float = 3.0
     """... so far apart."""
     off_share: float = 0.5
     """Share of the window's fixes that are off, from which it is a disagreement, ..."""
@@ -360,7 +360,7 @@ class PathLengthSettings:
     """Least time between the ends of a step of the path ..."""
     longest_step_s: float = 2.5
     """... and most: beyond, too little is known of the way between them."""
-    least_m: float = 400.0
+    min_m: float = 400.0
     """Path below which the drift of positions hides what is looked for."""
     position_slack_m: float = 4.0
     """Distance by which the ends of a path may drift against each other at least, ..."""
@@ -380,7 +380,7 @@ class PathLengthSettings:
     """... the same as a share of the step."""
     slowest_mps: float = 3.0
     """Below, positions drift as fast as the car moves."""
-    most_turn_rad: float = 1.0
+    max_turn_rad: float = 1.0
     """Largest turn of a step: beyond, it is no arc."""
 
 

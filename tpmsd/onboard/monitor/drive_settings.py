@@ -129,7 +129,7 @@ class DriveEvidenceSettings:
     stop, a receiver that scales (assumed). Nobody changes a wheel then."""
     negligible_nats: float = 12.0
     """Behind the best, from which an change hypothesis is left out: 6e-6 of it at most."""
-    least_std: float = 1e-9
+    min_std: float = 1e-9
     """Keeps the information of an onset from being singular, relative to its largest part."""
 
     @property
@@ -146,8 +146,8 @@ class SlipSlopeSettings:
     """Over which rotations are summed: a tooth of 48 in a second at 20 m/s is 0.2 %."""
     window_s: float = 20.0
     """In which radii, load and slope hardly change."""
-    least_seconds: int = 8
-    least_accel2: float = 0.05
+    min_seconds: int = 8
+    min_accel2: float = 0.05
     """Sum of squared accelerations, (m/s2)2: 0.05 m/s2 for 20 s; below, it is the counts' noise."""
     slowest_mps: float = 4.0
     """Below, a second holds too few teeth."""
@@ -157,11 +157,11 @@ class SlipSlopeSettings:
     """Time before and after a fix over which the wheels' speed and acceleration are taken, s: a tooth of 48
     is 0.04 m, 0.01 m/s2 over four wheels.
     """
-    most_speed_noise: float = 2.0
+    max_speed_noise: float = 2.0
     """Speed noise of a fix relative to the usual one: beyond it the sky is obstructed."""
     accel_mps2: tuple[float, float] = (-0.4, 2.5)
     """Harder braking than an engine does is done by all four wheels; no road car keeps up more."""
-    most_bend: float = 0.06
+    max_bend: float = 0.06
     """Wheelbase over radius: 45 m. In tighter bends side slip of the front wheels counts."""
     hill_std_mps2: float = 0.1
     """Standard deviation of the road's slope within a window, 1 %, ..."""

@@ -196,14 +196,14 @@ class Monitor:
             self._judged = self._judge.judge(*changes, self._resonance, others, drive, before)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
             trusted = self._judged.trusted(judging.settled) and not self._standing
-            soft_before, least_hold_s = self._first.standing, self._judged.least_hold_s
+            soft_before, min_hold_s = self._first.standing, self._judged.min_hold_s
             for (kind, wheel), alarm in self._alarms.items():
                 if wheel in soft_before:
                     alarm.held_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
                 possible = float(self._judged.possible[wheel]) if kind is AlarmKind.DEFLATION else None
-                transition = alarm.update(probability, elapsed_s, least_hold_s, possible)
+                transition = alarm.update(probability, elapsed_s, min_hold_s, possible)
                 if transition is not None:
                     events.append(self._tyre_event(kind, wheel, transition, probability, tick, estimate))
                     judging.note_transition(self._judged.change_index if transition == "raised" else None)

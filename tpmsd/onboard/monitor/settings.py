@@ -33,7 +33,7 @@ class ConditionSettings:
     or take)."""
     cooling_s: float = 1800.0
     """Time constant of cooling down at a standstill."""
-    most_speed2: float = 1e5
+    max_speed2: float = 1e5
     """(m/s)^2; no car is that fast."""
 
 
@@ -70,7 +70,7 @@ class ReferenceSettings:
     """Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
     wider: float = 1.5
     """A saved standard deviation over the prior's: priors of earlier versions were as wide on large tyres."""
-    most_samples: int = 1_000_000
+    max_samples: int = 1_000_000
     """A saved number of samples beyond is none: 230 days of driving."""
 
 
@@ -142,7 +142,7 @@ class JudgeSettings:
     """Relative difference of a wheel of another size, mean and standard deviation: a temporary spare 1 to 3
     %, chains 2 to 3 %.
     """
-    most_larger: float = 0.05
+    max_relative_growth: float = 0.05
     """A wheel that seems larger than was learned by more, relative, has an estimate that is lost: snow chains
     add 2 to 3 %, no tyre more."""
     nuisance: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
@@ -261,13 +261,13 @@ class ConfigurationSettings:
     """Below, the receiver's course and speed are noise."""
     step_s: tuple[float, float] = (0.9, 2.5)
     """Between two fixes that make one interval."""
-    least_turn_radps: float = 0.02
+    min_turn_radps: float = 0.02
     """Below, a course is noise; at 20 m/s a bend of 1 km."""
-    least_turns_rad2: float = 0.05
+    min_turns_rad2: float = 0.05
     """Sum of squared changes of course, each of at most a second: three bends of 90 degrees, ..."""
-    least_intervals: int = 15
+    min_intervals: int = 15
     """... and the number of intervals that turned."""
-    least_correlation: float = 0.5
+    min_correlation: float = 0.5
     """Correlation from which a sign is right and no longer looked at; below its negative it is wrong."""
     radius_share: float = 0.05
     """Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""
@@ -279,11 +279,11 @@ class ConfigurationSettings:
 class TyreSetSettings:
     """Sets of tyres, and the resets that a driver may ask for."""
 
-    most_sets: int = 8
+    max_sets: int = 8
     """Summer, winter, two drivers' spares: more is a mistake of who asks."""
     soft_probability: float = 0.9
     """Probability of a soft tyre from which a reset to the same set is refused."""
-    most_reason: int = 500
+    max_reason_chars: int = 500
     """Characters of a saved reason."""
     allowance: float = 10.0
     """Resets are paid from this, ..."""

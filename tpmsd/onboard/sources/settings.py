@@ -17,7 +17,7 @@ class SourceSettings:
     frozen_runs: float = 5.0
     """All speeds are frozen when they are the same for so many times the longest run of the last minutes.
     Runs of noisy readings fall off exponentially: five times the longest of hundreds does not occur."""
-    frozen_least_s: float = 0.25
+    frozen_min_s: float = 0.25
     """Several frames of any sender: fewer may be the same by chance (s)."""
     frozen_learn_s: float = 10.0
     """Before so much has been seen, `frozen_s` holds (s)."""

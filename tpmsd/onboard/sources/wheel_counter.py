@@ -217,9 +217,9 @@ class WheelCounter:
             since = np.full(count, self.still_since)
         else:
             run = np.where(same, time_s - since, 0.0)
-            least_bits = np.abs(speed[begin]) * run - 0.5 * self._accel * run * (width + run)
+            min_bits = np.abs(speed[begin]) * run - 0.5 * self._accel * run * (width + run)
             last = np.arange(count) == count - 1
-            too_long = same & ((least_bits >= REPEATED_BITS) | (run > STUCK_S) | last)
+            too_long = same & ((min_bits >= REPEATED_BITS) | (run > STUCK_S) | last)
             regular = min(first_true(irregular), first_run_too_long(begin, too_long))
 
         def commit() -> None:

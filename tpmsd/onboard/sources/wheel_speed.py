@@ -90,7 +90,7 @@ class FrozenSpeeds:
         typical_s = SETTINGS.frozen_s
         if time_s - self._since_s > SETTINGS.frozen_learn_s:
             typical_s = min(
-                max(SETTINGS.frozen_runs * self._longest_s, SETTINGS.frozen_least_s), SETTINGS.frozen_s
+                max(SETTINGS.frozen_runs * self._longest_s, SETTINGS.frozen_min_s), SETTINGS.frozen_s
             )
         return self._run_s > max(typical_s, SETTINGS.noise_turns * self._moving_s / (1.0 + self._turns))
 

@@ -35,7 +35,7 @@ STEP = 0.01
 STEPS = STEP * np.eye(2)
 LEAST = np.array([1e-3, 1e-3, 1e-4])
 """Least standard deviations of a second's motion, m and rad: at a standstill."""
-LEAST_WALK = 1e-4
+MIN_WALK = 1e-4
 """Least random walk of a logarithm, thousandths: where the scenario has none."""
 
 
@@ -134,7 +134,7 @@ class Graph:
         import gtsam
 
         self._g, self._errors = gtsam, driven.errors
-        self._walk = self._sigmas(np.full(2, max(walk / RADIUS_M / UNIT, LEAST_WALK)))
+        self._walk = self._sigmas(np.full(2, max(walk / RADIUS_M / UNIT, MIN_WALK)))
         doppler, keep = averaged(driven.errors.doppler_mps, driven.errors.doppler_tau_s)
         keep_slow = math.exp(-1.0 / driven.errors.slow_tau_s)
         self._keep = np.diag([keep_slow, keep_slow, keep, keep])

@@ -40,7 +40,7 @@ LONG_NUMBERS = (*NUMBERS, 20_000)
 """The last tells whether the cost is linear beyond the paper's range."""
 
 
-def least_ms(step: Callable[[Tick], Any], ticks: list[Tick], timed: int, passes: int) -> float:
+def min_ms(step: Callable[[Tick], Any], ticks: list[Tick], timed: int, passes: int) -> float:
     """Least processor time per tick over several passes along the drive, in ms."""
     best = float("inf")
     for k in range(passes):
@@ -77,7 +77,7 @@ def time_methods(quick: bool, say: Callable[[str], None]) -> dict[str, dict[str,
             many = number >= 5000
             timed = (40 if many and quick else 150 if many else TIMED_TICKS) // TURNS
             some = ticks[WARM_TICKS + turn * timed :]
-            least = least_ms(estimator.step, some, timed, 1)
+            least = min_ms(estimator.step, some, timed, 1)
             out[name][str(number)] = min(out[name][str(number)], least)
         say(f"run time of {len(filters)} filters, turn {turn + 1} of {turns}")
     for name, number, _ in filters:
@@ -102,7 +102,7 @@ def time_library() -> dict[str, float]:
     filter_ = LibraryAugPf(part, USUAL, seed=1)
     for _ in range(200):
         filter_.step()
-    return {str(USUAL): least_ms(lambda _: filter_.step(), part[200:], TIMED_TICKS, PASSES)}
+    return {str(USUAL): min_ms(lambda _: filter_.step(), part[200:], TIMED_TICKS, PASSES)}
 
 
 def time_kernel() -> dict[str, float] | str:
@@ -117,7 +117,7 @@ def time_kernel() -> dict[str, float] | str:
         for tick in ticks[WARM_TICKS - 600 : WARM_TICKS]:
             kernel.step(tick)
         timed = 150 if number >= 5000 else TIMED_TICKS
-        out[str(number)] = least_ms(kernel.step, ticks[WARM_TICKS:], timed, PASSES)
+        out[str(number)] = min_ms(kernel.step, ticks[WARM_TICKS:], timed, PASSES)
     return out
 
 

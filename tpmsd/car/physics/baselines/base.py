@@ -28,7 +28,7 @@ from tpmsd.foundation.wheels import FloatArray
 Theta = Sequence[DynamicsEffect]
 """Parameters of an extended baseline: the effects with their values; none leaves the baseline as
 configured."""
-LEAST_MPS = 2.0
+MIN_MPS = 2.0
 """Slip angles are those of at least this speed: slower, their geometry is singular."""
 UNITS = {
     "yaw_rate": "rad/s",
@@ -44,7 +44,7 @@ SHARE_MARGIN = 0.02
 """Step by which a share of force may leave 0 and 1: more than the difference of a derivative, less than
 shows.
 """
-MOST_STIFF = 0.8
+MAX_STIFF = 0.8
 """Largest rate constant times step of the integration."""
 
 
@@ -120,11 +120,11 @@ class Baseline(ABC):
         """Return how many steps of the integration are stable and exact enough at all speeds; a power of
         2."""
         stiff = self._fastest_rate_per_s(u, theta)
-        return int(2 ** np.ceil(np.log2(max(dt * stiff / MOST_STIFF, 1.0))))
+        return int(2 ** np.ceil(np.log2(max(dt * stiff / MAX_STIFF, 1.0))))
 
     def _fastest_rate_per_s(self, u: Inputs, theta: Theta) -> float:
         """Return the fastest rate constant of car and effects at these speeds."""
-        slowest = max(float(np.min(u.speed_mps)), LEAST_MPS)
+        slowest = max(float(np.min(u.speed_mps)), MIN_MPS)
         stiff = (self.car.cornering_front_n + self.car.cornering_rear_n) / (self.car.mass_kg * slowest)
         fastest = float(np.max(u.speed_mps))
         return max([stiff, *(effect.fastest_rate_per_s(fastest) for effect in theta)])
@@ -185,7 +185,7 @@ class Baseline(ABC):
 
     def _on_tyres(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
         """Return a frame with the tyres' forces."""
-        frame = frame_of(self.car, state, u, self.nonlinear, LEAST_MPS)
+        frame = frame_of(self.car, state, u, self.nonlinear, MIN_MPS)
         for effect in theta:
             effect.adapt_car(frame)
         for effect in theta:

@@ -15,7 +15,7 @@ from tpmsd.car.physics.baselines.frame import Real
 from tpmsd.foundation.wheels import FloatArray
 
 _SHAPE, _CURVATURE = 1.3, -0.5
-_MOST_LONGITUDINAL = 0.95
+_MAX_LONGITUDINAL = 0.95
 """Largest share of friction taken by a longitudinal force: beyond it the root has no derivative."""
 _STILL_N = 1e-6
 """Linear force below which nothing slides, so that no division is by zero."""
@@ -53,5 +53,5 @@ def lateral_friction_share(longitudinal_n: FloatArray, friction: Real, load_n: F
     """
     limit = np.maximum(friction * np.maximum(load_n, 0.0), _STILL_N)
     return np.asarray(
-        np.sqrt(1.0 - np.clip(longitudinal_n / limit, -_MOST_LONGITUDINAL, _MOST_LONGITUDINAL) ** 2)
+        np.sqrt(1.0 - np.clip(longitudinal_n / limit, -_MAX_LONGITUDINAL, _MAX_LONGITUDINAL) ** 2)
     )

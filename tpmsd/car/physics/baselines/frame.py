@@ -122,7 +122,7 @@ class Frame:
 
 
 def frame_of(
-    car: DynamicCar, state: Mapping[str, FloatArray], inputs: Inputs, nonlinear: bool, least_mps: float
+    car: DynamicCar, state: Mapping[str, FloatArray], inputs: Inputs, nonlinear: bool, min_mps: float
 ) -> Frame:
     """Return a frame with the car, the inputs and the states as they are before any effect."""
     speed_is_state = "u" in state
@@ -130,7 +130,7 @@ def frame_of(
     return Frame(
         inputs=inputs,
         v=state["v"],
-        u=np.maximum(speed, least_mps),
+        u=np.maximum(speed, min_mps),
         r=state["r"],
         extra={name: value for name, value in state.items() if name not in ("u", "v", "r")},
         nonlinear=nonlinear,

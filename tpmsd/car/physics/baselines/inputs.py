@@ -47,7 +47,7 @@ class Inputs:
         if self.time_s.ndim == 1 and len(self.time_s) > 3 and np.ndim(by_s) == 0:
             known = self._shifts.get(float(by_s))
             if known is None:
-                if len(self._shifts) >= MOST_SHIFTS:
+                if len(self._shifts) >= MAX_SHIFTS:
                     self._shifts.clear()
                 known = self._shifts[float(by_s)] = self._interpolated(float(by_s))
             return known
@@ -99,7 +99,7 @@ class Inputs:
 
 PAUSE_STEPS = 5.0
 """Usual steps of a recording from which a longer one is a pause, over which nothing is interpolated."""
-MOST_SHIFTS = 24
+MAX_SHIFTS = 24
 """Shifted inputs that are kept: the stages of a step back for two delays need so many."""
 FIELDS = tuple(one.name for one in fields(Inputs) if one.init)
 """Names of the arrays."""

@@ -13,14 +13,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, aligned, axle_forces, lateral_transfer, like
+from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, aligned, axle_forces, lateral_transfer, like
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.baselines.names import THREE_DOF
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
-MOST_SLIP_FORCE = 0.3
+MAX_SLIP_FORCE = 0.3
 """Largest F / C_sigma that is turned into a slip: beyond, a wheel spins or locks."""
 
 
@@ -49,7 +49,7 @@ class ThreeDof(Baseline):
         ahead = frame.v + frame.front * frame.r
         behind = frame.v - frame.rear * frame.r
         front, rear = 0.5 * frame.track_front * frame.r, 0.5 * frame.track_rear * frame.r
-        along = [np.maximum(frame.u + side, LEAST_MPS) for side in (-front, front, -rear, rear)]
+        along = [np.maximum(frame.u + side, MIN_MPS) for side in (-front, front, -rear, rear)]
         across = (ahead, ahead, behind, behind)
         turned = (frame.steer, frame.steer, 0.0, 0.0)
         angles = [t - np.arctan(a / u) for t, a, u in zip(turned, across, along, strict=True)]
@@ -103,5 +103,5 @@ def carried_slip(frame: Frame) -> FloatArray:
     """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4,
     ...)."""
     halves = [0.5 * np.asarray(one) / frame.longitudinal for one in axle_forces(frame)]
-    force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MOST_SLIP_FORCE, MOST_SLIP_FORCE)
+    force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MAX_SLIP_FORCE, MAX_SLIP_FORCE)
     return np.repeat(force / (1.0 - force), 2, axis=0)

@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Confounding, Identification, Wordin
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-LEAST_MPS = 3.0
+MIN_MPS = 3.0
 """Below, a course is noise."""
 
 
@@ -75,4 +75,4 @@ class DopplerHeadingError(Effect):
         """(n,) the part across it, over the speed."""
         heading = motion.heading_rad
         across = self.north_mps * np.cos(heading) - self.east_mps * np.sin(heading)
-        return np.asarray(across / np.maximum(motion.speed_mps, LEAST_MPS))
+        return np.asarray(across / np.maximum(motion.speed_mps, MIN_MPS))

@@ -9,7 +9,7 @@ import numpy as np
 from tpmsd.car.physics.effect import IMPOSSIBLE_SIGN, Effect, Parameter, Prior
 from tpmsd.car.physics.effect_records import Confounding, Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
-from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2, tail_nats
+from tpmsd.car.physics.priors import MAX_LOAD_LONGITUDINAL_S2, tail_nats
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 TYPICAL_RADIUS_M = 0.31
@@ -61,7 +61,7 @@ class DriveSplit(Effect):
     @classmethod
     def penalty(cls, value: float) -> float:
         """Nats against what load transfer may be, and against a size by Student's distribution."""
-        load = -2.0 * MOST_LOAD_LONGITUDINAL_S2 / TYPICAL_RADIUS_M < value < 0.0
+        load = -2.0 * MAX_LOAD_LONGITUDINAL_S2 / TYPICAL_RADIUS_M < value < 0.0
         return tail_nats(value, TYPICAL) + (IMPOSSIBLE_SIGN if load else 0.0)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:

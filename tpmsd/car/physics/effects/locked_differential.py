@@ -12,7 +12,7 @@ from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
-LEAST_MPS = 0.5
+MIN_MPS = 0.5
 """Speed of a hub below which its slip is that at this speed."""
 
 
@@ -63,5 +63,5 @@ class LockedDifferential(Effect):
         hubs = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
         front, rear = hubs[:, IS_FRONT].mean(axis=1), hubs[:, ~IS_FRONT].mean(axis=1)
         axle = np.where(IS_FRONT, front[:, None], rear[:, None])
-        size = np.copysign(np.maximum(np.abs(hubs), LEAST_MPS), hubs)
+        size = np.copysign(np.maximum(np.abs(hubs), MIN_MPS), hubs)
         return np.asarray(self.coefficient * (axle - hubs) / size * car.driven)

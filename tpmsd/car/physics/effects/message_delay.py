@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Identification, Wording
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
-LEAST_MPS = 1.0
+MIN_MPS = 1.0
 """Below, the share is that at this speed."""
 
 
@@ -61,5 +61,5 @@ class MessageDelay(Effect):
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) -front_s * a / v on the front wheels, by the kinematic acceleration."""
-        share = -self.front_s * motion.accel_long_mps2 / np.maximum(motion.speed_mps, LEAST_MPS)
+        share = -self.front_s * motion.accel_long_mps2 / np.maximum(motion.speed_mps, MIN_MPS)
         return share[:, None] * IS_FRONT.astype(np.float64)

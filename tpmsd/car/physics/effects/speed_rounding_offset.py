@@ -12,7 +12,7 @@ from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.speed_signal import SpeedSignalFault
 from tpmsd.foundation.wheels import FloatArray
 
-LEAST_MPS = 1.0
+MIN_MPS = 1.0
 """Below, the share is that at this speed."""
 
 
@@ -48,4 +48,4 @@ class SpeedRoundingOffset(SpeedSignalFault):
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the offset over each wheel's own speed."""
         speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
-        return np.asarray(self.offset_mps / np.maximum(speeds, LEAST_MPS))
+        return np.asarray(self.offset_mps / np.maximum(speeds, MIN_MPS))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from tpmsd.car.physics.effect import GroupParameter, Kind, Parameter, Prior
 from tpmsd.car.physics.effect_records import Identification, Nonlinear, Wording
-from tpmsd.car.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
+from tpmsd.car.physics.slip_event import LONGEST_S, MIN_SLIP, SHORTEST_S, SlipEvent
 
 
 @dataclass(frozen=True)
@@ -47,4 +47,4 @@ class WheelLock(SlipEvent):
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
         """Wheels that turn slower, by more than ordinary force makes them."""
-        return slip <= -LEAST_SLIP and SHORTEST_S <= duration_s <= LONGEST_S
+        return slip <= -MIN_SLIP and SHORTEST_S <= duration_s <= LONGEST_S

@@ -13,7 +13,7 @@ from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 
-LEAST_MPS = 1.0
+MIN_MPS = 1.0
 """Below, the share is that at this speed."""
 TOLERANCE_S, OWN = 0.1, 6.0
 """Up to which time constant smoothing is a control unit's own, and the nats that such a one costs: it can
@@ -75,4 +75,4 @@ class WheelSpeedFilter(Effect):
         """(n, 4) smoothed minus true speed of each hub, over the true one."""
         hubs = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
         shown = [low_passed(one, motion.time_s, self.time_constant_s) for one in hubs.T]
-        return np.asarray((np.stack(shown, axis=1) - hubs) / np.maximum(np.abs(hubs), LEAST_MPS))
+        return np.asarray((np.stack(shown, axis=1) - hubs) / np.maximum(np.abs(hubs), MIN_MPS))

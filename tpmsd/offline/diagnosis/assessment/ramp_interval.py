@@ -144,7 +144,7 @@ def _profiled(
     size = np.einsum("tp,pq,tq->t", pairs.weights, left, pairs.weights, optimize=True)
     # What the rest explains already, or what begins with the drive's end, tells nothing.
     whole = np.einsum("tp,pq,tq->t", pairs.weights, gram[known:, known:], pairs.weights, optimize=True)
-    least = SETTINGS.sensors.least_share * max(float(whole.max()), 1e-300)
+    least = SETTINGS.sensors.min_share * max(float(whole.max()), 1e-300)
     acts = size > least
     size = np.where(acts, size, least)
     return np.where(acts, 0.5 * score**2 / size, 0.0), np.where(acts, score / size, 0.0)

@@ -85,7 +85,7 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
     """
     paths = [one.windows.measured[:, [EAST, NORTH]] for one in (recorded, simulated)]
     path, other = (one[np.isfinite(one).all(axis=1)] for one in paths)
-    if min(len(path), len(other)) < SETTINGS.preparation.least_driving_s:
+    if min(len(path), len(other)) < SETTINGS.preparation.min_driving_s:
         distance, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
         far = abs(distance - driven) > 0.3 * max(distance, driven)
         return f"{driven / 1e3:.1f} km long, the recording {distance / 1e3:.1f} km" if far else ""
@@ -104,7 +104,7 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
 
 
 def bounded(
-    readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = SETTINGS.preparation.most_drives
+    readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = SETTINGS.preparation.max_drives
 ) -> tuple[list[Reader], list[str]]:
     """At most so many drives (those with most driving) and windows (fair shares), and notes on the rest."""
     notes = []
@@ -141,19 +141,19 @@ def unfit(recording: Recording) -> str:
     """Return why a recording cannot be examined at all; empty if it can."""
     if not {RL, RR} <= set(recording.wheels):
         return "the rear wheels are not both read"
-    if recording.ticks * recording.dt_s < SETTINGS.preparation.least_driving_s:
-        return f"the drive is shorter than {SETTINGS.preparation.least_driving_s} s"
+    if recording.ticks * recording.dt_s < SETTINGS.preparation.min_driving_s:
+        return f"the drive is shorter than {SETTINGS.preparation.min_driving_s} s"
     return ""
 
 
 def unfit_windows(reader: Reader) -> str:
     """Return why too little is left to compare; empty if there is enough."""
     windows = reader.windows
-    if len(windows) < SETTINGS.preparation.least_driving_s:
-        least_s = SETTINGS.preparation.least_driving_s
+    if len(windows) < SETTINGS.preparation.min_driving_s:
+        least_s = SETTINGS.preparation.min_driving_s
         return f"only {len(windows)} s of driving with all wheels read, {least_s} s are needed"
     gnss = np.isfinite(windows.measured[:, 5:CHANNELS]).any(axis=1).sum()
-    if gnss < SETTINGS.preparation.least_driving_s / 2:
+    if gnss < SETTINGS.preparation.min_driving_s / 2:
         return f"the receiver speaks in only {gnss} s of the driving"
     return ""
 

@@ -219,7 +219,7 @@ class DriveStudy:
     def _settle(self, model: ExtendedModel) -> None:
         """Calibrate radii and motion where a model acts, by Gauss-Newton until nothing is gained."""
         before = math.inf
-        for _ in range(SETTINGS.preparation.most_moves):
+        for _ in range(SETTINGS.preparation.max_moves):
             left = self._calibrate(model)
             if before - left < SETTINGS.preparation.moved_nats:
                 break

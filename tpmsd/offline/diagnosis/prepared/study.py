@@ -40,7 +40,7 @@ class Study:
         """At least one reader; with `simulation` the second of two is what the first is compared with."""
         self.simulation = simulation
         windows = sum(len(reader.windows) for reader in readers)
-        block_s = max(SETTINGS.preparation.block_s, windows / SETTINGS.preparation.most_blocks)
+        block_s = max(SETTINGS.preparation.block_s, windows / SETTINGS.preparation.max_blocks)
         apart = () if simulation else ("time", "distance")
         stds = [covariate_stds(reader, first_noise(reader)) for reader in readers]
         common = _common_knots(readers, stds, apart) if len(readers) > 1 else {}

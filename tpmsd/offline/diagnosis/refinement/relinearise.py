@@ -38,7 +38,7 @@ def relinearised(study: Study, selection: Selection) -> Study:
         for k, name in enumerate(drive.names):
             if name[0] == RADIUS.name:
                 wheel = WHEELS.index(name[1])
-                most = SETTINGS.refinement.most_calibration * radii[wheel]
+                most = SETTINGS.refinement.max_relative_radius_change * radii[wheel]
                 radii[wheel] += float(np.clip(own[k], -most, most))
         values = drive.own(origin[:, None])[1:, 0]
         drives.append(drive.relinearised(ExtendedModel(tuple(effects)), radii, values, own[1:]))

@@ -98,11 +98,11 @@ def smallest_size(
     column = term.design[1:, which]
     total = float(column @ np.asarray(selector.evidence.total)[1:, 1:] @ column)
     information = float(column @ gram @ column)
-    if not information > SETTINGS.selection.least_own_share * total:
+    if not information > SETTINGS.selection.min_own_share * total:
         return math.inf
     information /= selector.ratio([*chosen, term], len(chosen))
     kind, std = term.kind_of, 1.0 / math.sqrt(information)
-    size, least = 0.0, _least_gain(selector, chosen)
+    size, least = 0.0, _min_gain(selector, chosen)
     for _ in range(SETTINGS.assessment.size_rounds):
         signs = (1.0,) if kind.one_sign else (1.0, -1.0)
         against = max(0.0, *(kind.penalty(sign * size) for sign in signs))
@@ -113,7 +113,7 @@ def smallest_size(
     return size
 
 
-def _least_gain(selector: Selector, chosen: list[Term]) -> float:
+def _min_gain(selector: Selector, chosen: list[Term]) -> float:
     """Nats beyond its penalty that the selection asks of a term beside those chosen."""
     rest = max(selector.gain(chosen) - selector.gain([]), 0.0)
     return SETTINGS.selection.admit_nats + SETTINGS.selection.share_of_rest * rest

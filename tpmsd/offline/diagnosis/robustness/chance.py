@@ -57,7 +57,7 @@ def tail_probability(value: float, maxima: Sequence[float]) -> float:
     if not is_bound:
         return counted
     spread = float(np.std(maxima, ddof=1)) if count > 1 else 0.0
-    scale = max(math.sqrt(6.0) / math.pi * spread, SETTINGS.robustness.least_scale_nats) * (
+    scale = max(math.sqrt(6.0) / math.pi * spread, SETTINGS.robustness.min_scale_nats) * (
         1.0 + 2.0 / math.sqrt(count)
     )
     middle = float(np.mean(maxima)) - np.euler_gamma * scale

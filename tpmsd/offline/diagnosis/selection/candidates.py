@@ -90,7 +90,7 @@ class Candidates:
         fit = self.evidence.fit(self.design(terms))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
         ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
-        return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
+        return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.max_overdispersion))
 
     def studentised(self, chosen: Sequence[Term], term: Term, penalised_gain: float) -> float:
         """Return a penalised gain jointly with the chosen terms, its gain divided by the term's block-wise
@@ -114,7 +114,7 @@ class Candidates:
         usable = []
         for term in free:
             rows, _ = term.acting
-            if np.any(own[rows] < SETTINGS.selection.least_own_share * total[rows]):
+            if np.any(own[rows] < SETTINGS.selection.min_own_share * total[rows]):
                 continue
             usable.append(term)
             gain, first = term.gain(gram, b)
@@ -138,7 +138,7 @@ class Candidates:
         if len(at) < 2:
             return []
         d = np.diag(gram)[at]
-        good = d > SETTINGS.selection.least_own_share * total[at]
+        good = d > SETTINGS.selection.min_own_share * total[at]
         at, single, d = at[good], [t for t, g in zip(single, good, strict=True) if g], d[good]
         G = gram[np.ix_(at, at)]
         det = np.outer(d, d) - G**2

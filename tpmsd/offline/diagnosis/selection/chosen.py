@@ -35,7 +35,7 @@ class Chosen:
     def overdispersion(self) -> float:
         """Return the block-wise over the assumed variance by which the gain was divided, at least 1."""
         ratio = max(self.gain / max(self.admitted_by + self.term.penalty, 1e-9), 1.0)
-        return min(ratio, SETTINGS.selection.most_overdispersion)
+        return min(ratio, SETTINGS.selection.max_overdispersion)
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ class Selector(Candidates):
         self._bounds = hypotheses.car.bounds
         self._shares: dict[tuple[int, str, str], float] = {}
 
-    def select(self, most: int = SETTINGS.selection.most_terms) -> Selection:
+    def select(self, most: int = SETTINGS.selection.max_terms) -> Selection:
         """Choose, in at most so many steps."""
         chosen: list[Term] = []
         seen: set[frozenset[int]] = set()
@@ -171,7 +171,7 @@ class Selector(Candidates):
         rows = np.flatnonzero(np.any(design != 0.0, axis=1))
         gram = design[rows].T @ self.evidence.total[np.ix_(rows, rows)] @ design[rows]
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < SETTINGS.selection.least_eigenvalue:
+        if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < SETTINGS.selection.min_eigenvalue:
             return False
         return all(
             thinkable(term, values, self._bounds)
@@ -294,7 +294,7 @@ class Selector(Candidates):
 
     def _exchange(self, chosen: list[Term]) -> list[Term]:
         """Replace terms by better alternatives until none is left."""
-        for _ in range(3 * SETTINGS.selection.most_terms):
+        for _ in range(3 * SETTINGS.selection.max_terms):
             improved = False
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
@@ -453,7 +453,7 @@ class Selector(Candidates):
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
         joint = self.valued([*chosen, *self._joint_terms(chosen, which)], term)
-        ratios = np.clip(self.evidence.sandwich(joint)[at], 1.0, SETTINGS.selection.most_overdispersion)
+        ratios = np.clip(self.evidence.sandwich(joint)[at], 1.0, SETTINGS.selection.max_overdispersion)
         gain = fit.gain - self.gain(rest)
         studentised_gain = gain / float(ratios.max()) - term.penalty
         alternatives = self._alternatives(rest, term, gain, float(fit.values[start]), float(ratios.max()))

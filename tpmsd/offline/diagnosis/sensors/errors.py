@@ -61,7 +61,7 @@ def sensor_errors(reader: Reader) -> list[SensorError]:
     out = []
     for k, which in enumerate(estimated):
         share = np.add.reduceat(X[:, k] ** 2, starts[:-1])
-        order = [list(rows)[i] for i in np.argsort(-share) if share[i] > SETTINGS.sensors.least_share]
+        order = [list(rows)[i] for i in np.argsort(-share) if share[i] > SETTINGS.sensors.min_share]
         here = np.abs(X[:, k]) > 0.0
         without = left + X[:, k] * values[k]
         value, std = values[k] / size[k], stds[k] / size[k]
@@ -100,6 +100,6 @@ def _estimable(X: FloatArray, size: FloatArray) -> list[int]:
         column = X[:, k] / size[k]
         basis = X[:, kept] / size[kept]
         left = column - basis @ np.linalg.lstsq(basis, column, rcond=None)[0] if kept else column
-        if float(left @ left) > SETTINGS.sensors.least_share:
+        if float(left @ left) > SETTINGS.sensors.min_share:
             kept.append(k)
     return kept

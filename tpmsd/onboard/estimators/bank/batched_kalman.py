@@ -64,7 +64,7 @@ def scalar_update(
     return np.asarray(log)
 
 
-LEAST_VARIANCE = 1e-14
+MIN_VARIANCE = 1e-14
 """Rounding error of a variance that has become nothing, in any of the states' units squared."""
 
 
@@ -73,4 +73,4 @@ def symmetrise(covariance: FloatArray) -> None:
     covariance += covariance.swapaxes(-1, -2)
     covariance *= 0.5
     diagonal = np.einsum("ijj->ij", covariance)
-    np.maximum(diagonal, LEAST_VARIANCE, out=diagonal)
+    np.maximum(diagonal, MIN_VARIANCE, out=diagonal)

@@ -205,7 +205,7 @@ class ProcessModel:
         """(N,) share of the wheels' turn that is the car's, where they alone tell it: by a_y = v * turn / dt
         `load_turn` is proportional to the turn itself."""
         factor: FloatArray = 1.0 + state[LOAD] * self.load_gain(motion)
-        return np.reciprocal(np.maximum(factor, SETTINGS.least_load_factor))
+        return np.reciprocal(np.maximum(factor, SETTINGS.min_load_factor))
 
     def load_gain(self, motion: TickMotion) -> float:
         """Return the fraction of the car's turn by which the wheels show too much of it, per LOAD."""
@@ -285,7 +285,7 @@ class ProcessModel:
             motion.accel_long_mps2 if self._driven_rear else 0.0,
             -motion.accel_lat_mps2 * (left_rad + right_rad) / track_m,
             nan if motion.lateral_known else self.load_gain(motion),
-            SETTINGS.least_load_factor,
+            SETTINGS.min_load_factor,
             track_m,
             nan if motion.independent_turn_rad is None else motion.independent_turn_rad,
             nan if motion.steered_curvature is None else motion.steered_curvature,

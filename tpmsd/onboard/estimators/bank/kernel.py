@@ -16,7 +16,7 @@ from tpmsd.foundation.kernels import loaded
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank import measurements
 from tpmsd.onboard.estimators.bank.batched_kalman import (
-    LEAST_VARIANCE,
+    MIN_VARIANCE,
     Weights,
     scalar_update,
     square_weights,
@@ -182,7 +182,7 @@ class CompiledKernel:
 
     def symmetrise(self, bank: Bank) -> None:
         """Return what `BankKernel` returns."""
-        self._symmetrise(bank.spread, LEAST_VARIANCE)
+        self._symmetrise(bank.spread, MIN_VARIANCE)
 
     def complete(self, bank: Bank) -> None:
         """Return what `BankKernel` returns."""

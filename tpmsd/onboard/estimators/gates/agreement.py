@@ -148,8 +148,8 @@ class AgreementWatch:
 
     def _decide(self, dt_s: float) -> None:
         enough = (
-            len(self._window) >= AGREEMENT.least_fixes
-            and self._window[-1][0] - self._window[0][0] >= AGREEMENT.least_span_s
+            len(self._window) >= AGREEMENT.min_fixes
+            and self._window[-1][0] - self._window[0][0] >= AGREEMENT.min_span_s
         )
         if not enough:
             return

@@ -59,7 +59,7 @@ class PathLength:
     @property
     def limit_m(self) -> float:
         """Limit of the difference, m; infinite while the path is too short to say."""
-        if self._path_m < PATH_LENGTH.least_m:
+        if self._path_m < PATH_LENGTH.min_m:
             return math.inf
         change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
         slack_m = max(PATH_LENGTH.position_slack_m, PATH_LENGTH.position_slack_stds * self._fluctuation_m())
@@ -122,7 +122,7 @@ class PathLength:
             return
         path = math.hypot(fix.east_m - before.east_m, fix.north_m - before.north_m)
         turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
-        if abs(turn) > PATH_LENGTH.most_turn_rad:
+        if abs(turn) > PATH_LENGTH.max_turn_rad:
             return
         if abs(turn) > 1e-3:
             path *= 0.5 * turn / math.sin(0.5 * turn)

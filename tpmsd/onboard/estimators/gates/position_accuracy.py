@@ -79,7 +79,7 @@ class PositionAccuracy:
             return
         direction_rad = math.atan2(north, east)
         turn = math.remainder(direction_rad - self._direction_rad, math.tau)
-        arc = 1.0 + turn * turn / 24.0 if abs(turn) < SETTINGS.slide_most_turn_rad else 1.0  # false for NaN
+        arc = 1.0 + turn * turn / 24.0 if abs(turn) < SETTINGS.slide_max_turn_rad else 1.0  # false for NaN
         self._direction_rad = direction_rad
         passed.append(_Passed(fix, before.path_m + chord_m * arc, self._integral_m))
         while passed[1].fix.time_s <= fix.time_s - SETTINGS.slide_window_s:

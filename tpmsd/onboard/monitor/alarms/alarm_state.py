@@ -25,12 +25,12 @@ class Hysteresis:
         self,
         probability: float,
         elapsed_s: float,
-        least_hold_s: float = 0.0,
+        min_hold_s: float = 0.0,
         possible: float | None = None,
     ) -> Literal["raised", "cleared"] | None:
         """Take the probability that held for `elapsed_s`; the change it brings, if any.
 
-        `least_hold_s`: an alarm that is not raised yet has to last for so long at least. `possible`: of that,
+        `min_hold_s`: an alarm that is not raised yet has to last for so long at least. `possible`: of that,
         or of what looks the same for a while, which keeps an alarm but raises none; None: the same.
 
         Never on a single reading: the first reading beyond a threshold only starts the hold.
@@ -40,7 +40,7 @@ class Hysteresis:
         if not beyond:
             self.held_s = 0.0
             return None
-        hold = self.clear_hold_s if self.active else max(self.raise_hold_s, least_hold_s)
+        hold = self.clear_hold_s if self.active else max(self.raise_hold_s, min_hold_s)
         if self.held_s == 0.0:
             self.held_s = 1e-9
             return None

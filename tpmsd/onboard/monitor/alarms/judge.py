@@ -109,7 +109,7 @@ class Judgement:
         return self.posterior is not None and float(self.posterior.subsets[-1]) > JUDGE.undecided
 
     @property
-    def least_hold_s(self) -> float:
+    def min_hold_s(self) -> float:
         """Time for which an alarm must last before it is sent, s. One of all wheels rests on the receiver's
         speed alone, and waits until that speed was compared with the receiver's own positions."""
         return JUDGE.all_hold_s if self.all_monitored else 0.0

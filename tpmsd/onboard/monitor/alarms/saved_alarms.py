@@ -42,7 +42,7 @@ def alarm_from_json(entry: dict[str, Any], known: Container[tuple[AlarmKind, int
         deviation_m=math.nan,
         std_m=math.nan,
         probability=number(entry["probability"], 0.0, 1.0, "probability"),
-        reason=str(entry["reason"])[: TYRE_SETS.most_reason],
+        reason=str(entry["reason"])[: TYRE_SETS.max_reason_chars],
         pressure_loss=_or_nan(entry.get("pressure_loss")),
         pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
         since=BEFORE if entry.get("since") else "",

@@ -232,7 +232,7 @@ class TyreSetBaseline:
         if found is not None:
             h = self.reference.features(self._conditions.now)[self._wheels]
             larger_m = found[0] - h @ expected * self._radius
-            if not np.any(larger_m > JUDGE.most_larger * self._radius):
+            if not np.any(larger_m > JUDGE.max_relative_growth * self._radius):
                 now = (*found, self._unsettled(), h)
         self._sampled = estimate, expected, now
         return now
@@ -420,7 +420,7 @@ class TyreSetBaseline:
         try:
             learned_s = number(saved["learned_s"], 0.0, BASELINE.longest_s, "learning time")
             since_s = number(saved["since_s"], 0.0, BASELINE.longest_s, "learning time")
-            drive_samples = whole(saved["drive_samples"], 0, REFERENCE.most_samples, "number of samples")
+            drive_samples = whole(saved["drive_samples"], 0, REFERENCE.max_samples, "number of samples")
             ready = saved["ready"]
             reference = RadiusReference.from_json(saved["reference"], self._vehicle)
             shadow = saved.get("lessons")  # states of before have none: the next drive begins again

@@ -265,7 +265,7 @@ class RadiusReference:
                 saved = _with_age(saved, prior_mean[AGE], prior[AGE, AGE])
             mean = vector(saved["mean"], SIZE, "baseline")
             spread = covariance(saved["covariance"], (REFERENCE.wider * std) ** 2, "baseline's covariance")
-            ranges = [whole(n, 0, REFERENCE.most_samples, "number of samples") for n in saved["ranges"]]
+            ranges = [whole(n, 0, REFERENCE.max_samples, "number of samples") for n in saved["ranges"]]
         except (KeyError, TypeError) as error:
             raise ValueError(f"the saved baseline is not one: {error}") from error
         if len(ranges) != KNOTS_MPS.size:

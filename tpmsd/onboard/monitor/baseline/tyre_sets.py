@@ -98,8 +98,8 @@ class TyreSets:
                 f"the alarm of {' '.join(standing)} stands: inflate the tyre and drive on until it is cleared"
             )
         known = wanted == self.name or wanted in self._others
-        if not known and len(self._others) + 1 >= TYRE_SETS.most_sets:
-            return f"{TYRE_SETS.most_sets} sets of tyres are kept already"
+        if not known and len(self._others) + 1 >= TYRE_SETS.max_sets:
+            return f"{TYRE_SETS.max_sets} sets of tyres are kept already"
         return TOO_MANY if self._allowance < cost else ""
 
     def _change_to(self, wanted: str) -> None:
@@ -214,7 +214,7 @@ class TyreSets:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
             names = [saved["tyres"], saved["tyres_before"], *saved["others"]]
-            state, reason = saved["reset"], str(saved["reset_reason"])[: TYRE_SETS.most_reason]
+            state, reason = saved["reset"], str(saved["reset_reason"])[: TYRE_SETS.max_reason_chars]
             baseline = self._read(saved["baseline"])
             others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
             before = None if saved["before"] is None else self._read(saved["before"])
@@ -223,7 +223,7 @@ class TyreSets:
             raise ValueError(f"the saved sets of tyres are none: {error}") from error
         if not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
             raise ValueError("a saved set of tyres has no name")
-        if state not in ("none", "learning", "accepted", "refused") or len(others) >= TYRE_SETS.most_sets:
+        if state not in ("none", "learning", "accepted", "refused") or len(others) >= TYRE_SETS.max_sets:
             raise ValueError("the saved sets of tyres are none")
         self.name, self._name_before = names[0], names[1]
         self.baseline, self._others, self._before = baseline, others, before

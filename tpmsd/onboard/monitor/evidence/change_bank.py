@@ -221,4 +221,4 @@ class ChangeBank:
 def _inverse(information: FloatArray) -> FloatArray:
     """(..., d, d) covariances of changes; an onset that is hardly known is no failure."""
     largest = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
-    return np.linalg.inv(information + DRIVE_EVIDENCE.least_std * largest * np.eye(information.shape[-1]))
+    return np.linalg.inv(information + DRIVE_EVIDENCE.min_std * largest * np.eye(information.shape[-1]))

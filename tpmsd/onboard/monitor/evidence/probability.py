@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-MOST_STEPS = 60
+MAX_STEPS = 60
 """Steps of Newton's method at most; it comes from below, where the density is larger, and takes some steps
 far out.
 """
@@ -40,7 +40,7 @@ def chi_square_quantile(probability: float, freedom: int) -> float:
     z = math.sqrt(-2.0 * math.log(2.0 * (1.0 - probability)))
     x = freedom * (1.0 - 2.0 / (9.0 * freedom) + z * math.sqrt(2.0 / (9.0 * freedom))) ** 3
     shape = 0.5 * freedom
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         density = 0.5 * math.exp((shape - 1.0) * math.log(0.5 * x) - 0.5 * x - math.lgamma(shape))
         step = max((probability - chi_square_cdf(x, freedom)) / density, -0.5 * x)
         x += step

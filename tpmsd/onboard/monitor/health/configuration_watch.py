@@ -45,15 +45,15 @@ class _Turns:
 
     def against(self) -> bool:
         """Return whether this source turns against the receiver's course, its sign being wrong."""
-        if self.right or self._intervals < CONFIGURATION.least_intervals:
+        if self.right or self._intervals < CONFIGURATION.min_intervals:
             return False
         with_given = self._sums[:2, 2]
         left = self._sums[:2, :2] - np.outer(with_given, with_given) / self._sums[2, 2]
-        if left[0, 0] < CONFIGURATION.least_turns_rad2 or left[1, 1] <= 0.0:
+        if left[0, 0] < CONFIGURATION.min_turns_rad2 or left[1, 1] <= 0.0:
             return False
         correlation = left[0, 1] / math.sqrt(left[0, 0] * left[1, 1])
-        self.right = bool(correlation > CONFIGURATION.least_correlation)
-        return bool(correlation < -CONFIGURATION.least_correlation)
+        self.right = bool(correlation > CONFIGURATION.min_correlation)
+        return bool(correlation < -CONFIGURATION.min_correlation)
 
 
 class ConfigurationWatch:
@@ -97,7 +97,7 @@ class ConfigurationWatch:
         self._driven_s += step_s
         self._level(0.5 * (fix.speed_mps + before.speed_mps) * step_s, rotation)
         turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
-        if not abs(turn) > CONFIGURATION.least_turn_radps * step_s:  # also where there is no course
+        if not abs(turn) > CONFIGURATION.min_turn_radps * step_s:  # also where there is no course
             return
         for name, turns in self._turns.items():
             left, right = AXLES[name]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 class EncoderSettings:
     """The ripple of a ring, once per turn (`encoder_watch`)."""
 
-    least_counts: float = 2000.0
+    min_counts: float = 2000.0
     """Counts per turn at least: a usual ripple of a few tenths of a milliradian is a tenth of a count there,
     and seen.
     """
@@ -26,9 +26,9 @@ class EncoderSettings:
     """In which a ripple is coherent: 700 turns tell shares of 1e-3 apart."""
     kept: int = 10
     """Blocks that speak: the last ten minutes above `from_hz`."""
-    least_blocks: int = 3
+    min_blocks: int = 3
     """From so many on they are believed: in one the other wheel's ripple may lie at any share."""
-    least_stds: float = 3.0
+    min_stds: float = 3.0
     """Standard deviations of the `ring_error` of both wheels from which one has fewer counts than the other.
     """
     raise_nats: float = 10.0

@@ -30,7 +30,7 @@ class EncoderWatch:
     """All axles of one car whose rings are fine enough."""
 
     def __init__(self, vehicle: VehicleConfig, wheels: list[int]) -> None:
-        fine = {wheel for wheel in wheels if vehicle.teeth(wheel) >= ENCODERS.least_counts}
+        fine = {wheel for wheel in wheels if vehicle.teeth(wheel) >= ENCODERS.min_counts}
         self._axles = [_Axle(*pair) for pair in AXLES if set(pair) <= fine]
         self.losing: dict[int, float] = {}
         """Wheels whose encoder loses counts, and which share of them."""
@@ -81,7 +81,7 @@ class _Axle:
         }
         shown = dict(limits)
         for minutes, gains in enumerate(np.cumsum(list(self._gains)[::-1], axis=0), 1):
-            if minutes < ENCODERS.least_blocks:
+            if minutes < ENCODERS.min_blocks:
                 continue
             since = of_one_size(gains, minutes)
             for side, wheel in enumerate(self.wheels):
@@ -103,7 +103,7 @@ def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, floa
         return 0.0, 0.0
     at, whole = int(own.argmax()), float(_SHARES[other.argmax()])
     share = float(_SHARES[at]) - whole
-    if at == len(_SHARES) - 1 or share < ENCODERS.least_stds * math.sqrt(2.0) * LOST_SHARES.ring_error:
+    if at == len(_SHARES) - 1 or share < ENCODERS.min_stds * math.sqrt(2.0) * LOST_SHARES.ring_error:
         return 0.0, 0.0
     off = np.minimum(np.abs(_SHARES - whole), np.abs(_SHARES))
     return share, float(own[at] - own[off <= LOST_SHARES.ring_error + 0.5 * LOST_SHARES.step].max())

@@ -226,13 +226,13 @@ class SignalWatch:
         receiver_mps = self._receiver.update(tick)
         car = self.car.update(tick.time_s, estimate.speed_mps if rear else math.nan, receiver_mps)
         # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
-        parked = self._stood and car.least_mps < SIGNALS.moving_mps
+        parked = self._stood and car.min_mps < SIGNALS.moving_mps
         asleep = True not in valid and parked and not self._bus_down
         limit_s = self._settings.malfunction_s
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
         events += self._fixes(tick, estimate, not rear or agreement.withheld, moving)
         events += self._faults(tick)
-        fastest_mps = max(_known(estimate.speed_mps), _known(receiver_mps), car.least_mps)
+        fastest_mps = max(_known(estimate.speed_mps), _known(receiver_mps), car.min_mps)
         driving = fastest_mps > SIGNALS.driving_mps
         events += self._of_monitor(watching, driving, tick)
         compared = self._compared(rear, estimate.speed_mps, receiver_mps)

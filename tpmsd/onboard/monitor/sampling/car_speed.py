@@ -20,7 +20,7 @@ from tpmsd.onboard.monitor.settings import SIGNALS
 class SpeedAgreement:
     """Agreement with the car's own speed at a tick; None where that is not known."""
 
-    least_mps: float = 0.0
+    min_mps: float = 0.0
     """The car is at least so fast; 0 where that is not known."""
     wheels: bool | None = None
     """True if the wheels' speed agrees with it."""

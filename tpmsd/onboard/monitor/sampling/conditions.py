@@ -116,9 +116,9 @@ class ConditionTracker:
             speed2 = (
                 math.nan
                 if saved["speed2"] is None
-                else number(saved["speed2"], 0.0, CONDITIONS.most_speed2, "speed")
+                else number(saved["speed2"], 0.0, CONDITIONS.max_speed2, "speed")
             )
-            present2 = number(saved["present2"], 0.0, CONDITIONS.most_speed2, "speed")
+            present2 = number(saved["present2"], 0.0, CONDITIONS.max_speed2, "speed")
             slope = number(saved["slope"], -GRAVITY_MPS2, GRAVITY_MPS2, "slope")
         except (KeyError, TypeError) as error:
             raise ValueError(f"the saved conditions are none: {error}") from error

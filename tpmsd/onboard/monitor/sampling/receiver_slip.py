@@ -49,7 +49,7 @@ class ReceiverSlip:
         self._distances.append((tick.time_s, distance_before_m + distance_m, apart_before_m + apart_m))
         begin_s = tick.time_s - tick.dt_s
         for fix in tick.fixes:
-            if math.isfinite(fix.speed_mps) and fix.speed_noise <= SLIP_SLOPE.most_speed_noise:
+            if math.isfinite(fix.speed_mps) and fix.speed_noise <= SLIP_SLOPE.max_speed_noise:
                 self._fixes.append((begin_s + fix.fraction * tick.dt_s, fix))
         while self._distances[1][0] < tick.time_s - 3.0 * SLIP_SLOPE.span_s:
             self._distances.popleft()
@@ -76,7 +76,7 @@ class ReceiverSlip:
         if min(speed_mps, fix.speed_mps) < slowest_mps or not least < accel_mps2 < most:
             return None
         bend = (apart_after - apart_before) / self._track_m / (after - before) * self._wheelbase_m
-        if abs(bend) > SLIP_SLOPE.most_bend:
+        if abs(bend) > SLIP_SLOPE.max_bend:
             return None
         # In a bend the front wheels, half of all, roll further than the rear ones.
         slip = math.log(speed_mps / fix.speed_mps) - 0.25 * math.log1p(bend * bend)

@@ -83,7 +83,7 @@ class SlipSlope:
         bend = (rr - rl) / self._track_m / rear * self._wheelbase_m
         slip = self._front * (math.log(front / rear) - 0.5 * math.log1p(bend * bend))
         self._seconds.append((free / elapsed_s, slip))
-        if abs(bend) > SLIP_SLOPE.most_bend:
+        if abs(bend) > SLIP_SLOPE.max_bend:
             self._seconds.clear()
         if len(self._seconds) < 3:
             return

@@ -12,7 +12,7 @@ from typing import NamedTuple
 from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.onboard.monitor.settings import SLIP_SLOPE
 
-MOST_SLIP_S2PM = DRIVE_SLIP_S2PM.mean + DRIVE_SLIP_S2PM.std
+MAX_SLIP_S2PM = DRIVE_SLIP_S2PM.mean + DRIVE_SLIP_S2PM.std
 """Per m/s2, of most cars on a dry road."""
 
 
@@ -70,11 +70,11 @@ class SlopeSums:
 
     def slope(self) -> Slope | None:
         """None where the car was hardly accelerated."""
-        if self.freedom < SLIP_SLOPE.least_seconds or self.accel2 < SLIP_SLOPE.least_accel2:
+        if self.freedom < SLIP_SLOPE.min_seconds or self.accel2 < SLIP_SLOPE.min_accel2:
             return None
         slope = self.both / self.accel2
         noise2 = max(self.slip2 - slope * self.both, 0.0) / (self.freedom - 1)
         # The slope of the road changes within a window, and so does the force at the same acceleration.
-        hills2 = (MOST_SLIP_S2PM * SLIP_SLOPE.hill_std_mps2) ** 2 * SLIP_SLOPE.hill_s
+        hills2 = (MAX_SLIP_S2PM * SLIP_SLOPE.hill_std_mps2) ** 2 * SLIP_SLOPE.hill_s
         variance = (SLIP_SLOPE.noise_share * noise2 + hills2) / self.accel2
         return Slope(slope, variance, self.aged / self.accel2)

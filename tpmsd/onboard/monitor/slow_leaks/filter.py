@@ -42,7 +42,7 @@ IntArray = NDArray[np.int64]
 NO_WHEEL = -1
 """No tyre leaks."""
 NO_EVENT = -1
-LEAST_PROBABILITY = 1e-6
+MIN_PROBABILITY = 1e-6
 """That nothing has happened, after however long: its logarithm stays finite."""
 
 
@@ -175,7 +175,7 @@ class LeakFilter:
         mean = every.mean @ both.T
         covariance = both @ every.covariance @ both.T
         refilled, changed = self._chances(days, known_step)
-        same = math.log(max(1.0 - refilled - changed, LEAST_PROBABILITY))
+        same = math.log(max(1.0 - refilled - changed, MIN_PROBABILITY))
         three = slice(0, len(CONTRASTS))
         means, covariances = [mean[:, three]], [covariance[:, three, three]]
         logs, events = [every.log_weight + same], [NO_EVENT]
@@ -221,9 +221,9 @@ class LeakFilter:
         if known_step:
             return s.step_at_reset
         often = 1.0 / s.refill_every_d + 1.0 / s.change_every_d
-        stepped = 1.0 - max(math.exp(-days * often), LEAST_PROBABILITY)
-        refilled = max(stepped / s.refill_every_d / often, LEAST_PROBABILITY)
-        changed = max(stepped - refilled, LEAST_PROBABILITY)
+        stepped = 1.0 - max(math.exp(-days * often), MIN_PROBABILITY)
+        refilled = max(stepped / s.refill_every_d / often, MIN_PROBABILITY)
+        changed = max(stepped - refilled, MIN_PROBABILITY)
         if days > s.gap_d:
             return max(refilled, s.step_after_gap[0]), max(changed, s.step_after_gap[1])
         return refilled, changed

@@ -69,7 +69,7 @@ class LeakHistory:
         self.readings.append(one)
         self._filters = {scale: (past, new + 1) for scale, (past, new) in self._filters.items()}
         young = [r for r in self.readings if day - r.day <= READINGS.oldest_d]
-        self.readings = young[-READINGS.most_readings :]
+        self.readings = young[-READINGS.max_readings :]
         return True
 
     def mark_step(self) -> None:
@@ -138,7 +138,7 @@ class LeakHistory:
         except (KeyError, TypeError, IndexError) as error:
             raise ValueError(f"the saved days of the tyres are none: {error}") from error
         rising = all(one.day <= other.day for one, other in pairwise(readings))
-        if not rising or len(readings) > READINGS.most_readings or not isinstance(step_next, bool):
+        if not rising or len(readings) > READINGS.max_readings or not isinstance(step_next, bool):
             raise ValueError("the saved days of the tyres are none")
         out.readings, out._step_next = readings, step_next
         return out
@@ -159,7 +159,7 @@ def _reading(entry: list[Any]) -> Reading:
     day, known = entry[0], entry[7]
     if not isinstance(known, bool):
         raise ValueError("the saved days of the tyres are none")
-    most = READINGS.most_difference_m
+    most = READINGS.max_difference_m
     return Reading(
         number(day, -1e6, 1e6, "day"),
         _three([math.nan if x is None else number(x, -most, most, "difference") for x in entry[1:4]]),

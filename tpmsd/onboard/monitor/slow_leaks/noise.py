@@ -41,13 +41,13 @@ class NoiseLevels:
         return np.full((n, 2), self.settings.noise_shape)
 
     def after(self, value: FloatArray, sums: FloatArray) -> tuple[NoiseLevels, FloatArray]:
-        """With one reading more, and the sums that belong to it: of more readings than `most_noise_shape`
+        """With one reading more, and the sums that belong to it: of more readings than `max_noise_shape`
         the older ones fade."""
         shape, out = list(self.shape), sums.copy()
         for contrast, level in enumerate(LEVEL_OF):
             shape[level] += 0.5 * bool(np.isfinite(value[contrast]))
         for level in range(2):
-            fade = min(self.settings.most_noise_shape / shape[level], 1.0)
+            fade = min(self.settings.max_noise_shape / shape[level], 1.0)
             shape[level] *= fade
             out[:, level] *= fade
         return NoiseLevels(self.settings, (shape[0], shape[1])), out

@@ -24,13 +24,13 @@ class ReadingSettings:
     """A standstill from which the next reading is another drive's."""
     standing_mps: float = 0.5
     """Below, the car stands."""
-    most_std_m: float = 4e-4
+    max_std_m: float = 4e-4
     """A difference known less well says nothing of a leak that costs 0.14 mm a week."""
     earliest_s: float = 1.5e9
     """2017: a host's clock before has not been set, and has no dates."""
-    most_sets: int = 9
+    max_sets: int = 9
     """Sets of tyres with a history: all that `tyre_sets` keeps, and the present one."""
-    most_readings: int = 144
+    max_readings: int = 144
     """Drives that are kept for a new start: two months with two and a half a day."""
     oldest_d: float = 120.0
     """Readings further back say nothing of a leak that is not 20 % low yet at 1 % per week."""
@@ -38,7 +38,7 @@ class ReadingSettings:
     """After so long without a drive, or a clock that steps by so much, the readings before are forgotten."""
     stepped_back_d: float = 2.0
     """A clock that is behind the last reading by less is waited for."""
-    most_difference_m: float = 0.05
+    max_difference_m: float = 0.05
     """A saved difference of radii beyond is none."""
 
 
@@ -51,7 +51,7 @@ class TrendSettings:
     estimates state, before it is learned: load, sun, camber; people and luggage behind; 1 % is 0.07 mm."""
     noise_shape: float = 1.5
     """Half the number of readings that this is worth: cars differ by factors."""
-    most_noise_shape: float = 100.0
+    max_noise_shape: float = 100.0
     """Half the number of readings remembered: a season; winter roads are another matter."""
     outlier_share: float = 0.06
     outlier_variance: float = 12.0
@@ -100,15 +100,15 @@ class TrendSettings:
     """Likeliest hypotheses without a leak in which one may begin."""
     kept: int = 40
     """Hypotheses without a leak, and with one in each tyre."""
-    least_rate: float = 1.0
+    min_rate: float = 1.0
     """A tyre at this rate is 20 % low after 20 weeks."""
     raise_probability: float = 0.95
-    """Probability of a leak of `least_rate` and more from which it is noticed (bench)."""
-    least_days: int = 7
+    """Probability of a leak of `min_rate` and more from which it is noticed (bench)."""
+    min_days: int = 7
     """Days with readings since it began, ..."""
-    least_span_d: float = 14.0
+    min_span_d: float = 14.0
     """... and the time since: shorter trends are load, weather, or chance."""
-    least_lost: float = 6.0
+    min_lost_percent: float = 6.0
     """Per cent of pressure since it began: two standard deviations of what fillings (`refill_std`) leave
     between two tyres. Less may be a filling that was not known of, and passes by itself."""
     clear_days: int = 28

@@ -28,7 +28,7 @@ class Trend:
     """Trend of the tyre that leaks most probably."""
 
     probability: float
-    """Probability of a leak of `least_rate` and more in it."""
+    """Probability of a leak of `min_rate` and more in it."""
     wheel: int
     rate: float
     """Per cent of pressure per week beyond the other tyre of its axle, and its standard deviation."""
@@ -45,9 +45,9 @@ class Trend:
         """Return whether it is a leak."""
         return (
             self.probability >= settings.raise_probability
-            and self.days >= settings.least_days
-            and self.span_d >= settings.least_span_d
-            and self.rate * self.span_d / WEEK_D >= settings.least_lost
+            and self.days >= settings.min_days
+            and self.span_d >= settings.min_span_d
+            and self.rate * self.span_d / WEEK_D >= settings.min_lost_percent
         )
 
 
@@ -110,14 +110,14 @@ def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | No
 
 def has_ended(filter_: LeakFilter, settings: TrendSettings = TREND) -> bool:
     """Return whether the days seen by a filter of one leak (`leak` given) speak against its going on."""
-    seen = filter_.hypotheses.days.max() >= settings.least_days
+    seen = filter_.hypotheses.days.max() >= settings.min_days
     gone = filter_.probability(NO_WHEEL)
     return bool(seen and gone >= 1.0 / (1.0 + math.exp(-settings.clear_gain)))
 
 
 def _beyond(leak: Leaks, settings: TrendSettings) -> float:
-    """Probability of this leak at `least_rate` and more."""
-    z = (leak.rate - settings.least_rate) / np.sqrt(leak.rate_var)
+    """Probability of this leak at `min_rate` and more."""
+    z = (leak.rate - settings.min_rate) / np.sqrt(leak.rate_var)
     return float(leak.weight @ np.array([normal_cdf(float(one)) for one in z]))
 
 
@@ -139,7 +139,7 @@ def _low_in_d(
     diffused = settings.diffusion[0] + settings.diffusion[1] * third
     lost = lost + diffused * (day - leak.onset_d[:, None]) / WEEK_D
     left = np.maximum(settings.low_percent - lost, 0.0)
-    days = WEEK_D * left / np.maximum(rates + diffused, settings.least_rate)
+    days = WEEK_D * left / np.maximum(rates + diffused, settings.min_rate)
     values, weights = days.ravel(), np.repeat(weight / first.size, first.size)
     order = np.argsort(values)
     indices = np.searchsorted(np.cumsum(weights[order]), (0.025, 0.5, 0.975))

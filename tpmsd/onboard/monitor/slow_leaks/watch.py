@@ -128,7 +128,7 @@ class SlowLeakWatch:
         covariance_m2 = estimate.covariance_m2[np.ix_(self._wheels, self._wheels)]
         variance = np.full(3, math.nan)
         variance[known] = np.diag(contrasts @ covariance_m2 @ contrasts.T)
-        if not known or not all(0.0 <= one <= READINGS.most_std_m**2 for one in variance[known].tolist()):
+        if not known or not all(0.0 <= one <= READINGS.max_std_m**2 for one in variance[known].tolist()):
             return None
         difference = np.full(3, math.nan)
         difference[known] = contrasts @ (estimate.deviation_m - baseline.own_growth_m)[self._wheels]
@@ -138,7 +138,7 @@ class SlowLeakWatch:
         """Return whether the difference of an axle's wheels is clearly not known precisely: as a rule for
         minutes, in each tick of which numpy would take ten times as long to say so."""
         m2 = estimate.covariance_m2.ravel().tolist()
-        clearly_m2 = 1.001 * READINGS.most_std_m**2
+        clearly_m2 = 1.001 * READINGS.max_std_m**2
         return any(
             m2[5 * left] + m2[5 * right] - m2[4 * left + right] - m2[4 * right + left] > clearly_m2
             for left, right in (AXLES[axle] for axle in self._axles)
@@ -162,7 +162,7 @@ class SlowLeakWatch:
         if reading is None or self._tyres is None:
             return []
         history = self._histories.setdefault(self._tyres, LeakHistory())
-        while len(self._histories) > READINGS.most_sets:
+        while len(self._histories) > READINGS.max_sets:
             del self._histories[next(iter(self._histories))]
         if not history.add(self._day, *reading):
             return []
@@ -201,7 +201,7 @@ class SlowLeakWatch:
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"the saved trends are none: {type(error).__name__}: {error}") from error
         known = {wheel for axle in self._axles for wheel in AXLES[axle]}
-        if len(histories) > READINGS.most_sets or not notices.keys() <= known:
+        if len(histories) > READINGS.max_sets or not notices.keys() <= known:
             raise ValueError("the saved trends are not those of this car")
         if tyres is not None and not isinstance(tyres, str):
             raise ValueError("the saved trends are none")

@@ -35,9 +35,9 @@ compiled = loaded("candump")
 
 LONGEST_CHARS = 256
 """The longest line that is read in this way: CAN FD with 64 bytes takes about 170."""
-MOST_SHAPES = 64
+MAX_SHAPES = 64
 """Lengths of line (with the column of the '#') that are read together, the commonest first."""
-MOST_TEMPLATES = 8
+MAX_TEMPLATES = 8
 """Templates that are tried on the lines of one shape: channels, directions, flags of CAN FD."""
 EXACT_BELOW = 9.0e15
 """Digits of a stamp are one integer; below 2^53 it is exact, and so is its division by a power of ten."""
@@ -149,7 +149,7 @@ def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
     shapes = np.where(readable, lengths * LONGEST_CHARS + hash_columns, 0)
     often = np.bincount(shapes)
     often[0] = 0
-    for shape in np.argsort(-often, kind="stable")[:MOST_SHAPES].tolist():
+    for shape in np.argsort(-often, kind="stable")[:MAX_SHAPES].tolist():
         if not often[shape]:
             break
         _read_shape(buffer, raw, starts, np.flatnonzero(shapes == shape), shape // LONGEST_CHARS, rows)
@@ -200,7 +200,7 @@ def _read_shape(
     rows: _LineTable,
 ) -> None:
     """Read the lines of one shape by as many templates as they need."""
-    for _ in range(MOST_TEMPLATES):
+    for _ in range(MAX_TEMPLATES):
         if not len(lines):
             return
         begin = starts[lines[0]]

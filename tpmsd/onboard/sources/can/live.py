@@ -66,7 +66,7 @@ _NO_FRAME = "could not unpack received message"
 """python-can's word for a datagram on its udp_multicast bus that holds no frame."""
 _MULTICAST_EXTRA = " (pip install 'tpmsd[multicast]')"
 """The extra that brings what python-can's udp_multicast bus needs."""
-MOST_SKIPPED = 10_000
+MAX_SKIPPED = 10_000
 """Frames that nobody wants, and datagrams that are none, that are passed over in one look."""
 
 
@@ -190,7 +190,7 @@ class LiveCan:
     def _read_bus(self) -> CanFrame | None:
         if self._bus is None:
             raise CanDown(self.channel, "is closed")
-        for _ in range(MOST_SKIPPED):
+        for _ in range(MAX_SKIPPED):
             try:
                 message = self._bus.recv(timeout=0.0)
             except Exception as error:

@@ -18,13 +18,13 @@ import zlib
 from collections.abc import Iterator
 from typing import BinaryIO
 
-MOST_CONTAINER_BYTES = 16 << 20
+MAX_CONTAINER_BYTES = 16 << 20
 """Unpacked or not; tools write 128 kB to a few MB."""
-MOST_OBJECT_BYTES = 1 << 20
+MAX_OBJECT_BYTES = 1 << 20
 """A CAN FD message has some 100 bytes, the text of a comment some 10 kB."""
-MOST_BLOCK_BYTES = 16 << 20
+MAX_BLOCK_BYTES = 16 << 20
 """Size of a block of MDF, at most; the standard allows 4 MiB."""
-MOST_MF4_BYTES = 256 << 20
+MAX_MF4_BYTES = 256 << 20
 """Size of all blocks unpacked, and of the file, at most: asammdf holds them in memory."""
 PIECE_BYTES = 1 << 16
 _OBJECT = struct.Struct("<4sHHLL")
@@ -45,22 +45,22 @@ def check_blf(file: BinaryIO) -> None:
         signature, _, _, size, kind = _OBJECT.unpack(header)
         if signature != b"LOBJ":
             return
-        if not _OBJECT.size <= size <= MOST_CONTAINER_BYTES:
+        if not _OBJECT.size <= size <= MAX_CONTAINER_BYTES:
             raise ValueError(f"an object of {size} bytes")
         content = file.read(size - _OBJECT.size)
         file.seek(size % 4, 1)
         if kind == _CONTAINER and len(content) >= _CONTAINER_HEADER_BYTES:
             packed = content[_CONTAINER_HEADER_BYTES:]
             deflated = int.from_bytes(content[:2], "little") == _DEFLATED
-            for piece in _inflated(packed, MOST_CONTAINER_BYTES, "a container") if deflated else [packed]:
+            for piece in _inflated(packed, MAX_CONTAINER_BYTES, "a container") if deflated else [packed]:
                 objects.feed(piece)
 
 
 def check_mf4(file: BinaryIO) -> None:
     """Unpack every packed block."""
     size = file.seek(0, 2)
-    if size > MOST_MF4_BYTES:
-        raise ValueError(f"{size >> 20} MB; at most {MOST_MF4_BYTES >> 20} MB of MF4 are read at once")
+    if size > MAX_MF4_BYTES:
+        raise ValueError(f"{size >> 20} MB; at most {MAX_MF4_BYTES >> 20} MB of MF4 are read at once")
     if size == 0:
         return
     total, at = 0, 0
@@ -69,13 +69,13 @@ def check_mf4(file: BinaryIO) -> None:
             if at + _DZ.size > size:
                 return
             _, _, _, _, _, _, _, unpacked, packed = _DZ.unpack_from(data, at)
-            if max(unpacked, packed) > MOST_BLOCK_BYTES:
+            if max(unpacked, packed) > MAX_BLOCK_BYTES:
                 raise ValueError(f"a packed block of {max(unpacked, packed)} bytes")
             at += _DZ.size
-            pieces = _inflated(data[at : at + packed], MOST_BLOCK_BYTES, "a packed block")
+            pieces = _inflated(data[at : at + packed], MAX_BLOCK_BYTES, "a packed block")
             total += sum(len(piece) for piece in pieces)
-            if total > MOST_MF4_BYTES:
-                raise ValueError(f"more than {MOST_MF4_BYTES >> 20} MB of data")
+            if total > MAX_MF4_BYTES:
+                raise ValueError(f"more than {MAX_MF4_BYTES >> 20} MB of data")
 
 
 def _inflated(packed: bytes, most: int, what: str) -> Iterator[bytes]:
@@ -119,7 +119,7 @@ class _Objects:
                 self._lost = True
                 break
             size = _OBJECT.unpack_from(data, found)[3]
-            if not _OBJECT.size <= size <= MOST_OBJECT_BYTES:
+            if not _OBJECT.size <= size <= MAX_OBJECT_BYTES:
                 raise ValueError(f"an object of {size} bytes")
             at, self._skip = found, size
         self._rest = b"" if self._lost else data[at:]
