@@ -51,7 +51,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo proof test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak attacks fuzz mutation clean
+.PHONY: help demo proof test tests style types test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak attacks fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -69,15 +69,22 @@ proof: $(RUNTIME)  ## concealed effects sealed, found, opened, scored; a page in
 
 ##@ Work on it
 
-test: lint  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest $(PYTEST_FLAGS) --dist worksteal $(PYTEST_ARGS)
+test: style types tests  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...; -j2: types beside the tests)
+
+# Tests that call make are to find no trace of this one.
+tests: $(DEV)
+	env -u MAKEFLAGS -u MFLAGS OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest $(PYTEST_FLAGS) --dist worksteal $(PYTEST_ARGS)
 
 test-fast: lint  ## style, types and the quick tests, under a minute
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest $(PYTEST_FLAGS) $(FAST) $(PYTEST_ARGS)
 
-lint: $(DEV)  ## style and types only
+lint: style types  ## style and types only
+
+style: $(DEV)
 	$(PY) -m ruff check .
 	$(PY) -m ruff format --check .
+
+types: $(DEV)
 	$(PY) -m mypy
 
 format: $(DEV)  ## format the sources
