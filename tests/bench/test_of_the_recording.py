@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.recording import Recording
@@ -19,17 +19,17 @@ from tpmsd.offline.inference.recording import Recording
 
 def found(recording: Recording, names: tuple[str, ...]) -> Found:
     """These effects, judged on a recording."""
-    study = Study(admitted([recording])[0])
-    evidence = study.evidence()
-    single = [one for one in study.hypotheses.catalogue if len(one.parameters) == 1]
+    regression = Regression(admitted([recording])[0])
+    evidence = regression.evidence()
+    single = [one for one in regression.hypotheses.catalogue if len(one.parameters) == 1]
     terms = [next(one for one in single if one.effect == name) for name in names]
-    return Found(study, Selector(evidence, study.hypotheses).judged(terms), evidence)
+    return Found(regression, Selector(evidence, regression.hypotheses).judged(terms), evidence)
 
 
 def test_a_load_of_the_recording_is_its_own_and_one_that_was_added_is_not() -> None:
     """Bends shift load in one of two recordings; latency is concealed in it; both are asked for the load."""
     plain = recording_of(drive(Spec(duration_s=240.0, road="city", radius_drift=0.0), 8))
-    reader = Study(admitted([plain])[0]).drives[0].reader
+    reader = Regression(admitted([plain])[0]).drives[0].reader
     truth = make_effect("load_transfer_lateral", coefficient=2e-4)
     change = truth.radius_change_m(reader.reference.motion, reader.reference.car)
     loaded = replace(

@@ -200,7 +200,7 @@ class Bench:
         )
 
 
-def studies() -> list[tuple[str, PaperSettings]]:
+def regressions() -> list[tuple[str, PaperSettings]]:
     """The paper's own comparisons."""
     base = PaperSettings()
     out = [("paper, without side-slip", replace(base, side_slip=False)), ("paper, with side-slip", base)]
@@ -260,7 +260,7 @@ def paper_table(scenarios: int) -> dict[str, object]:
         bench.judged("start", np.tile(start, (scenarios, 1)), False, np.full(scenarios, truth.track_rear_m))
     ]
     print_row(rows[-1])
-    for label, settings in studies():
+    for label, settings in regressions():
         found = [fit_paper([recording], car, settings) for recording in recordings]
         estimates = np.array([circumferences(f.vehicle) for f in found])
         tracks = np.full(len(found), car.geometry.track_rear_m)

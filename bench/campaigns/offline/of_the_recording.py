@@ -15,8 +15,8 @@ from scipy.stats import chi2
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.stages import examine
 from tpmsd.offline.inference.least_squares import fitted
@@ -54,20 +54,20 @@ class Paired:
 
 def examined(recording: Recording) -> Found:
     """Diagnose one recording."""
-    return examine(Study(admitted([recording])[0]), lambda done: None)
+    return examine(Regression(admitted([recording])[0]), lambda done: None)
 
 
 def paired(untouched: Found, found: Found, concealed: str, wheel: str = "") -> list[Paired]:
     """Fit the terms of a recording with a concealed effect (on a wheel, if it has one), less this, to the
     untouched recording."""
-    drive, other = untouched.study.drives[0], found.study.drives[0]
+    drive, other = untouched.regression.drives[0], found.regression.drives[0]
     chosen = [
         one
         for one in found.selection.chosen
         if (one.term.effect, one.term.wheel if wheel else "") != (concealed, wheel)
     ]
     white = [drive.whitened(_at_windows_of(drive, other, one.term)) for one in chosen]
-    nuisance = drive.acting(untouched.study.hypotheses.nuisance)
+    nuisance = drive.acting(untouched.regression.hypotheses.nuisance)
     out = []
     for k, one in enumerate(chosen):
         rest = [columns for j, columns in enumerate(white) if j != k]
@@ -83,9 +83,9 @@ def paired(untouched: Found, found: Found, concealed: str, wheel: str = "") -> l
     return out
 
 
-def _at_windows_of(drive: DriveStudy, other: DriveStudy, term: Term) -> FloatArray:
-    """(w, 9, k) the responses of a term of another study, at the windows of a drive; zero where the other
-    has none."""
+def _at_windows_of(drive: DriveRegression, other: DriveRegression, term: Term) -> FloatArray:
+    """(w, 9, k) the responses of a term of another regression, at the windows of a drive; zero where the
+    other has none."""
     own = other.own(term.design)
     used = np.flatnonzero(np.any(own != 0.0, axis=1))
     columns = np.nan_to_num(other.columns.take(used) @ own[used])

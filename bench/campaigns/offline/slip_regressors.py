@@ -22,8 +22,8 @@ from tpmsd.car.config.model import GnssConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
 from tpmsd.offline.inference.recording import Recording, record
 
@@ -45,9 +45,9 @@ def gain(data: FloatArray, columns: FloatArray) -> float:
     return 0.5 * float(target @ target - left @ left)
 
 
-def compared(study: DriveStudy) -> list[tuple[str, int, float]]:
+def compared(regression: DriveRegression) -> list[tuple[str, int, float]]:
     """Label, number of columns and gain of each set of columns."""
-    white, names = study.white, study.names
+    white, names = regression.white, regression.names
 
     def where(*kinds: str) -> list[int]:
         return [k for k, name in enumerate(names) if name[0] in kinds]
@@ -96,12 +96,12 @@ def main(args: argparse.Namespace) -> int:
             drive = instrumented(
                 truth(args.seed, 60.0 * args.minutes, hard, setting), args.seed, setting=setting
             )
-            study = Study(admitted([recorded(drive, name)])[0])
-            one = study.drives[0]
+            regression = Regression(admitted([recorded(drive, name)])[0])
+            one = regression.drives[0]
             windows = one.reader.windows
             one.noise = fit_noise(
                 windows,
-                one.white_design(study.hypotheses.everything),
+                one.white_design(regression.hypotheses.everything),
                 one.noise,
                 SearchStage.FIRST,
                 one.inflate,

@@ -108,7 +108,7 @@ def play(whole: Run, seed: int, setting: Setting, tallies: dict[str, Tally]) -> 
                 tally.wrong += wrong
 
 
-def study(first: int, drives: int, minutes: float) -> list[dict[str, Any]]:
+def regression(first: int, drives: int, minutes: float) -> list[dict[str, Any]]:
     """All choices on calm and hurried drives of both cars; prints a line each."""
     rows: list[dict[str, Any]] = []
     for driving, hard in (("calm", False), ("hurried", True)):
@@ -158,4 +158,4 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> list[dict[str, Any]]:
     """Run and print."""
-    return study(args.first, args.drives, args.minutes)
+    return regression(args.first, args.drives, args.minutes)

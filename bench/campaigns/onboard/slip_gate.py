@@ -228,7 +228,7 @@ def _slip_errors(drive: HardDrive, car: CarDynamics) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def study(runs: list[Run], first: int = 1) -> list[dict[str, Any]]:
+def regression(runs: list[Run], first: int = 1) -> list[dict[str, Any]]:
     """All three questions on these runs; `first` is the seed of the first one's instruments."""
     rows: list[dict[str, Any]] = []
     good = [instrumented(r, seed) for seed, r in enumerate(runs, start=first)]
@@ -285,4 +285,4 @@ def main(args: argparse.Namespace) -> list[dict[str, Any]]:
     seeds = range(args.first, args.first + args.drives)
     if args.roads:
         return roads(args.first, args.drives, args.minutes)
-    return study([truth(seed, 60.0 * args.minutes) for seed in seeds], args.first)
+    return regression([truth(seed, 60.0 * args.minutes) for seed in seeds], args.first)

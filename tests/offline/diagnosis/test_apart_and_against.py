@@ -25,8 +25,10 @@ QUIET = Noise((1e-3,) * 4)
 SECONDS = 600.0
 
 
-def studied(count: int, simulation: bool = False, counts: tuple[float | None, ...] = (None,) * 4) -> Any:
-    """A study's drives as far as counters are concerned: no wheel, rings of 48 teeth as configured."""
+def regression_of(
+    count: int, simulation: bool = False, counts: tuple[float | None, ...] = (None,) * 4
+) -> Any:
+    """A regression's drives as far as counters are concerned: no wheel, rings of 48 teeth as configured."""
     recording = SimpleNamespace(wheels=[], counts_per_rev=counts, car=SimpleNamespace(teeth_per_rev=48.0))
     reference = SimpleNamespace(car=SimpleNamespace(radius_m=np.full(4, 0.3)))
     drives = [
@@ -65,7 +67,7 @@ def test_rings_of_several_drives_are_one_by_their_weights(rings: dict[int, list[
     """Amplitudes are averaged by inverse variance, gains add up, the phase is that of the first drive."""
     rings.update({0: [ripple(2e-3, 1e-4, 30.0, 0.5)], 1: [ripple(3e-3, 2e-4, 20.0, 2.0)]})
 
-    (found,) = teeth(studied(2), CALIBRATION, SECONDS)
+    (found,) = teeth(regression_of(2), CALIBRATION, SECONDS)
     amplitude = found.parameters["amplitude_rad"]
 
     assert (4 * 2e-3 + 3e-3) / 5 == pytest.approx(amplitude.value)
@@ -80,16 +82,16 @@ def test_a_ring_pays_for_the_drives_in_which_it_was_looked_for(rings: dict[int, 
     least = 0.5 * SETTINGS.counters.ripple_admit_nats
     rings[0] = [ripple(2e-3, 1e-4, least + 0.5 * math.log(3))]
 
-    assert 1 == len(teeth(studied(1), CALIBRATION, SECONDS))
-    assert [] == teeth(studied(3), CALIBRATION, SECONDS)
+    assert 1 == len(teeth(regression_of(1), CALIBRATION, SECONDS))
+    assert [] == teeth(regression_of(3), CALIBRATION, SECONDS)
 
 
 def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[int, list[Ripple]]) -> None:
     """Edge-timed speeds show runouts of hundredths of a millimetre; a tenth on a ring of 50 mm is told."""
     rings[0] = [ripple(2e-4, 3e-5)]
-    (small,) = teeth(studied(1), CALIBRATION, SECONDS)
+    (small,) = teeth(regression_of(1), CALIBRATION, SECONDS)
     rings[0] = [ripple(2e-3, 3e-5)]
-    (large,) = teeth(studied(1), CALIBRATION, SECONDS)
+    (large,) = teeth(regression_of(1), CALIBRATION, SECONDS)
 
     assert "ring of rr: uneven by 2.0e-04 +- 3.0e-05 rad" in ordinary_ring_note(small, speeds=True)
     assert "" == ordinary_ring_note(large, speeds=True)
@@ -98,11 +100,11 @@ def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[in
 def test_of_a_simulation_that_holds_the_ring_the_difference_is_left(rings: dict[int, list[Ripple]]) -> None:
     """A ring that both hold alike is no finding; of another size, the difference with both variances is."""
     rings.update({0: [ripple(2e-3, 3e-4)], 1: [ripple(2.1e-3, 4e-4)]})
-    similar = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
+    similar = teeth(regression_of(2, simulation=True), CALIBRATION, SECONDS)
     rings[1] = [ripple(12e-3, 4e-4)]
-    (other,) = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
+    (other,) = teeth(regression_of(2, simulation=True), CALIBRATION, SECONDS)
     rings[1] = []
-    (lacking,) = teeth(studied(2, simulation=True), CALIBRATION, SECONDS)
+    (lacking,) = teeth(regression_of(2, simulation=True), CALIBRATION, SECONDS)
 
     assert [] == similar
     assert (-10e-3, 5e-4) == pytest.approx(
@@ -120,7 +122,7 @@ def test_a_miscounted_ring_is_reported_of_its_wheel_or_of_all(
     rings: dict[int, list[Ripple]], counts: tuple[float | None, ...], wheels: tuple[str, ...] | None
 ) -> None:
     """All four alike are one finding of no wheel's name; a ring as configured is none."""
-    found = teeth(studied(1, counts=counts), CALIBRATION, SECONDS)
+    found = teeth(regression_of(1, counts=counts), CALIBRATION, SECONDS)
 
     assert ([] if wheels is None else [wheels]) == [one.where.wheels for one in found]
     assert all(44.0 == one.parameters["teeth_per_rev"].value for one in found)
@@ -136,12 +138,12 @@ def test_counts_lost_at_walking_pace_are_identified_by_the_drive_that_tells_them
     reported.append(Lost(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
     monkeypatch.setattr(lost_counts, "lost_counts", lambda recording, radii_m: reported[recording.number])
 
-    (found,) = lost(studied(4), SECONDS)
+    (found,) = lost(regression_of(4), SECONDS)
 
     assert ("rl rr", 2.2) == (found.parameters["wheels"].value, found.parameters["below_mps"].value)
     assert math.log(found.confidence / (1.0 - found.confidence)) == pytest.approx(3.0)
     assert (0.5, 2.2) == found.where.range
-    assert [] == lost(studied(1), SECONDS)
+    assert [] == lost(regression_of(1), SECONDS)
 
 
 def test_a_quieter_simulation_is_believed_no_further_than_a_share_of_the_recording() -> None:

@@ -10,7 +10,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tests.offline.diagnosis.test_found_by_name import driven, smoothed
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import beyond_linear, needed_exactly
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
@@ -33,14 +33,14 @@ def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
 @pytest.mark.parametrize(("time_constant_s", "stay"), [(0.0, {LAG}), (1.0, {LAG, SMOOTHING})])
 def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float, stay: set[str]) -> None:
     """Linearised, a lag of 0.4 s looks like one of 0.26 s with a low-pass; one of 1 s is there."""
-    study = Study(admitted([late(0.4, time_constant_s)])[0])
-    study = estimated(study, study.hypotheses.everything, SearchStage.FIRST)
-    evidence = study.evidence()
-    both = [term for term in study.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
-    linear = Selector(evidence, study.hypotheses).judged(both)
+    regression = Regression(admitted([late(0.4, time_constant_s)])[0])
+    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    evidence = regression.evidence()
+    both = [term for term in regression.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
+    linear = Selector(evidence, regression.hypotheses).judged(both)
     assert {LAG, SMOOTHING} == {one.term.effect for one in linear.chosen}
 
-    assert stay == {one.term.effect for one in needed_exactly(study, linear, evidence).chosen}
+    assert stay == {one.term.effect for one in needed_exactly(regression, linear, evidence).chosen}
 
 
 def test_a_long_lag_is_reported_with_its_size() -> None:
@@ -58,22 +58,23 @@ def test_a_long_lag_is_reported_with_its_size() -> None:
 
 def test_what_is_beyond_the_linear_is_what_the_forward_model_says() -> None:
     """Of a lag that acts, its shift explains what its slope leaves; of a low-pass in its place, less."""
-    study = Study(admitted([late(0.4)])[0])
-    study = estimated(study, study.hypotheses.everything, SearchStage.FIRST)
-    evidence = study.evidence()
+    regression = Regression(admitted([late(0.4)])[0])
+    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    evidence = regression.evidence()
     lag, smoothing = (
-        next(term for term in study.hypotheses.catalogue if term.effect == name) for name in (LAG, SMOOTHING)
+        next(term for term in regression.hypotheses.catalogue if term.effect == name)
+        for name in (LAG, SMOOTHING)
     )
-    selector = Selector(evidence, study.hypotheses)
+    selector = Selector(evidence, regression.hypotheses)
     exactly = {
-        term: selector.gain([term]) + beyond_linear(study, selector, [term]) for term in (lag, smoothing)
+        term: selector.gain([term]) + beyond_linear(regression, selector, [term]) for term in (lag, smoothing)
     }
     judged = [
-        Selector(evidence, study.hypotheses, beyond=more).judged([lag]).chosen[0]
-        for more in (lambda terms: 0.0, lambda terms: beyond_linear(study, selector, terms))
+        Selector(evidence, regression.hypotheses, beyond=more).judged([lag]).chosen[0]
+        for more in (lambda terms: 0.0, lambda terms: beyond_linear(regression, selector, terms))
     ]
 
-    assert beyond_linear(study, selector, []) == pytest.approx(0.0, abs=1e-6)
-    assert beyond_linear(study, selector, [lag]) > 20.0
+    assert beyond_linear(regression, selector, []) == pytest.approx(0.0, abs=1e-6)
+    assert beyond_linear(regression, selector, [lag]) > 20.0
     assert exactly[lag] > exactly[smoothing] + 20.0
     assert judged[0].confidence <= judged[1].confidence

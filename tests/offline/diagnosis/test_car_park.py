@@ -14,7 +14,7 @@ from bench.worlds.instruments import observe
 from bench.worlds.spec import Spec
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
 from tpmsd.offline.inference.recording import Recording
 
@@ -55,7 +55,7 @@ def test_seconds_at_a_speed_tell_what_their_whitened_columns_say() -> None:
         reader=SimpleNamespace(windows=SimpleNamespace(covariates={"speed": speed})),
     )
 
-    slow, fast = speed_ranges([cast(DriveStudy, drive)])
+    slow, fast = speed_ranges([cast(DriveRegression, drive)])
 
     assert ((0.0, 2.5), 16.0, None) == (slow.speed_mps, slow.driving_s, slow.radius_std_m)
     assert ((10.0, 15.0), 16.0) == (fast.speed_mps, fast.driving_s)

@@ -19,8 +19,8 @@ from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, examine
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
@@ -94,9 +94,9 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     made = drive(Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96), 12)
     plain = recording_of(made)
     readers, notes = admitted([_of_strange_tyres(made, plain)])
-    study, selection, evidence = examine(Study(readers), lambda share: None)
-    noisy = dataclasses.replace(report(study, selection, evidence, notes), model_rms=10.0)
-    again = certified(study, selection, evidence, noisy, 7, np.random.default_rng(1)).findings[0]
+    regression, selection, evidence = examine(Regression(readers), lambda share: None)
+    noisy = dataclasses.replace(report(regression, selection, evidence, notes), model_rms=10.0)
+    again = certified(regression, selection, evidence, noisy, 7, np.random.default_rng(1)).findings[0]
 
     assert ("unknown", "finding") == (again.effect, again.status)
     assert again.p_value == pytest.approx(1.0 / 8.0)
@@ -119,19 +119,21 @@ def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPa
     spec = Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96, physics=physics)
     made = drive(spec, 12)
     readers, notes = admitted([_of_strange_tyres(made, recording_of(made))])
-    study, selection, evidence = examine(Study(readers), lambda share: None)
-    before = report(study, selection, evidence, notes)
-    sure = certified(study, selection, evidence, before, 1, np.random.default_rng(1)).findings
+    regression, selection, evidence = examine(Regression(readers), lambda share: None)
+    before = report(regression, selection, evidence, notes)
+    sure = certified(regression, selection, evidence, before, 1, np.random.default_rng(1)).findings
     models: list[ExtendedModel] = []
 
-    def seven(study: Study, drawn: list[ExtendedModel], statistics: list[object], *rest: object) -> object:
+    def seven(
+        regression: Regression, drawn: list[ExtendedModel], statistics: list[object], *rest: object
+    ) -> object:
         models.extend(drawn)
         return [[0.0] * 7 for _ in statistics]
 
     monkeypatch.setattr(certify, "_drawn", seven)
     often = [chance(0.0, [1.0] * 7) for _ in before.findings]
     again = certify._without_splines(
-        study, selection, evidence, before.findings, often, 1.0, 7, np.random.default_rng(1)
+        regression, selection, evidence, before.findings, often, 1.0, 7, np.random.default_rng(1)
     )
     (late,) = (k for k, one in enumerate(before.findings) if one.effect == "gnss_latency")
 
@@ -185,14 +187,14 @@ def test_a_replicate_of_a_car_far_off_holds_chance_alone(recording: Recording) -
         quantum_rad=np.full(4, 1e-4),
         inertial={**recording.inertial, "yaw_rate_radps": np.full(recording.ticks, np.nan)},
     )
-    study = Study([Reader(far, reference(far))])
-    (studied,) = study.drives
+    regression = Regression([Reader(far, reference(far))])
+    (drive,) = regression.drives
     nothing = ExtendedModel()
-    drawn = replicate(studied.reader, nothing, studied.noise, np.random.default_rng(4))
+    drawn = replicate(drive.reader, nothing, drive.noise, np.random.default_rng(4))
 
-    evidence = Evidence([studied.repeated(drawn, nothing).part()], study.width)
+    evidence = Evidence([drive.repeated(drawn, nothing).part()], regression.width)
 
-    best, _ = Candidates(evidence, study.hypotheses).candidates([])[0]
+    best, _ = Candidates(evidence, regression.hypotheses).candidates([])[0]
     assert best < SETTINGS.selection.admit_nats
 
 
@@ -279,10 +281,10 @@ def test_false_discoveries_are_held_as_benjamini_and_hochberg_do() -> None:
 def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: RollingDiagnosis) -> None:
     """A chosen effect whose gain noise reaches in most replicates makes no mismatch and leaves the model."""
     reader = Reader(recording, reference(recording))
-    study, selection, evidence = examine(Study([reader]), lambda share: None)
+    regression, selection, evidence = examine(Regression([reader]), lambda share: None)
     weak = dataclasses.replace(selection.chosen[0], gain=0.5)
     doubtful = dataclasses.replace(selection, chosen=(weak,))
-    out = certified(study, doubtful, evidence, plain, 9, np.random.default_rng(5))
+    out = certified(regression, doubtful, evidence, plain, 9, np.random.default_rng(5))
 
     assert ("suspicion", "consistent", 0) == (out.findings[0].status, out.verdict, len(out.model))
 
@@ -295,8 +297,8 @@ def test_covariates_that_cannot_act_gain_nothing(diagnosis: RollingDiagnosis) ->
 
 def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: Recording) -> None:
     """under a noise model of a third of the true standard deviations chance brings far more than it costs."""
-    found = examine(Study([Reader(recording, reference(recording))]), lambda share: None)
-    noise = found.study.drives[0].noise
+    found = examine(Regression([Reader(recording, reference(recording))]), lambda share: None)
+    noise = found.regression.drives[0].noise
     small = dataclasses.replace(
         noise,
         reading_m=tuple(0.3 * one for one in noise.reading_m),
@@ -306,8 +308,8 @@ def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: R
         cross_mps=0.3 * noise.cross_mps,
     )
 
-    calm = negative_control(found.study, found.selection)
-    assert calm < 0.0 < negative_control(found.study.under({0: small}), found.selection)
+    calm = negative_control(found.regression, found.selection)
+    assert calm < 0.0 < negative_control(found.regression.under({0: small}), found.selection)
 
 
 def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: RollingDiagnosis) -> None:

@@ -13,7 +13,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness import change_or_drift
 from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
@@ -43,17 +43,17 @@ def drifting(changed_m: float, last_m: float = 0.0) -> Recording:
 def drift_alone(recording: Recording) -> Found:
     """A recording under the drift that is likeliest without a change, with nothing chosen."""
     readers, _ = admitted([recording])
-    study = Study(readers)
-    car, windows = study.drives[0], readers[0].windows
-    plain = car.white_design(study.hypotheses.nuisance)
+    regression = Regression(readers)
+    car, windows = regression.drives[0], readers[0].windows
+    plain = car.white_design(regression.hypotheses.nuisance)
     car.noise = refit_radius_drift(windows, plain, replace(car.noise, radius_drift=1e-3), None)
-    return nothing_chosen(study)
+    return nothing_chosen(regression)
 
 
-def nothing_chosen(study: Study) -> Found:
-    """A study with nothing chosen."""
-    evidence = study.evidence()
-    return Found(study, Selector(evidence, study.hypotheses, last=True).judged([]), evidence)
+def nothing_chosen(regression: Regression) -> Found:
+    """A regression with nothing chosen."""
+    evidence = regression.evidence()
+    return Found(regression, Selector(evidence, regression.hypotheses, last=True).judged([]), evidence)
 
 
 @pytest.mark.parametrize(
@@ -78,8 +78,8 @@ def test_a_change_that_was_chosen_earlier_is_asked_for_again(monkeypatch: pytest
     """It is added with its own values, where the grid of changes offers none that is as likely."""
     alone = drift_alone(drifting(-3e-3))
     first = changed(alone, alone.selection)
-    alone = nothing_chosen(first.study.under({0: alone.study.drives[0].noise}))
-    monkeypatch.setattr(change_or_drift, "_likeliest", lambda study, terms, drifting: None)
+    alone = nothing_chosen(first.regression.under({0: alone.regression.drives[0].noise}))
+    monkeypatch.setattr(change_or_drift, "_likeliest", lambda regression, terms, drifting: None)
 
     again = changed(alone, first.selection).selection
     none = changed(alone, alone.selection).selection
@@ -108,13 +108,13 @@ def along_a_motorway(north_mps: float) -> Recording:
 def test_a_constant_velocity_error_is_distinguished_from_slow_noise_of_the_speed(north_mps: float) -> None:
     """The noise estimated without it holds a part of it: under its own noise it brings half as much again."""
     readers, _ = admitted([along_a_motorway(north_mps)])
-    study = Study(readers)
-    car, windows = study.drives[0], readers[0].windows
-    car.noise = refit(windows, car.white_design(study.hypotheses.nuisance), car.noise, None, VELOCITY)
-    evidence = study.evidence()
-    selector = Selector(evidence, study.hypotheses, last=True)
+    regression = Regression(readers)
+    car, windows = regression.drives[0], readers[0].windows
+    car.noise = refit(windows, car.white_design(regression.hypotheses.nuisance), car.noise, None, VELOCITY)
+    evidence = regression.evidence()
+    selector = Selector(evidence, regression.hypotheses, last=True)
 
-    found = erring(Found(study, selector.judged([]), evidence)).selection.chosen
+    found = erring(Found(regression, selector.judged([]), evidence)).selection.chosen
 
     assert (["doppler_heading_error"] if north_mps else []) == [one.term.effect for one in found]
     for one in found:

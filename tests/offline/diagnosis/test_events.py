@@ -13,7 +13,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS, EVENTS
 from tpmsd.offline.diagnosis.diagnose import diagnose
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 
 
@@ -101,7 +101,7 @@ def test_what_robust_weights_took_away_is_reported_with_its_place() -> None:
     )
     drive.inflate[30:90] = 4.0
 
-    reported = down_weighted([cast(DriveStudy, drive)])
+    reported = down_weighted([cast(DriveRegression, drive)])
 
     assert pytest.approx(0.375) == reported.share
     assert pytest.approx(0.375) == reported.by_channel["gnss_speed"]

@@ -15,7 +15,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.result import RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import catalogue_columns, radius_columns
-from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
+from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
 from tpmsd.offline.inference.stack import Stack
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import whiten

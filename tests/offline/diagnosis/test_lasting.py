@@ -12,7 +12,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.robustness.outlying import jump_evidence, lasting
@@ -55,17 +55,17 @@ def erring(recording: Recording) -> Recording:
     )
 
 
-def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Study, Evidence, Term]:
+def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Regression, Evidence, Term]:
     """A drive under the noise that it has without what happens, and the event that shows most."""
-    usual, study = (Study(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
+    usual, regression = (Regression(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
     usual = estimated(usual, usual.hypotheses.nuisance, SearchStage.SECOND)
-    study = study.under({0: usual.drives[0].noise})
-    evidence = study.evidence()
-    gram, b = evidence.projected(study.hypotheses.nuisance)
-    events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].pattern == "rear"]
+    regression = regression.under({0: usual.drives[0].noise})
+    evidence = regression.evidence()
+    gram, b = evidence.projected(regression.hypotheses.nuisance)
+    events = [entry for entry in regression.hypotheses.pulse_gains(gram, b) if entry[1].pattern == "rear"]
     gain, event = max(events, key=lambda entry: entry[0])
     assert gain > 40.0
-    return study, evidence, event
+    return regression, evidence, event
 
 
 @pytest.mark.parametrize(("happens", "stands"), [(slipping, True), (erring, False)])
@@ -73,10 +73,10 @@ def test_slip_that_only_the_receiver_shows_must_last(
     happens: Callable[[Recording], Recording], stands: bool
 ) -> None:
     """Twelve seconds of slip stand; two seconds in which the receiver errs do not, though they gain more."""
-    study, evidence, event = looked_at(happens)
-    selector = Selector(evidence, study.hypotheses, last=True)
+    regression, evidence, event = looked_at(happens)
+    selector = Selector(evidence, regression.hypotheses, last=True)
 
-    found = lasting(Found(study, selector.judged([event]), evidence))
+    found = lasting(Found(regression, selector.judged([event]), evidence))
 
     assert stands == (len(found.selection.chosen) == 1)
 
@@ -87,12 +87,12 @@ def test_where_an_event_goes_the_rest_is_chosen_again() -> None:
     def late(recording: Recording) -> Recording:
         return replace(erring(recording), fix_time_s=recording.fix_time_s + 0.2)
 
-    study, evidence, event = looked_at(late)
-    event = exact(study, evidence, study.hypotheses.nuisance, event)
-    evidence = study.evidence()
-    before = Selector(evidence, study.hypotheses, last=True).judged([event])
+    regression, evidence, event = looked_at(late)
+    event = exact(regression, evidence, regression.hypotheses.nuisance, event)
+    evidence = regression.evidence()
+    before = Selector(evidence, regression.hypotheses, last=True).judged([event])
 
-    found = lasting(Found(study, before, evidence))
+    found = lasting(Found(regression, before, evidence))
 
     assert [event.effect] == [one.term.effect for one in before.chosen]
     assert ["gnss_latency"] == [one.term.effect for one in found.selection.chosen]
@@ -103,11 +103,11 @@ def test_the_wheels_speed_separates_slip_from_an_error_of_the_receiver(
     happens: Callable[[Recording], Recording], by_wheels: bool
 ) -> None:
     """Wheels that spin jump in their own speed; a receiver that errs leaves the wheels smooth."""
-    study, evidence, event = looked_at(happens)
-    event = exact(study, evidence, study.hypotheses.nuisance, event)
-    (one,) = Selector(study.evidence(), study.hypotheses).judged([event]).chosen
+    regression, evidence, event = looked_at(happens)
+    event = exact(regression, evidence, regression.hypotheses.nuisance, event)
+    (one,) = Selector(regression.evidence(), regression.hypotheses).judged([event]).chosen
 
-    nats = jump_evidence(study.drives[0], one)
+    nats = jump_evidence(regression.drives[0], one)
 
     assert by_wheels == (nats > 5.0)
     assert by_wheels != (nats < -5.0)

@@ -12,8 +12,8 @@ from tpmsd.offline.diagnosis.assessment.ramp_interval import _pairs, interval_st
 from tpmsd.offline.diagnosis.hypotheses.response import ramp_column
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.drive_study import Refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import Refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -41,18 +41,18 @@ def test_a_slow_loss_beside_radii_that_drift_has_the_interval_that_holds_it() ->
     Ramp and drift fitted in turn are likelier than the step by far, and the interval of each of the three
     values holds the true one.
     """
-    study = Study(admitted([drifting(-3e-3)])[0])
-    drive = study.drives[0]
+    regression = Regression(admitted([drifting(-3e-3)])[0])
+    drive = regression.drives[0]
     windows = drive.reader.windows
     step = ramp_column(drive.reader, 2, (122.0, 0.0))
-    pattern = study.append([(_step(122.0), {0: step})])[0]
-    study.hypotheses.add_ramp("rl", (122.0, 122.0), pattern)
-    term = study.hypotheses.catalogue[-1]
-    plain = drive.white_design(Selector(study.evidence(), study.hypotheses).design([term]))
+    pattern = regression.append([(_step(122.0), {0: step})])[0]
+    regression.hypotheses.add_ramp("rl", (122.0, 122.0), pattern)
+    term = regression.hypotheses.catalogue[-1]
+    plain = drive.white_design(Selector(regression.evidence(), regression.hypotheses).design([term]))
     noise = refit_radius_drift(windows, plain, replace(drive.noise, radius_drift=1e-3), None)
     before = log_posterior(windows, plain, noise, None)
 
-    found, terms = with_drift(study.under({0: noise}), [term])
+    found, terms = with_drift(regression.under({0: noise}), [term])
     evidence = found.evidence()
     selector = Selector(evidence, found.hypotheses, last=True)
     here = found.drives[0]

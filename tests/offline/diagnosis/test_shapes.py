@@ -13,7 +13,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.assessment.result import RollingDiagnosis
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import finer_knots, hat_functions
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.trajectory import reference
@@ -124,8 +124,8 @@ def test_a_shape_that_is_hardly_better_than_two_effects_gets_their_names() -> No
     front, rear = 5e-3 * brakes, 6e-3 * drives + 3e-3 * brakes
     slipping = replace(plain, spin=np.stack([front, front, rear, rear], axis=1))
     recording = recording_of(observe(slipping, spec, rng, 8))
-    study = Study([Reader(recording, reference(recording))])
-    selector = Selector(study.evidence(), study.hypotheses)
+    regression = Regression([Reader(recording, reference(recording))])
+    selector = Selector(regression.evidence(), regression.hypotheses)
     shape = next(
         terms for _, terms in selector.candidates([]) if terms[0].free and "accel_long" == terms[0].covariate
     )

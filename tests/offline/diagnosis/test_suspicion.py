@@ -11,14 +11,14 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.stages import examine
 from tpmsd.offline.inference.least_squares import Evidence
 
-Examined = tuple[Study, Selection, Evidence]
+Examined = tuple[Regression, Selection, Evidence]
 
 
 @pytest.fixture(scope="module")
@@ -28,19 +28,19 @@ def spin() -> Examined:
     times = recording.edges_s[:-1]
     spinning = (times >= 150.0) & (times < 170.0)
     factor = 1.0 + 0.012 * spinning[:, None] * np.array([1.0, 1.0, 0.0, 0.0])
-    study = Study(admitted([replace(recording, rotation_rad=recording.rotation_rad * factor)])[0])
-    return examine(study, lambda share: None)
+    regression = Regression(admitted([replace(recording, rotation_rad=recording.rotation_rad * factor)])[0])
+    return examine(regression, lambda share: None)
 
 
 def test_a_gain_below_its_penalty_by_the_block_wise_variance_makes_no_mismatch(spin: Examined) -> None:
     """With the same evidence: no mismatch and no effect in the model, and no certificate mends it."""
-    study, selection, evidence = spin
+    regression, selection, evidence = spin
     (one,) = selection.chosen
 
-    sure = report(study, selection, evidence)
+    sure = report(regression, selection, evidence)
     doubted = replace(selection, chosen=(replace(one, admitted_by=-1.0),))
-    unsure = report(study, doubted, evidence)
-    asked = certified(study, doubted, evidence, unsure, 3, np.random.default_rng(5))
+    unsure = report(regression, doubted, evidence)
+    asked = certified(regression, doubted, evidence, unsure, 3, np.random.default_rng(5))
 
     assert ("mismatch", ["finding"]) == (sure.verdict, [finding.status for finding in sure.findings])
     assert 1 == len(sure.model.effects)
@@ -52,10 +52,10 @@ def test_a_gain_below_its_penalty_by_the_block_wise_variance_makes_no_mismatch(s
 
 def test_what_is_less_likely_than_nothing_is_not_suspected(spin: Examined) -> None:
     """A gain far below its penalty by the block-wise variance is not reported, and not in the model."""
-    study, selection, evidence = spin
+    regression, selection, evidence = spin
     (one,) = selection.chosen
     doubted = replace(selection, chosen=(replace(one, admitted_by=-20.0, confidence=1e-9),))
-    diagnosis = report(study, doubted, evidence)
+    diagnosis = report(regression, doubted, evidence)
 
     assert ("consistent", (), ()) == (diagnosis.verdict, diagnosis.findings, diagnosis.model.effects)
 
@@ -63,12 +63,12 @@ def test_what_is_less_likely_than_nothing_is_not_suspected(spin: Examined) -> No
 def test_a_gain_is_held_against_what_the_model_leaves(spin: Examined) -> None:
     """The same gain is a finding where the model leaves noise, and a suspicion where it leaves as many times
     the expected variance as the gain has nats."""
-    study, selection, evidence = spin
+    regression, selection, evidence = spin
     (one,) = selection.chosen
-    fits = report(study, selection, evidence)
+    fits = report(regression, selection, evidence)
     leaves = replace(fits, model_rms=math.sqrt(one.gain))
     found, doubted = (
-        certified(study, selection, evidence, diagnosis, 5, np.random.default_rng(5)).findings[0]
+        certified(regression, selection, evidence, diagnosis, 5, np.random.default_rng(5)).findings[0]
         for diagnosis in (fits, leaves)
     )
     assert fits.model_rms < 1.2

@@ -12,8 +12,8 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis import stages as whole
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
-from tpmsd.offline.diagnosis.prepared import study
-from tpmsd.offline.diagnosis.prepared.study import unusable
+from tpmsd.offline.diagnosis.prepared import regression
+from tpmsd.offline.diagnosis.prepared.regression import unusable
 from tpmsd.offline.diagnosis.robustness.together import _changed_radius, _common_shape
 from tpmsd.offline.diagnosis.selection.selector import Selector
 
@@ -102,7 +102,7 @@ def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.
     """A shape with a memory, which nothing else holds where its effect is unknown: found on its axle; without
     the question no shape was.
     """
-    monkeypatch.setattr(study, "unusable", lambda reader: unusable(reader) | {"brake_heat"})
+    monkeypatch.setattr(regression, "unusable", lambda reader: unusable(reader) | {"brake_heat"})
     recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
     diagnosis = diagnose([recording])
     others = tuple(one for one in whole.ALTERNATIVES if one is not whole.together)

@@ -12,7 +12,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, patterns, wheels_acted_on
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness.verdict import outweighed
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
@@ -20,17 +20,17 @@ from tpmsd.offline.diagnosis.selection.selector import Selector
 
 
 @pytest.fixture(scope="module")
-def studies() -> tuple[Study, Study]:
+def regressions() -> tuple[Regression, Regression]:
     """Two short drives, one alone and both together."""
     made = [recording_of(drive(Spec(duration_s=150.0, road="rural"), seed)) for seed in (4, 5)]
     readers, _ = admitted(made)
-    return Study(readers[:1]), Study(readers)
+    return Regression(readers[:1]), Regression(readers)
 
 
-def terms_of(study: Study) -> list[Term]:
-    """One term of every kind, wheel pattern and group of wheels that the study's hypotheses make."""
-    hypotheses = study.hypotheses
-    gram, b = study.evidence().projected(hypotheses.nuisance)
+def terms_of(regression: Regression) -> list[Term]:
+    """One term of every kind, wheel pattern and group of wheels that the regression's hypotheses make."""
+    hypotheses = regression.hypotheses
+    gram, b = regression.evidence().projected(hypotheses.nuisance)
     scanned = [
         term
         for gains in (hypotheses.smooth_gains, hypotheses.ramp_gains, hypotheses.pulse_gains)
@@ -49,22 +49,22 @@ def chosen(term: Term, gain: float) -> Chosen:
     return Chosen(term, gain, gain, gain, 1.0, (), values, 0.1 * values)
 
 
-def test_all_patterns_of_the_hypotheses_are_walked(studies: tuple[Study, Study]) -> None:
+def test_all_patterns_of_the_hypotheses_are_walked(regressions: tuple[Regression, Regression]) -> None:
     """Each pattern is met in a term, so that no pattern escapes the reports below."""
     names = {name for name, _ in patterns()}
 
-    for study in studies:
-        assert names <= {term.pattern for term in terms_of(study)}
+    for regression in regressions:
+        assert names <= {term.pattern for term in terms_of(regression)}
 
 
 @pytest.mark.parametrize("number", [0, 1])
 def test_every_pattern_is_held_against_an_effect_on_the_same_wheels(
-    studies: tuple[Study, Study], number: int
+    regressions: tuple[Regression, Regression], number: int
 ) -> None:
     """An instrument's effect on fl loses to a stronger spline on any pattern with fl, and to no other."""
-    terms = terms_of(studies[number])
+    terms = terms_of(regressions[number])
     missed = next(t for t in terms if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
-    selection = Selector(studies[number].evidence(), studies[number].hypotheses).judged([])
+    selection = Selector(regressions[number].evidence(), regressions[number].hypotheses).judged([])
     found = {}
     for term in terms:
         if term.free and not term.pulse:
@@ -82,25 +82,25 @@ def test_every_pattern_has_its_wheels() -> None:
 
 
 @pytest.mark.parametrize("number", [0, 1])
-def test_every_pattern_is_reported(studies: tuple[Study, Study], number: int) -> None:
+def test_every_pattern_is_reported(regressions: tuple[Regression, Regression], number: int) -> None:
     """Findings on all patterns, beside an effect of an instrument on wheels, end in a report with their
     wheels."""
-    study = studies[number]
-    evidence = study.evidence()
-    selector = Selector(evidence, study.hypotheses)
-    gram, b = evidence.projected(study.hypotheses.nuisance)
-    common = [term for _, term in study.hypotheses.smooth_gains(gram, b) if term.drive is None]
+    regression = regressions[number]
+    evidence = regression.evidence()
+    selector = Selector(evidence, regression.hypotheses)
+    gram, b = evidence.projected(regression.hypotheses.nuisance)
+    common = [term for _, term in regression.hypotheses.smooth_gains(gram, b) if term.drive is None]
     covariates = sorted({term.covariate for term in common})
     # Over a covariate of its own each, for all, front and rear over one are not told apart.
     wanted = {name: covariates[k % len(covariates)] for k, (name, _) in enumerate(patterns())}
     splines = [term for term in common if wanted[term.pattern] == term.covariate]
-    missed = next(t for t in terms_of(study) if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
+    missed = next(t for t in terms_of(regression) if (t.effect, t.pattern) == ("counter_missed_pulses", "fl"))
     selection = replace(
         selector.judged([]),
         chosen=(chosen(missed, 9.0), *(chosen(term, 10.0) for term in splines)),
         fit=evidence.fit(selector.design([missed, *splines])),
     )
-    findings = [one for one in report(study, selection, evidence).findings if one.effect == "unknown"]
+    findings = [one for one in report(regression, selection, evidence).findings if one.effect == "unknown"]
 
     assert len(wanted) == len(splines)
     assert [set(wheels_acted_on(term.pattern)) for term in splines] == [set(f.where.wheels) for f in findings]

@@ -13,7 +13,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.response import finer_knots, smooth_knots
-from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
+from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import expected
 from tpmsd.offline.inference.trajectory import reference

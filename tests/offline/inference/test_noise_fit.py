@@ -12,7 +12,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import RADIUS
 from tpmsd.offline.diagnosis.assessment.tangent import crossing
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, first_noise
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, first_noise
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise
 from tpmsd.offline.inference.trajectory import reference
@@ -27,9 +27,9 @@ def first_fit(loss_m: float) -> Noise:
     inertial = {name: np.full(recording.ticks, np.nan) for name in recording.inertial}
     recording = dataclasses.replace(recording, rotation_rad=rotation, inertial=inertial)
     reader = Reader(recording, reference(recording))
-    study = DriveStudy(reader, {}, {})
-    radii = [k for k, name in enumerate(study.names) if name[0] == RADIUS.name]
-    columns = study.columns.take([0, *radii])
+    regression = DriveRegression(reader, {}, {})
+    radii = [k for k, name in enumerate(regression.names) if name[0] == RADIUS.name]
+    columns = regression.columns.take([0, *radii])
     return fit_noise(reader.windows, columns, first_noise(reader), SearchStage.FIRST)
 
 

@@ -29,9 +29,9 @@ def showing() -> Showing:
 
 def test_the_limit_is_that_of_the_diagnosis(showing: Showing) -> None:
     """`not_detectable` of the untouched recording says the same numbers."""
-    study, selection, evidence = showing.found
+    regression, selection, evidence = showing.found
 
-    stated = not_detectable(study, selection, Selector(evidence, study.hypotheses))
+    stated = not_detectable(regression, selection, Selector(evidence, regression.hypotheses))
 
     assert len(stated) > 3
     for one in stated:

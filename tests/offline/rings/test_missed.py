@@ -19,7 +19,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.lost_counts import missed
 from tpmsd.offline.diagnosis.hypotheses.plausible import counter_bounds, thinkable
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.drives.drive import load
 from tpmsd.offline.drives.playing import recording_of as read
 from tpmsd.offline.inference.recording import Recording
@@ -130,8 +130,8 @@ def test_a_finding_names_its_drive_and_says_what_tells_it_from_a_radius() -> Non
     """Of two drives the one that loses counts is named; the sentence has the counts between two ripples."""
     whole = dataclasses.replace(_eccentric(), name="whole")
     losing = dataclasses.replace(_losing(_eccentric(), 2e-3), name="losing")
-    study = Study([Reader(one, reference(one)) for one in (whole, losing)])
-    (finding,) = missed(study, study.driving_s)
+    regression = Regression([Reader(one, reference(one)) for one in (whole, losing)])
+    (finding,) = missed(regression, regression.driving_s)
 
     assert ("counter_missed_pulses", ("losing",), ("rl",)) == (
         finding.effect,

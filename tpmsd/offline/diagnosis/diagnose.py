@@ -21,8 +21,8 @@ from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiabi
 from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, RollingDiagnosis
 from tpmsd.offline.diagnosis.assessment.simulated import differences
 from tpmsd.offline.diagnosis.prepared.admission import admitted, against, unfit
-from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import first_noise
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.proposal.search import proposals
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.reporting.with_known import with_known
@@ -65,12 +65,12 @@ def diagnose(
     readers, notes = admitted(recordings)
     if not readers:
         return insufficient(notes)
-    study, selection, evidence = examine(Study(readers), progress)
-    diagnosis = report(study, selection, evidence, notes)
+    regression, selection, evidence = examine(Regression(readers), progress)
+    diagnosis = report(regression, selection, evidence, notes)
     if certify is not None:
-        diagnosis = certified(study, selection, evidence, diagnosis, certify.replicates, certify.rng)
+        diagnosis = certified(regression, selection, evidence, diagnosis, certify.replicates, certify.rng)
     if propose:
-        diagnosis = replace(diagnosis, proposals=proposals(study, selection))
+        diagnosis = replace(diagnosis, proposals=proposals(regression, selection))
     progress(1.0)
     return diagnosis
 
@@ -90,11 +90,11 @@ def diagnose_against(
     readers, notes = against(recording, simulation)
     if not readers:
         return insufficient(notes)
-    study, selection, evidence = examine(Study(readers, simulation=True), progress)
-    selection, evidence = differences(study, selection, evidence)
-    diagnosis = report(study, selection, evidence, notes)
+    regression, selection, evidence = examine(Regression(readers, simulation=True), progress)
+    selection, evidence = differences(regression, selection, evidence)
+    diagnosis = report(regression, selection, evidence, notes)
     if propose:
-        diagnosis = replace(diagnosis, proposals=proposals(study, selection))
+        diagnosis = replace(diagnosis, proposals=proposals(regression, selection))
     progress(1.0)
     return diagnosis
 
@@ -106,8 +106,8 @@ def identifiability_on(recording: Recording) -> tuple[EffectIdentifiability, ...
     readers, notes = admitted([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
-    study = Study(readers)
-    return identifiability(estimated(study, study.hypotheses.everything, SearchStage.FIRST))
+    regression = Regression(readers)
+    return identifiability(estimated(regression, regression.hypotheses.everything, SearchStage.FIRST))
 
 
 def noise_of(recording: Recording) -> Noise:
@@ -115,8 +115,8 @@ def noise_of(recording: Recording) -> Noise:
     readers, notes = admitted([recording])
     if not readers:
         raise ConfigError("; ".join(notes))
-    study = Study(readers)
-    return estimated(study, study.hypotheses.everything, SearchStage.FIRST).drives[0].noise
+    regression = Regression(readers)
+    return estimated(regression, regression.hypotheses.everything, SearchStage.FIRST).drives[0].noise
 
 
 def insufficient(notes: Sequence[str]) -> RollingDiagnosis:

@@ -1,8 +1,8 @@
 """The order of the diagnosis: the only place where it stands.
 
-In: a `Study`. Out: what is `Found`. Each stage takes a `State` and gives the next one; states are frozen. The
-study holds the columns and each drive's noise: a stage that gives other ones gives another study, and the one
-that it was given stays what it is.
+In: a `Regression`. Out: what is `Found`. Each stage takes a `State` and gives the next one; states are
+frozen. The regression holds the columns and each drive's noise: a stage that gives other ones gives another
+regression, and the one that it was given stays what it is.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.simulated import floored, widened
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
@@ -36,7 +36,7 @@ from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise, outliers
 class State:
     """State that one stage leaves to the next."""
 
-    study: Study
+    regression: Regression
     design: FloatArray
     """(1 + p, k) of the model that is believed so far: the noise is estimated beside it."""
     evidence: Evidence | None = None
@@ -51,12 +51,12 @@ class State:
 
     @property
     def found(self) -> Found:
-        """Return the findings with the study and the evidence of which it was chosen; ValueError without
+        """Return the findings with the regression and the evidence of which it was chosen; ValueError without
         them.
         """
         if self.evidence is None:
             raise ValueError("there is no evidence")
-        return Found(self.study, self.chosen, self.evidence)
+        return Found(self.regression, self.chosen, self.evidence)
 
 
 def first_noise(state: State) -> State:
@@ -79,15 +79,15 @@ def plain_shapes(state: State) -> State:
 
     What no effect of the catalogue holds would pass for noise, and noise of that size would hide its shape.
     """
-    study, design, evidence = state.study.copied(), state.design, _present(state)
+    regression, design, evidence = state.regression.copied(), state.design, _present(state)
     for _ in range(SETTINGS.refinement.plain_splines):
-        term = plainest_shape(study, evidence, design)
+        term = plainest_shape(regression, evidence, design)
         if term is None:
             break
-        design = np.concatenate([widened(design, study.hypotheses.width), term.design], axis=1)
-        study = estimated(study, design, SearchStage.FIRST)
-        evidence = study.evidence()
-    return replace(state, study=study, evidence=evidence)
+        design = np.concatenate([widened(design, regression.hypotheses.width), term.design], axis=1)
+        regression = estimated(regression, design, SearchStage.FIRST)
+        evidence = regression.evidence()
+    return replace(state, regression=regression, evidence=evidence)
 
 
 def choose(state: State) -> State:
@@ -95,15 +95,15 @@ def choose(state: State) -> State:
 
     What is clearest comes first and exactly: a pulse half a minute off leaves more than a faint effect.
     """
-    study, evidence = state.study.copied(), _present(state)
+    regression, evidence = state.regression.copied(), _present(state)
     for most in (1, SETTINGS.selection.max_terms):
-        selection = Selector(evidence, study.hypotheses).select(most)
-        if refine(study, selection, evidence, again=most == 1):
-            evidence = study.evidence()
-            selection = Selector(evidence, study.hypotheses).select(most)
-    if not study.simulation:
-        selection = needed_exactly(study, selection, evidence)
-    return State(study, selection.fit.design, evidence, selection)
+        selection = Selector(evidence, regression.hypotheses).select(most)
+        if refine(regression, selection, evidence, again=most == 1):
+            evidence = regression.evidence()
+            selection = Selector(evidence, regression.hypotheses).select(most)
+    if not regression.simulation:
+        selection = needed_exactly(regression, selection, evidence)
+    return State(regression, selection.fit.design, evidence, selection)
 
 
 def down_weight(state: State) -> State:
@@ -112,36 +112,36 @@ def down_weight(state: State) -> State:
     Events have been looked for by now: what a hypothesis explains keeps its weight. What was whitened so far
     is let go: it takes as much memory as the columns, and the next origin has others.
     """
-    study, selection, _ = state.found
+    regression, selection, _ = state.found
     drives = []
-    for drive in study.drives:
+    for drive in regression.drives:
         white = drive.residual(selection.fit.design, selection.fit.values)
         drives.append(drive.reweighted(outliers(white, drive.blocks, drive.inflate)))
-    return replace(state, study=study.trial(drives), evidence=None)
+    return replace(state, regression=regression.trial(drives), evidence=None)
 
 
 def move_origin(state: State) -> State:
     """Linearise about the best model so far."""
-    return replace(state, study=relinearised(state.study, state.chosen))
+    return replace(state, regression=relinearised(state.regression, state.chosen))
 
 
 def ramps_and_drift(state: State) -> State:
     """Fit the chosen changes of radii jointly with the radius drift, unless a simulation is compared."""
-    if state.study.simulation:
+    if state.regression.simulation:
         return state
-    study, terms = with_drift(state.study, [one.term for one in state.chosen.chosen])
-    evidence = study.evidence()
-    design = Selector(evidence, study.hypotheses).design(terms)
-    return replace(state, study=study, design=design, evidence=evidence)
+    regression, terms = with_drift(state.regression, [one.term for one in state.chosen.chosen])
+    evidence = regression.evidence()
+    design = Selector(evidence, regression.hypotheses).design(terms)
+    return replace(state, regression=regression, design=design, evidence=evidence)
 
 
 def verdict(state: State) -> State:
     """Choose for the last time, by the rules of a verdict."""
-    study, evidence = state.study.copied(), _present(state)
-    selection = Selector(evidence, study.hypotheses, last=True).select()
-    if not study.simulation:
-        selection = needed_exactly(study, selection, evidence, last=True)
-    return State(study, selection.fit.design, evidence, selection)
+    regression, evidence = state.regression.copied(), _present(state)
+    selection = Selector(evidence, regression.hypotheses, last=True).select()
+    if not regression.simulation:
+        selection = needed_exactly(regression, selection, evidence, last=True)
+    return State(regression, selection.fit.design, evidence, selection)
 
 
 def other_noise(state: State) -> State:
@@ -150,7 +150,7 @@ def other_noise(state: State) -> State:
     before = found.selection
     for alternative in ALTERNATIVES:
         found = alternative(found, before)
-    return replace(state, study=found.study, selection=found.selection, evidence=found.evidence)
+    return replace(state, regression=found.regression, selection=found.selection, evidence=found.evidence)
 
 
 Alternative = Callable[[Found, Selection], Found]
@@ -178,32 +178,32 @@ STAGES: tuple[Callable[[State], State], ...] = (
 )
 
 
-def examine(study: Study, progress: Callable[[float], None]) -> Found:
+def examine(regression: Regression, progress: Callable[[float], None]) -> Found:
     """Run all stages; `progress` is told the share that is done, from 0.2 to 0.9."""
     progress(0.2)
-    state = State(study, study.hypotheses.everything)
-    del study  # its columns are not needed for longer than the first stages'
+    state = State(regression, regression.hypotheses.everything)
+    del regression  # its columns are not needed for longer than the first stages'
     for number, stage in enumerate(STAGES, start=1):
         state = stage(state)
         progress(0.2 + 0.7 * number / len(STAGES))
     return state.found
 
 
-def estimated(study: Study, design: FloatArray, stage: SearchStage) -> Study:
+def estimated(regression: Regression, design: FloatArray, stage: SearchStage) -> Regression:
     """With each drive's noise estimated beside a model."""
     noises = {
         number: fit_noise(drive.reader.windows, drive.white_design(design), drive.noise, stage, drive.inflate)
-        for number, drive in enumerate(study.drives)
+        for number, drive in enumerate(regression.drives)
     }
-    if study.simulation:
+    if regression.simulation:
         noises[1] = floored(noises[1], noises[0])
-    return study.under(noises)
+    return regression.under(noises)
 
 
 def _estimated(state: State, stage: SearchStage) -> State:
-    study = estimated(state.study, state.design, stage)
-    return replace(state, study=study, evidence=study.evidence())
+    regression = estimated(state.regression, state.design, stage)
+    return replace(state, regression=regression, evidence=regression.evidence())
 
 
 def _present(state: State) -> Evidence:
-    return state.study.evidence() if state.evidence is None else state.evidence
+    return state.regression.evidence() if state.evidence is None else state.evidence

@@ -31,8 +31,8 @@ from tpmsd.offline.diagnosis.assessment.identifiability import (
 from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.drive_study import Refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import Refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.detectable import smallest_size, smallest_sizes
 from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -61,12 +61,12 @@ class Showing:
         readers, notes = admitted([recording])
         if not readers:
             raise InputError(recording.name, "; ".join(notes))
-        self.found = found = examine(Study(readers), progress)
-        self._study = found.study
-        self._selector = Selector(found.evidence, found.study.hypotheses)
+        self.found = found = examine(Regression(readers), progress)
+        self._regression = found.regression
+        self._selector = Selector(found.evidence, found.regression.hypotheses)
         self._terms = [one.term for one in found.selection.chosen]
         self._recording = readers[0].recording
-        self.identifiable: tuple[EffectIdentifiability, ...] = identifiability(found.study)
+        self.identifiable: tuple[EffectIdentifiability, ...] = identifiability(found.regression)
 
     @property
     def name(self) -> str:
@@ -97,10 +97,12 @@ class Showing:
     def limit(self, name: str, parameter: str) -> float:
         """Return the smallest size of an effect's parameter that the recording shows; infinite if none."""
         terms = [
-            t for t in self._study.hypotheses.catalogue if t.effect == name and t.drive is None and t.typical
+            t
+            for t in self._regression.hypotheses.catalogue
+            if t.effect == name and t.drive is None and t.typical
         ]
         gram, _ = self._selector.evidence.projected(self._selector.design(self._terms))
-        sizes, _ = smallest_sizes(self._study, self._selector, self._terms, gram, terms)
+        sizes, _ = smallest_sizes(self._regression, self._selector, self._terms, gram, terms)
         value, _ = sizes.get(parameter, (None, ""))
         return math.inf if value is None else value
 
@@ -108,19 +110,19 @@ class Showing:
         """Return the smallest change (m) of a wheel's radius with this course that the recording shows;
         infinite if none, or where the same course on another wheel looks the same.
         """
-        study, drive = self._study.copied(), self._study.drives[0]
+        regression, drive = self._regression.copied(), self._regression.drives[0]
         wheels = [wheel, *(WHEELS[k] for k in self.wheels if WHEELS[k] != wheel)]
         courses = [Refined(numbers_of(one), onset_s, duration_s) for one in wheels]
-        columns = study.append([(one, {0: one.column(drive.reader, drive.base)}) for one in courses])
+        columns = regression.append([(one, {0: one.column(drive.reader, drive.base)}) for one in courses])
         for one, column in zip(wheels, columns, strict=True):
-            study.hypotheses.add_ramp(one, (onset_s, onset_s + duration_s), column)
-        ramps = study.hypotheses.catalogue[-len(wheels) :]
-        terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in self._terms]
-        selector = Selector(study.evidence(), study.hypotheses)
+            regression.hypotheses.add_ramp(one, (onset_s, onset_s + duration_s), column)
+        ramps = regression.hypotheses.catalogue[-len(wheels) :]
+        terms = [replace(one, design=widened(one.design, regression.hypotheses.width)) for one in self._terms]
+        selector = Selector(regression.evidence(), regression.hypotheses)
         gram, _ = selector.evidence.projected(selector.design(terms))
         if _cosine_to_others(gram, [column - 1 for column in columns]) > MAX_SIMILAR:
             return math.inf
-        return smallest_size(study, selector, terms, gram, ramps[0])
+        return smallest_size(regression, selector, terms, gram, ramps[0])
 
 
 def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect, ...]:

@@ -1,7 +1,7 @@
 """Gain that slips by the tyre model would bring.
 
-In: a `Study` and the terms that were found. Out: `Explanatory`: what wheel slip and side slip would gain,
-alone and beyond these.
+In: a `Regression` and the terms that were found. Out: `Explanatory`: what wheel slip and side slip would
+gain, alone and beyond these.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tpmsd.offline.diagnosis.assessment.result import Explanatory
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.windows import GYRO
@@ -23,14 +23,14 @@ from tpmsd.offline.inference.windows import GYRO
 SHOWN_OVER = {WHEEL_SLIP: "accel_long", SIDE_SLIP: "accel_lat"}
 
 
-def explanatory(study: Study, found: Sequence[Term], evidence: Evidence) -> tuple[Explanatory, ...]:
+def explanatory(regression: Regression, found: Sequence[Term], evidence: Evidence) -> tuple[Explanatory, ...]:
     """Gains in sample, over calibration alone and over what was found; none of what no drive can show."""
-    selector = Selector(evidence, study.hypotheses)
+    selector = Selector(evidence, regression.hypotheses)
     designs = (selector.design([]), selector.design(found))
-    without = _missing(study)
+    without = _missing(regression)
     out = []
     for name, covariate in SHOWN_OVER.items():
-        design = _columns(study, name)
+        design = _columns(regression, name)
         if design.shape[1] == 0:
             continue
         alone, beyond = (max(group_gain(design[1:], *evidence.projected(known))[0], 0.0) for known in designs)
@@ -38,21 +38,21 @@ def explanatory(study: Study, found: Sequence[Term], evidence: Evidence) -> tupl
     return tuple(out)
 
 
-def _columns(study: Study, name: str) -> FloatArray:
+def _columns(regression: Regression, name: str) -> FloatArray:
     """(1 + p, k) the columns of a slip, common to all drives that have them."""
     indices: dict[tuple[str, ...], int] = {}
-    for drive in study.drives:
+    for drive in regression.drives:
         for at, local in zip(drive.here, drive.local, strict=True):
             if local < len(drive.names) and drive.names[local][0] == name:
                 indices.setdefault(drive.names[local], int(at))
-    design = np.zeros((study.width, len(indices)))
+    design = np.zeros((regression.width, len(indices)))
     design[list(indices.values()), np.arange(len(indices))] = 1.0
     return design
 
 
-def _missing(study: Study) -> tuple[str, ...]:
+def _missing(regression: Regression) -> tuple[str, ...]:
     """Roles of the bus without which slips are told by the wheels and the receiver alone."""
-    drives = study.examined
+    drives = regression.examined
     by = {drive.reader.reference.grade_by for drive in drives}
     turns = [bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any()) for drive in drives]
     accel = () if by == {"accelerometer"} else ("accel_long",)

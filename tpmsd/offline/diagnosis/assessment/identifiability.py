@@ -1,6 +1,6 @@
 """Identifiability of each effect of the catalogue on a drive, and the effects that it confounds.
 
-In: a `Study`. Out: per effect the log-likelihood gain to be expected at its typical value, and the
+In: a `Regression`. Out: per effect the log-likelihood gain to be expected at its typical value, and the
 effects whose whitened sensitivities lie close to its own, by principal angles (Bjoerck and Golub, Mathematics
 of Computation 27, 1973). Calibration is projected out of both. Nothing is fitted to the data but the noise.
 """
@@ -15,7 +15,7 @@ from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.effect import Effect, Parameter
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
@@ -37,11 +37,11 @@ class EffectIdentifiability:
         return self.expected_gain >= SETTINGS.assessment.identifiable_nats
 
 
-def identifiability(study: Study) -> tuple[EffectIdentifiability, ...]:
+def identifiability(regression: Regression) -> tuple[EffectIdentifiability, ...]:
     """Return all effects that the drive has readings for, by the gain that each has at its prior's size."""
-    evidence = study.evidence()
-    gram, _ = evidence.projected(study.hypotheses.nuisance)
-    terms = _one_each(study.hypotheses.catalogue)
+    evidence = regression.evidence()
+    gram, _ = evidence.projected(regression.hypotheses.nuisance)
+    terms = _one_each(regression.hypotheses.catalogue)
     bases = {name: _basis(term, gram) for name, term in terms.items()}
     out = []
     for name, term in terms.items():

@@ -1,8 +1,8 @@
 """Counts that are lost as findings.
 
-In: a `Study`. Out: `Finding`s. They are looked for apart from all else: at walking pace below the speeds of
-the windows (`counters.low_speed`), while a wheel turns by the rings' ripple (`counters.missed`) or one by one
-by the scatter of its way (`counters.single_losses`).
+In: a `Regression`. Out: `Finding`s. They are looked for apart from all else: at walking pace below the speeds
+of the windows (`counters.low_speed`), while a wheel turns by the rings' ripple (`counters.missed`) or one by
+one by the scatter of its way (`counters.single_losses`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from tpmsd.car.physics.catalogue import ADDED, LOST, MISSED, TEETH
 from tpmsd.car.rings.ring import count_length_m
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.rings.low_speed import Lost, lost_counts
@@ -28,13 +28,13 @@ LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
 """The searches of this module, as `Finding.found_by` names them."""
 
 
-def lost(study: Study, seconds: float) -> list[Finding]:
+def lost(regression: Regression, seconds: float) -> list[Finding]:
     """Return the counts that some drive's wheels lose at low speed, by the drive that tells it best."""
-    found = lost_in(study.examined)
+    found = lost_in(regression.examined)
     return [] if not found else [_lost_finding(max(found, key=lambda one: one.gain), seconds)]
 
 
-def lost_in(drives: Sequence[DriveStudy]) -> list[Lost]:
+def lost_in(drives: Sequence[DriveRegression]) -> list[Lost]:
     """Return the counts lost at low speed, of each drive that shows it."""
     found = (lost_counts(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives)
     return [one for one in found if one is not None]
@@ -60,14 +60,14 @@ def _lost_finding(one: Lost, seconds: float) -> Finding:
     )
 
 
-def missed(study: Study, seconds: float) -> list[Finding]:
+def missed(regression: Regression, seconds: float) -> list[Finding]:
     """Return the wheels that lose counts while they turn, in each drive that shows it: how many is the day's
     own.
     """
     out = []
-    for drive in study.examined:
+    for drive in regression.examined:
         recording = drive.reader.recording
-        name = (recording.name,) if len(study.examined) > 1 else ()
+        name = (recording.name,) if len(regression.examined) > 1 else ()
         for one in missed_counts(recording, drive.reader.reference):
             out.append(_missed_finding(one, name, seconds))
     return out
@@ -99,20 +99,20 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
     )
 
 
-def lost_singly(study: Study, fit: LeastSquaresFit, seconds: float) -> list[Finding]:
+def lost_singly(regression: Regression, fit: LeastSquaresFit, seconds: float) -> list[Finding]:
     """Return the wheels that lose or add counts one by one beside the fitted model, in each drive that shows
     it.
     """
     out = []
-    for drive in study.examined:
+    for drive in regression.examined:
         one = single_of(drive, fit)
         if one is not None:
-            name = (drive.reader.recording.name,) if len(study.examined) > 1 else ()
+            name = (drive.reader.recording.name,) if len(regression.examined) > 1 else ()
             out.append(_single_finding(one, name, seconds))
     return out
 
 
-def single_of(drive: DriveStudy, fit: LeastSquaresFit) -> SingleLosses | None:
+def single_of(drive: DriveRegression, fit: LeastSquaresFit) -> SingleLosses | None:
     """Return the wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
     recording, car = drive.reader.recording, drive.reader.reference.car
     per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]

@@ -20,8 +20,8 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, numbers_of
-from tpmsd.offline.diagnosis.prepared.drive_study import Refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import Refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
@@ -32,16 +32,16 @@ def is_linear_ramp(term: Term) -> bool:
 
 
 def ramp_stds(
-    study: Study, selection: Selection, which: int, joint_slopes: Sequence[dict[int, FloatArray]]
+    regression: Regression, selection: Selection, which: int, joint_slopes: Sequence[dict[int, FloatArray]]
 ) -> dict[str, float]:
     """Return standard deviations of a chosen ramp's size, onset and duration; `joint_slopes` are slopes of
     other terms by drive, fitted along.
     """
     one = selection.chosen[which]
     begin, end = one.term.span_s
-    nodes = _nodes(study, one.term)
+    nodes = _nodes(regression, one.term)
     pairs = _pairs(nodes, begin, end)
-    gains, sizes = _profiled(study, selection, which, joint_slopes, nodes, pairs)
+    gains, sizes = _profiled(regression, selection, which, joint_slopes, nodes, pairs)
     return interval_stds(one, gains, sizes, pairs.begin_s, pairs.end_s - pairs.begin_s)
 
 
@@ -81,10 +81,10 @@ class _Pairs:
     """(t, p) of the pieces: steps at the nodes, then ramps between neighbours."""
 
 
-def _nodes(study: Study, term: Term) -> FloatArray:
+def _nodes(regression: Regression, term: Term) -> FloatArray:
     """Return the sorted times (m,), s, between which ramps are tried: the found ones and some to either
     side, within the drive."""
-    recording = study.drives[study.acting(term)[0]].reader.recording
+    recording = regression.drives[regression.acting(term)[0]].reader.recording
     steps = np.geomspace(*SETTINGS.assessment.ramp_reach_s, SETTINGS.assessment.ramp_nodes)
     offsets = np.concatenate([-steps[::-1], [0.0], steps])
     times = np.concatenate([offsets + float(at) for at in term.span_s])
@@ -108,7 +108,7 @@ def _pairs(nodes: FloatArray, begin: float, end: float) -> _Pairs:
 
 
 def _profiled(
-    study: Study,
+    regression: Regression,
     selection: Selection,
     which: int,
     joint_slopes: Sequence[dict[int, FloatArray]],
@@ -118,18 +118,18 @@ def _profiled(
     """(t,) gains (nats) and sizes (m) of the ramps, everything linear fitted along."""
     term = selection.chosen[which].term
     others = [one.term.design for k, one in enumerate(selection.chosen) if k != which]
-    rest = np.concatenate([study.hypotheses.nuisance, *others], axis=1)
+    rest = np.concatenate([regression.hypotheses.nuisance, *others], axis=1)
     known, pieces = 1 + rest.shape[1] + len(joint_slopes), 2 * len(nodes) - 1
     gram = np.zeros((known + pieces, known + pieces))
     spans = [(float(at), 0.0) for at in nodes] + list(zip(nodes[:-1], np.diff(nodes), strict=True))
-    for number, drive in enumerate(study.drives):
+    for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
         rows[:, :, 1 : 1 + rest.shape[1]] = drive.acting(rest)
         for k, slopes in enumerate(joint_slopes):
             if number in slopes:
                 rows[:, :, 1 + rest.shape[1] + k] = drive.whitened(slopes[number][:, :, None])[:, :, 0]
-        if number in study.acting(term):
+        if number in regression.acting(term):
             wheels = numbers_of(term.wheel)
             columns = [Refined(wheels, at, long).column(drive.reader, drive.base) for at, long in spans]
             rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))

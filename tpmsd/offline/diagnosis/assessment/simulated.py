@@ -1,11 +1,11 @@
 """Effects that a recording holds and the user's own simulation of it does not.
 
-In: a `Study` of the two, examined as two drives are. Out: the `Selection` of differences, and what each of
-the two holds. The simulation takes the rolling model's place: whatever both hold in common (an effect's
+In: a `Regression` of the two, examined as two drives are. Out: the `Selection` of differences, and what each
+of the two holds. The simulation takes the rolling model's place: whatever both hold in common (an effect's
 value is then one number for both) becomes part of the baseline, and only terms that act in the recording
-alone are findings. A finding's effect is also free in the baseline, so that its value is the recording's
-less the simulation's, with the doubt of both: what is too faint to be seen in the simulation is not said to
-be missing from it.
+alone are findings. A finding's effect is also free in the baseline, so that its value is the recording's less
+the simulation's, with the doubt of both: what is too faint to be seen in the simulation is not said to be
+missing from it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import JointHypotheses
 from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Hypotheses, Term
-from tpmsd.offline.diagnosis.prepared.drive_study import Refined, refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import Refined, refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -110,19 +110,21 @@ def floored(noise: Noise, recorded: Noise) -> Noise:
     return replace(noise, **changes)
 
 
-def differences(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
-    """Choose what differs; the study's hypotheses are `Differences` from then on.
+def differences(
+    regression: Regression, selection: Selection, evidence: Evidence
+) -> tuple[Selection, Evidence]:
+    """Choose what differs; the regression's hypotheses are `Differences` from then on.
 
     `selection` is that of recording and simulation as two drives.
     """
-    joint = study.hypotheses
+    joint = regression.hypotheses
     assert isinstance(joint, JointHypotheses)
     common: list[Common] = []
     silent: set[tuple[str, ...]] = set()
-    evidence = _take(study, joint, evidence, [one.term for one in selection.chosen], common, silent)
+    evidence = _take(regression, joint, evidence, [one.term for one in selection.chosen], common, silent)
     for last in (*[False] * SETTINGS.assessment.simulation_rounds, True):
-        study.hypotheses = Differences(joint, common)
-        selector = Selector(evidence, study.hypotheses)
+        regression.hypotheses = Differences(joint, common)
+        selector = Selector(evidence, regression.hypotheses)
         found = selector.select()
         free = [one.term for one in found.chosen if not _settled(one.term, common, silent)]
         if not free:
@@ -130,14 +132,14 @@ def differences(study: Study, selection: Selection, evidence: Evidence) -> tuple
         if last:
             settled = [one.term for one in found.chosen if _settled(one.term, common, silent)]
             return selector.judged(settled), evidence
-        study.hypotheses = joint
-        evidence = _take(study, joint, evidence, free, common, silent)
+        regression.hypotheses = joint
+        evidence = _take(regression, joint, evidence, free, common, silent)
     raise AssertionError("unreachable")
 
 
-def compared(study: Study, selection: Selection) -> list[Held]:
+def compared(regression: Regression, selection: Selection) -> list[Held]:
     """For each difference, who holds the effect; empty where there is no simulation."""
-    hypotheses = study.hypotheses
+    hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return []
     out = []
@@ -164,16 +166,16 @@ def compared(study: Study, selection: Selection) -> list[Held]:
     return out
 
 
-def whole_model(study: Study, selection: Selection) -> list[Chosen]:
+def whole_model(regression: Regression, selection: Selection) -> list[Chosen]:
     """Return what the recording holds in all, what it has in common with the simulation included; empty where
     there is no simulation.
     """
-    hypotheses = study.hypotheses
+    hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return []
     out: list[Chosen] = []
     taken = []
-    for difference, one in zip(selection.chosen, compared(study, selection), strict=True):
+    for difference, one in zip(selection.chosen, compared(regression, selection), strict=True):
         if difference.term.calibrates:
             continue
         same = one.twin is not None and _similar(one.twin.term, one.recorded.term)
@@ -191,12 +193,12 @@ def whole_model(study: Study, selection: Selection) -> list[Chosen]:
     return out
 
 
-def simulated_effects(study: Study, selection: Selection) -> tuple[str, ...]:
+def simulated_effects(regression: Regression, selection: Selection) -> tuple[str, ...]:
     """Names of the effects that the simulation holds, less those that it turned out not to hold."""
-    hypotheses = study.hypotheses
+    hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
         return ()
-    lacking = {key_of(one.recorded.term) for one in compared(study, selection) if one.by == RECORDING}
+    lacking = {key_of(one.recorded.term) for one in compared(regression, selection) if one.by == RECORDING}
     seen = [one for one in hypotheses.common if one.key not in lacking and not one.term.calibrates]
     return tuple(dict.fromkeys(one.term.effect for one in seen))
 
@@ -234,7 +236,7 @@ def _settled(term: Term, common: Sequence[Common], silent: set[tuple[str, ...]])
 
 
 def _take(
-    study: Study,
+    regression: Regression,
     joint: JointHypotheses,
     evidence: Evidence,
     terms: Sequence[Term],
@@ -246,17 +248,17 @@ def _take(
     exact = {term: _refined(term) for term in wanted}
     columns: list[tuple[Refined, dict[int, FloatArray]]] = []
     for part in (part for term in wanted for part in exact[term]):
-        by_drive = {k: part.column(drive.reader, drive.base) for k, drive in enumerate(study.drives)}
+        by_drive = {k: part.column(drive.reader, drive.base) for k, drive in enumerate(regression.drives)}
         columns += [(part, by_drive), (part, {0: by_drive[0]})]
-    indices = iter(study.append(columns))
+    indices = iter(regression.append(columns))
     if columns:
-        evidence = study.evidence()
+        evidence = regression.evidence()
         for k, one in enumerate(common):
-            common[k] = Common(replace(one.term, design=widened(one.term.design, study.width)))
+            common[k] = Common(replace(one.term, design=widened(one.term.design, regression.width)))
     for term in wanted:
         design = _shared(
             term,
-            study,
+            regression,
             joint,
             [[evidence.unit(next(indices)) for _ in ("tied", "alone")] for _ in exact[term]],
         )
@@ -272,7 +274,7 @@ def _take(
 
 
 def _shared(
-    term: Term, study: Study, joint: JointHypotheses, columns: list[list[FloatArray]]
+    term: Term, regression: Regression, joint: JointHypotheses, columns: list[list[FloatArray]]
 ) -> FloatArray | None:
     """Return the design of a term as what both drives hold; None where the simulation has no column of it.
 
@@ -283,7 +285,7 @@ def _shared(
         design, alone = (np.concatenate(each, axis=1) for each in zip(*columns, strict=True))
         joint.catalogue.append(replace(term, design=alone, drive=0))
         return design
-    design = widened(term.design, study.width)
+    design = widened(term.design, regression.width)
     if term.drive is None:
         return design
     mirror = joint.mirrored(design, term.drive, 1 - term.drive)

@@ -19,46 +19,50 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.ramp_interval import interval_stds, is_linear_ramp, ramp_stds
 from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, Refined, refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import fitted
 
 
-def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
+def nonlinear_stds(regression: Regression, selection: Selection) -> dict[int, dict[str, float]]:
     """Return, by index in the selection, standard deviations of amplitude and nonlinear parameters."""
     tangents: list[dict[int, FloatArray]] = []
     owner: list[tuple[int, str, float]] = []
     for k, one in enumerate(selection.chosen):
-        by_drive = {number: _tangents(study.drives[number], one) for number in study.acting(one.term)}
+        by_drive = {
+            number: _tangents(regression.drives[number], one) for number in regression.acting(one.term)
+        }
         for name in dict.fromkeys(name for found in by_drive.values() for name in found):
             tangents.append({number: found[name].by for number, found in by_drive.items()})
             owner.append((k, name, min(found[name].reach_s for found in by_drive.values())))
     out = {
-        k: _of_grid(study, selection, k, tangents)
+        k: _of_grid(regression, selection, k, tangents)
         for k, one in enumerate(selection.chosen)
         if one.term.at is not None
     }
     if not tangents:
         return out
     first = selection.fit.design.shape[1]
-    std = _joint_stds(study, selection, tangents)
-    whole_s = max(d.reader.recording.ticks * d.reader.recording.dt_s for d in study.drives) / math.sqrt(12.0)
+    std = _joint_stds(regression, selection, tangents)
+    whole_s = max(d.reader.recording.ticks * d.reader.recording.dt_s for d in regression.drives) / math.sqrt(
+        12.0
+    )
     for j, (k, name, reach_s) in enumerate(owner):
         # A slope that lets an onset be outside the drive says nothing: there the likelihood alone does.
         by_slope = float(std[first + j]) * math.sqrt(selection.chosen[k].overdispersion)
         out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
-    owners, start = [owned for owned, *_ in owner], study.hypotheses.nuisance.shape[1]
+    owners, start = [owned for owned, *_ in owner], regression.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
         if k in owners:
             out[k][one.term.parameters[0]] = float(std[start]) * math.sqrt(one.overdispersion)
         start += one.term.design.shape[1]
-    return out | _of_ramps(study, selection, tangents, owners)
+    return out | _of_ramps(regression, selection, tangents, owners)
 
 
 def _of_ramps(
-    study: Study, selection: Selection, tangents: list[dict[int, FloatArray]], owners: list[int]
+    regression: Regression, selection: Selection, tangents: list[dict[int, FloatArray]], owners: list[int]
 ) -> dict[int, dict[str, float]]:
     """Return, by index in the selection, standard deviations of changes of radii; each beside the tangents
     (by drive) of the others."""
@@ -67,12 +71,12 @@ def _of_ramps(
         if one.term.ramp:
             joint_slopes = [slope for slope, owned in zip(tangents, owners, strict=True) if owned != k]
             stds_of = ramp_stds if is_linear_ramp(one.term) else _of_course
-            out[k] = stds_of(study, selection, k, joint_slopes)
+            out[k] = stds_of(regression, selection, k, joint_slopes)
     return out
 
 
 def _of_course(
-    study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
+    regression: Regression, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
     """Return standard deviations of size, onset and time constant of a change that is no linear ramp.
 
@@ -86,17 +90,19 @@ def _of_course(
     factors = np.geomspace(1.0, SETTINGS.assessment.longest_share, SETTINGS.assessment.seconds)
     taus = tau * np.concatenate([factors, 1.0 / factors[1:]])
     trials = [(at, long, one.term.course) for at in onsets for long in taus]
-    gains, sizes = _profiled(study, selection, which, tangents, trials)
+    gains, sizes = _profiled(regression, selection, which, tangents, trials)
     first, second = (np.array([trial[k] for trial in trials], np.float64) for k in (0, 1))
     return interval_stds(one, gains, sizes[0], first, second)
 
 
-def _joint_stds(study: Study, selection: Selection, tangents: list[dict[int, FloatArray]]) -> FloatArray:
+def _joint_stds(
+    regression: Regression, selection: Selection, tangents: list[dict[int, FloatArray]]
+) -> FloatArray:
     """(f + t,) standard deviations of the f values of a fit and of t tangents (by drive), all fitted
     jointly."""
     first = selection.fit.design.shape[1]
     gram = np.zeros((first + len(tangents), first + len(tangents)))
-    for number, drive in enumerate(study.drives):
+    for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, :first] = drive.acting(selection.fit.design)
         mine = [j for j, tangent in enumerate(tangents) if number in tangent]
@@ -111,7 +117,7 @@ def _joint_stds(study: Study, selection: Selection, tangents: list[dict[int, Flo
 
 
 def _of_grid(
-    study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
+    regression: Regression, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
     """Standard deviations of an effect's linear parameters and of the nonlinear ones; `tangents` by drive, of
     what is beside.
@@ -130,7 +136,9 @@ def _of_grid(
             [[one.term.second], np.geomspace(*grid.second.range, SETTINGS.assessment.seconds)]
         )
     firsts = np.concatenate([[tau], np.geomspace(*grid.range, SETTINGS.assessment.firsts)])
-    gains, sizes = _profiled(study, selection, which, tangents, [(a, b) for a in firsts for b in seconds])
+    gains, sizes = _profiled(
+        regression, selection, which, tangents, [(a, b) for a in firsts for b in seconds]
+    )
     gains = gains.reshape(len(firsts), len(seconds))
     if grid.second is not None and len(seconds) > 1:
         gains = gains - np.array([grid.second.penalty(value) for value in seconds])
@@ -151,7 +159,7 @@ def _of_grid(
 
 
 def _profiled(
-    study: Study,
+    regression: Regression,
     selection: Selection,
     which: int,
     tangents: list[dict[int, FloatArray]],
@@ -161,12 +169,12 @@ def _profiled(
     ones fitted."""
     one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
     own = len(one.values)
-    rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
+    rest = np.concatenate([regression.hypotheses.nuisance, *(term.design for term in others)], axis=1)
     linear_only = 1 + rest.shape[1]
     known = linear_only + len(tangents)
     gram = np.zeros((known + own * len(trials), known + own * len(trials)))
-    acting = study.acting(one.term)
-    for number, drive in enumerate(study.drives):
+    acting = regression.acting(one.term)
+    for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
         rows[:, :, 1:linear_only] = drive.acting(rest)
@@ -228,7 +236,7 @@ class _Tangent:
     by 1.92 nats (Wilks 1938)."""
 
 
-def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
+def _tangents(drive: DriveRegression, one: Chosen) -> dict[str, _Tangent]:
     """Slopes of a ramp's or an event's response by onset and duration.
 
     Where a car stands, a change of a radius shows later, and no slope says that its begin (at the same end)

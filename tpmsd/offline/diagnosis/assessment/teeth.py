@@ -1,7 +1,7 @@
 """Uneven or miscounted teeth of any drive as findings.
 
-In: a `Study` and the calibration fitted to it. Out: `Finding`s. They are looked for apart from all else, at
-the ticks' edges (`rings.uneven_teeth`, `rings.miscount`).
+In: a `Regression` and the calibration fitted to it. Out: `Finding`s. They are looked for apart from all else,
+at the ticks' edges (`rings.uneven_teeth`, `rings.miscount`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tpmsd.car.physics.effect import Parameter
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.offline.diagnosis.assessment.simulated import BOTH, RECORDING
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.rings.miscount import wrong_teeth
@@ -29,25 +29,25 @@ RING = "ripple of the ring"
 CHANNEL, COVARIATE = TEETH.identification.shows_in
 
 
-def teeth(study: Study, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:
+def teeth(regression: Regression, calibration: LeastSquaresFit, seconds: float) -> list[Finding]:
     """Return the wheels whose teeth are uneven in some drive, or of the wrong number in all.
 
     Compared with a simulation: those of the recording that the simulation does not hold alike.
     """
-    choice = math.log(len(study.drives))
+    choice = math.log(len(regression.drives))
     by_wheel: dict[str, list[Ripple]] = {}
-    for drive in study.examined:
+    for drive in regression.examined:
         for ripple in ripples(drive.reader.recording, drive.reader.reference):
             if ripple.gain >= 0.5 * SETTINGS.counters.ripple_admit_nats + choice:
                 by_wheel.setdefault(ripple.wheel, []).append(ripple)
-    wrong = _wrong(study, calibration)
-    configured = study.drives[0].reader.recording.car.teeth_per_rev
+    wrong = _wrong(regression, calibration)
+    configured = regression.drives[0].reader.recording.car.teeth_per_rev
     out = [_uneven(found, seconds) for found in by_wheel.values()]
-    if not study.simulation:
+    if not regression.simulation:
         return out + [
             _miscounted(name, count, configured) for name, count in sorted(set.intersection(*wrong))
         ]
-    simulated = study.drives[1].reader
+    simulated = regression.drives[1].reader
     rings = {ring.wheel: ring for ring in ripples(simulated.recording, simulated.reference)}
     beyond = [one for one in (_beyond(finding, rings) for finding in out) if one is not None]
     miscounted = [_miscounted(name, count, configured) for name, count in sorted(wrong[0] - wrong[1])]
@@ -112,14 +112,14 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
     )
 
 
-def _wrong(study: Study, calibration: LeastSquaresFit) -> list[set[tuple[str, float]]]:
+def _wrong(regression: Regression, calibration: LeastSquaresFit) -> list[set[tuple[str, float]]]:
     """Return, by drive, the wheels that show another number of teeth than is configured, and that number.
 
     A wheel of no name stands for all four.
     """
     found: list[set[tuple[str, float]]] = []
     at = 0
-    for drive in study.drives:
+    for drive in regression.drives:
         recording = drive.reader.recording
         radii = drive.reader.reference.car.radius_m.copy()
         for k, wheel in enumerate(recording.wheels):

@@ -1,6 +1,6 @@
 """Search for the closed form that takes the place of what has no name.
 
-In: a `Study` and its `Selection`. Out: `Proposal`s: the expressions over covariates that bring most on
+In: a `Regression` and its `Selection`. Out: `Proposal`s: the expressions over covariates that bring most on
 held-out blocks where the unnamed terms are taken out, each on the wheels or the reading that suits it best.
 """
 
@@ -15,8 +15,8 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.assessment.result import Proposal
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, response_at
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.empirical import pattern_text
@@ -35,7 +35,7 @@ class Sums:
     """(folds, t)"""
 
 
-def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
+def proposals(regression: Regression, selection: Selection) -> tuple[Proposal, ...]:
     """Return the best, each over other covariates than those before it; none where all has a name.
 
     Where a simulation takes the rolling model's place, a form acts in the recording alone; the simulation's
@@ -45,33 +45,35 @@ def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
     if not unnamed:
         return ()
     stay = [one.term.design for one in selection.chosen if one.term not in unnamed]
-    design = np.concatenate([study.hypotheses.nuisance, *stay], axis=1)
+    design = np.concatenate([regression.hypotheses.nuisance, *stay], axis=1)
     best: list[Proposal] = []
     over = sorted({term.covariate for term in unnamed})
-    for _, one in sorted(_found(study, design, _patterns(unnamed, study), over), key=lambda each: each[0]):
+    for _, one in sorted(
+        _found(regression, design, _patterns(unnamed, regression), over), key=lambda each: each[0]
+    ):
         if all(set(one.covariates) != set(other.covariates) for other in best):
             best.append(one)
     return tuple(best[: SETTINGS.report.proposals])
 
 
 def _found(
-    study: Study, design: FloatArray, patterns: Sequence[str], over: Sequence[str]
+    regression: Regression, design: FloatArray, patterns: Sequence[str], over: Sequence[str]
 ) -> list[tuple[float, Proposal]]:
     """Every closed form on every wheel pattern that predicts what was held out, beside a design, with its
     sort key.
 
     Forms with numbers of their own are tried over the covariates of the unnamed terms.
     """
-    drives = study.drives
+    drives = regression.drives
     names = set.intersection(*(set(drive.reader.windows.covariates) for drive in drives))
     forms = expressions(sorted(names))
     for name in over:
         if name in names:
-            values = [drive.reader.windows.covariates[name] for drive in study.examined]
+            values = [drive.reader.windows.covariates[name] for drive in regression.examined]
             forms += shaped_expressions(name, np.concatenate(values))
     found: list[tuple[float, Proposal]] = []
     for pattern in patterns:
-        sums = [_sums(drive, design, pattern, forms, acts=drive in study.examined) for drive in drives]
+        sums = [_sums(drive, design, pattern, forms, acts=drive in regression.examined) for drive in drives]
         total = Sums(
             sum((one.known for one in sums[1:]), sums[0].known),
             sum((one.cross for one in sums[1:]), sums[0].cross),
@@ -92,19 +94,21 @@ def key(form: Expression, one: Proposal) -> float:
     return SETTINGS.hypotheses.per_value_nats * values - one.heldout_gain
 
 
-def _patterns(unnamed: list[Term], study: Study) -> list[str]:
+def _patterns(unnamed: list[Term], regression: Regression) -> list[str]:
     """Return the readings that are named, and all patterns of wheels if wheels are."""
     readings = [term.pattern for term in unnamed if term.pattern in READINGS]
     if len(readings) == len(unnamed):
         return sorted(set(readings))
-    read = [set(drive.reader.recording.wheels) for drive in study.drives]
+    read = [set(drive.reader.recording.wheels) for drive in regression.drives]
     here = {WHEELS[wheel] for wheel in set.intersection(*read)}
     similar = [name for name, members in PATTERNS.items() if set(members) <= here]
     apart = [name for name, members in ANTISYMMETRIC.items() if {wheel for wheel, _ in members} <= here]
     return [*sorted(set(readings)), *similar, *apart]
 
 
-def _sums(drive: DriveStudy, design: FloatArray, pattern: str, forms: list[Expression], acts: bool) -> Sums:
+def _sums(
+    drive: DriveRegression, design: FloatArray, pattern: str, forms: list[Expression], acts: bool
+) -> Sums:
     """Return the products of one drive; `acts` is False where no form acts in it."""
     signs: Mapping[str, float] = dict(ANTISYMMETRIC.get(pattern, ())) or dict.fromkeys(PATTERNS[pattern], 1.0)
     response = sum((sign * response_at(drive.reader, one) for one, sign in signs.items()), start=np.zeros(()))

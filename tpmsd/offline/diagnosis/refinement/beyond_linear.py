@@ -1,7 +1,7 @@
 """Removes terms that only explain the linearisation error of the others.
 
-In: a `Study` and its `Selection`. Out: what is significant jointly with the exact response of the others, and
-how sure it is against alternatives that act exactly.
+In: a `Regression` and its `Selection`. Out: what is significant jointly with the exact response of the
+others, and how sure it is against alternatives that act exactly.
 
 A lag of 0.3 s is a shift, its linear response the slope: the error is the curvature, and a faint low-pass has
 the same. So each term is tested again with the linearisation error of the other terms subtracted from the
@@ -21,8 +21,8 @@ from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -30,65 +30,67 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 
 
-def needed_exactly(study: Study, selection: Selection, evidence: Evidence, last: bool = False) -> Selection:
+def needed_exactly(
+    regression: Regression, selection: Selection, evidence: Evidence, last: bool = False
+) -> Selection:
     """Return what was chosen, without terms that do not pay their penalty beside the exact response of the
     others.
 
     The weakest is tested first, the strongest never. `last` as of `Selector`: alternatives are then compared
     by their exact responses, too.
     """
-    selector = Selector(evidence, study.hypotheses, last)
+    selector = Selector(evidence, regression.hypotheses, last)
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:
         others = [other.term for other in selection.chosen if other is not one]
         ratio = selector.ratio([*others, one.term], len(others))
-        if exact_gain(study, selector, others, one.term) / ratio < one.term.penalty:
-            return needed_exactly(study, selector.judged(others), evidence, last)
+        if exact_gain(regression, selector, others, one.term) / ratio < one.term.penalty:
+            return needed_exactly(regression, selector.judged(others), evidence, last)
     if not last or not selection.chosen:
         return selection
 
     @cache
     def beyond(terms: tuple[Term, ...]) -> float:
-        return beyond_linear(study, selector, terms)
+        return beyond_linear(regression, selector, terms)
 
-    exact = Selector(evidence, study.hypotheses, last, lambda terms: beyond(tuple(terms)))
+    exact = Selector(evidence, regression.hypotheses, last, lambda terms: beyond(tuple(terms)))
     return exact.judged([one.term for one in selection.chosen])
 
 
-def beyond_linear(study: Study, selector: Selector, terms: Sequence[Term]) -> float:
+def beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Term]) -> float:
     """Log-likelihood (nats) of terms which act by the forward model, at their best, over that of their linear
     responses at theirs."""
     design = selector.design(terms)
-    acting = [drive.acting(design) for drive in study.drives]
+    acting = [drive.acting(design) for drive in regression.drives]
     linear = selector.evidence.fit(design)
     values, exact = linear.values, -math.inf
     for _ in range(SETTINGS.refinement.exact_rounds):
-        gram = _exact_gram(study, _Null(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting)
+        gram = _exact_gram(regression, _Null(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting)
         values, gain = fitted(gram)
         exact = gain - 0.5 * float(gram[0, 0])
     return exact - linear.gain + 0.5 * float(selector.evidence.total[0, 0])
 
 
-def exact_gain(study: Study, selector: Selector, others: Sequence[Term], term: Term) -> float:
+def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term], term: Term) -> float:
     """Log-likelihood that a term brings jointly with others which act by the forward model (nats)."""
     before = selector.design(others)
     design = np.concatenate([before, term.design], axis=1)
-    acting = [drive.acting(design) for drive in study.drives]
+    acting = [drive.acting(design) for drive in regression.drives]
     values = selector.evidence.fit(before).values
     gram = np.zeros((0, 0))
     for _ in range(SETTINGS.refinement.exact_rounds):
         null = _Null(others, values[len(values) - sum(one.design.shape[1] for one in others) :])
-        gram = _exact_gram(study, null, acting)
+        gram = _exact_gram(regression, null, acting)
         values, without = fitted(gram[: 1 + before.shape[1], : 1 + before.shape[1]])
     return gain_of(gram) - without
 
 
-def _exact_gram(study: Study, null: _Null, acting: Sequence[FloatArray]) -> FloatArray:
+def _exact_gram(regression: Regression, null: _Null, acting: Sequence[FloatArray]) -> FloatArray:
     """Gram matrix (1 + k, 1 + k) of the data less the linearisation error of terms, and of columns, (w, 9, k)
     of each drive."""
     size = 1 + acting[0].shape[2]
     gram = np.zeros((size, size))
-    for number, drive in enumerate(study.drives):
-        data = drive.white[:, :, :1] - null.error(study, number)
+    for number, drive in enumerate(regression.drives):
+        data = drive.white[:, :, :1] - null.error(regression, number)
         rows = np.concatenate([data, acting[number]], axis=2).reshape(-1, size)
         gram += rows.T @ rows
     return gram
@@ -102,22 +104,22 @@ class _Null:
     values: FloatArray
     """(k,)"""
 
-    def error(self, study: Study, number: int) -> FloatArray:
+    def error(self, regression: Regression, number: int) -> FloatArray:
         """(w, 9, 1) the linearisation error of one drive, whitened."""
-        drive, at = study.drives[number], 0
+        drive, at = regression.drives[number], 0
         effects: list[Effect] = []
-        linear = np.zeros(study.width)
+        linear = np.zeros(regression.width)
         for term in self.terms:
             values = self.values[at : at + term.design.shape[1]]
             at += len(values)
-            made = effect_of(term, values) if number in study.acting(term) else None
+            made = effect_of(term, values) if number in regression.acting(term) else None
             if made is not None:
                 effects.append(made[0])
                 linear += term.design @ made[1]
         return drive.whitened(_linearisation_error(drive, ExtendedModel(tuple(effects)), linear)[:, :, None])
 
 
-def _linearisation_error(drive: DriveStudy, model: ExtendedModel, linear: FloatArray) -> FloatArray:
+def _linearisation_error(drive: DriveRegression, model: ExtendedModel, linear: FloatArray) -> FloatArray:
     """(w, 9) prediction of a model less the sum of its columns, whose values (1 + p,) are `linear`."""
     more = drive.own(linear[:, None])[1:, 0]
     more[: len(drive.values)] -= drive.values

@@ -15,8 +15,8 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term
-from tpmsd.offline.diagnosis.prepared.drive_study import Hat, Refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import Hat, Refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, gain_of
@@ -35,7 +35,7 @@ class Shape:
     patterns: tuple[str, ...]
     """Each wheel, or the one reading."""
 
-    def add_to(self, study: Study, at: list[int]) -> None:
+    def add_to(self, regression: Regression, at: list[int]) -> None:
         """Make hypotheses of it, its columns at these positions of the common index.
 
         A shape on wheels is one for every pattern of wheels: which of them it was on the few knots need not
@@ -43,22 +43,22 @@ class Shape:
         """
         hats = len(at) // len(self.patterns)
         columns = {pattern: at[k * hats : (k + 1) * hats] for k, pattern in enumerate(self.patterns)}
-        study.hypotheses.add_shapes(self.term, self.knots, columns, len(study.drives))
+        regression.hypotheses.add_shapes(self.term, self.knots, columns, len(regression.drives))
 
 
-def finest_shape(study: Study, term: Term) -> Shape:
+def finest_shape(regression: Regression, term: Term) -> Shape:
     """Return the finest shape instead of a term."""
-    return _shape(study, term, _finest(study, term))
+    return _shape(regression, term, _finest(regression, term))
 
 
-def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
+def finer_shape(regression: Regression, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
     """Return the best shape instead of a term beside the others; None to leave it."""
-    selector = Selector(evidence, study.hypotheses)
-    if len(_finest(study, term)) < 4:
+    selector = Selector(evidence, regression.hypotheses)
+    if len(_finest(regression, term)) < 4:
         return None
-    found = best_knots(study, selector.design(others), term)
+    found = best_knots(regression, selector.design(others), term)
     least = selector.gain([*others, term]) - found.without - term.penalty + SETTINGS.refinement.finer_nats
-    return None if found.score <= least else _shape(study, term, found.at)
+    return None if found.score <= least else _shape(regression, term, found.at)
 
 
 @dataclass(frozen=True)
@@ -73,15 +73,15 @@ class Knots:
     """Gain of the design alone."""
 
 
-def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
+def best_knots(regression: Regression, design: FloatArray, term: Term) -> Knots:
     """Return the best of some spacings of knots for a term, beside a design."""
-    acting = study.acting(term)
-    fine = _finest(study, term)
+    acting = regression.acting(term)
+    fine = _finest(regression, term)
     first = _first(term)
-    std = _std(study, term)
+    std = _std(regression, term)
     hats = [Hat(term.pattern, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
     gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
-    for number, drive in enumerate(study.drives):
+    for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
         rows[:, :, 1 : 1 + design.shape[1]] = drive.acting(design)
@@ -106,30 +106,32 @@ def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
     return best
 
 
-def _finest(study: Study, term: Term) -> FloatArray:
-    drives = [study.drives[number] for number in study.acting(term)]
+def _finest(regression: Regression, term: Term) -> FloatArray:
+    drives = [regression.drives[number] for number in regression.acting(term)]
     values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
-    return finer_knots(values, SETTINGS.hypotheses.finer * (len(study.knots(term)) - 1), _std(study, term))
+    return finer_knots(
+        values, SETTINGS.hypotheses.finer * (len(regression.knots(term)) - 1), _std(regression, term)
+    )
 
 
-def _std(study: Study, term: Term) -> float:
+def _std(regression: Regression, term: Term) -> float:
     """Return the largest standard deviation of the error of a term's covariate, over drives."""
-    return max(study.drives[number].stds.get(term.covariate, 0.0) for number in study.acting(term))
+    return max(regression.drives[number].stds.get(term.covariate, 0.0) for number in regression.acting(term))
 
 
 def _first(term: Term) -> int:
     return 1 if term.pattern in ANTISYMMETRIC else first_hat(term.pattern)
 
 
-def _shape(study: Study, term: Term, knots: FloatArray) -> Shape:
-    acting = study.acting(term)
-    read = set.intersection(*(set(study.drives[number].reader.recording.wheels) for number in acting))
+def _shape(regression: Regression, term: Term, knots: FloatArray) -> Shape:
+    acting = regression.acting(term)
+    read = set.intersection(*(set(regression.drives[number].reader.recording.wheels) for number in acting))
     patterns = (term.pattern,) if term.pattern in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))
     at = tuple(float(x) for x in knots)
     columns: Columns = []
     for pattern in patterns:
         for k in range(first_hat(pattern), len(at)):
-            hat = Hat(pattern, term.covariate, at, k, _std(study, term))
-            response = {n: np.nan_to_num(hat.column(study.drives[n].reader)) for n in acting}
+            hat = Hat(pattern, term.covariate, at, k, _std(regression, term))
+            response = {n: np.nan_to_num(hat.column(regression.drives[n].reader)) for n in acting}
             columns.append((Refined(hat=hat), response))
     return Shape(term, at, columns, patterns)

@@ -19,8 +19,8 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.penalties import ramp_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import ramp_knots
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, for_drive
-from tpmsd.offline.diagnosis.prepared.drive_study import Refined, refined
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import Refined, refined
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -44,8 +44,8 @@ class Point:
     """
 
 
-def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) -> bool:
-    """Give the study exact columns for the terms that have nonlinear parameters; whether there are any.
+def refine(regression: Regression, selection: Selection, evidence: Evidence, again: bool) -> bool:
+    """Give the regression exact columns for the terms that have nonlinear parameters; whether there are any.
 
     They are hypotheses like all others from then on, beside those on the grid. With `again` those that are
     exact are refined once more.
@@ -55,47 +55,47 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
     columns: list[ByDrive] = []
     for k, term in enumerate(terms):
         if term.ramp or term.pulse or term.at is not None:
-            if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= study.grid:
+            if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= regression.grid:
                 continue
             others = [other for j, other in enumerate(terms) if j != k]
             point, best = _likeliest_point(
-                study, evidence, Selector(evidence, study.hypotheses).design(others), term
+                regression, evidence, Selector(evidence, regression.hypotheses).design(others), term
             )
             added.append((term, point))
             columns += best
-    shapes = [] if study.simulation else _shapes(study, evidence, terms)
-    indices = study.append([*columns, *(column for shape in shapes for column in shape.columns)])
+    shapes = [] if regression.simulation else _shapes(regression, evidence, terms)
+    indices = regression.append([*columns, *(column for shape in shapes for column in shape.columns)])
     at = len(columns)
     for shape in shapes:
-        shape.add_to(study, indices[at : at + len(shape.columns)])
+        shape.add_to(regression, indices[at : at + len(shape.columns)])
         at += len(shape.columns)
     at = 0
     for term, point in added:
         width = term.design.shape[1]
-        _add(study, term, point, indices[at : at + width])
+        _add(regression, term, point, indices[at : at + width])
         at += width
     return bool(added or shapes)
 
 
-def _add(study: Study, term: Term, point: Point, indices: Sequence[int]) -> None:
+def _add(regression: Regression, term: Term, point: Point, indices: Sequence[int]) -> None:
     """Make a hypothesis of a term at a point off its grid, whose columns have these indices."""
     if term.ramp:
         onset = _onset(point)
-        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), indices[0], point.course)
+        regression.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), indices[0], point.course)
     elif term.pulse:
-        study.hypotheses.add_pulse(term, (point.first, point.second), indices[0])
+        regression.hypotheses.add_pulse(term, (point.first, point.second), indices[0])
     else:
-        study.hypotheses.add_off_grid(term, point.first, indices, point.second or None)
-    _of_its_drive(study, term)
+        regression.hypotheses.add_off_grid(term, point.first, indices, point.second or None)
+    _of_its_drive(regression, term)
 
 
-def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term | None:
+def plainest_shape(regression: Regression, evidence: Evidence, design: FloatArray) -> Term | None:
     """Return the term that brings most beyond a design: a spline on its finest knots (over time on the first
     ones), a ramp or a pulse with its exact span; None if none is plain.
 
     It is a hypothesis like all others from then on.
     """
-    hypotheses = study.hypotheses
+    hypotheses = regression.hypotheses
     gram, b = evidence.projected(design)
     found = (
         hypotheses.ramp_gains(gram, b) + hypotheses.pulse_gains(gram, b) + hypotheses.smooth_gains(gram, b)
@@ -104,65 +104,69 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
     gain, term = found[0]
     if gain - term.penalty < SETTINGS.refinement.plain_nats:
         return None
-    if study.simulation:
+    if regression.simulation:
         return term
     if not _is_coarse(term):
         # What a few knots over a covariate do not hold looks like many events: like is compared with like.
         coarse = [one for _, one in found if _is_coarse(one)][: SETTINGS.refinement.compared]
-        scores = [best_knots(study, design, one).score for one in coarse]
+        scores = [best_knots(regression, design, one).score for one in coarse]
         if not scores or max(scores) <= gain - term.penalty:
             if not (term.ramp or term.pulse):
                 return term
             alternatives = [
                 one for _, one in found if one is not term and one.pulse and _same_span(one, term)
             ]
-            return exact(study, evidence, design, term, alternatives)
+            return exact(regression, evidence, design, term, alternatives)
         term = coarse[scores.index(max(scores))]
-    shape = finest_shape(study, term)
-    shape.add_to(study, study.append(shape.columns))
+    shape = finest_shape(regression, term)
+    shape.add_to(regression, regression.append(shape.columns))
     return next(one for one in hypotheses.catalogue if one.knots == shape.knots and one.key == term.key)
 
 
 def exact(
-    study: Study, evidence: Evidence, design: FloatArray, term: Term, alternatives: Sequence[Term] = ()
+    regression: Regression,
+    evidence: Evidence,
+    design: FloatArray,
+    term: Term,
+    alternatives: Sequence[Term] = (),
 ) -> Term:
     """Return a ramp or pulse off its grid, and so are the alternatives that act on the same wheels and span.
 
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
-    point, columns = _likeliest_point(study, evidence, design, term)
-    indices = study.append(columns)
+    point, columns = _likeliest_point(regression, evidence, design, term)
+    indices = regression.append(columns)
     for one in (*alternatives, term):
-        _add(study, one, point, indices)
-    return study.hypotheses.catalogue[-1]
+        _add(regression, one, point, indices)
+    return regression.hypotheses.catalogue[-1]
 
 
 def _same_span(one: Term, other: Term) -> bool:
     return (one.pattern, one.span_s) == (other.pattern, other.span_s)
 
 
-def _of_its_drive(study: Study, term: Term) -> None:
+def _of_its_drive(regression: Regression, term: Term) -> None:
     """Make the hypothesis added last one drive's, if the term that it refines is."""
     if term.drive is not None:
-        exact = study.hypotheses.catalogue.pop()
-        study.hypotheses.catalogue.append(for_drive(exact, term.drive, len(study.drives)))
+        exact = regression.hypotheses.catalogue.pop()
+        regression.hypotheses.catalogue.append(for_drive(exact, term.drive, len(regression.drives)))
 
 
-def _shapes(study: Study, evidence: Evidence, terms: list[Term]) -> list[Shape]:
+def _shapes(regression: Regression, evidence: Evidence, terms: list[Term]) -> list[Shape]:
     """Finer shapes for the smooth terms that need them.
 
     Also of the best that was not chosen: on few knots a narrow shape leaves so much in some blocks that its
     heights look unsure.
     """
     asked = [(term, terms[:k] + terms[k + 1 :]) for k, term in enumerate(terms)]
-    for _, found in Selector(evidence, study.hypotheses).candidates(terms)[: SETTINGS.refinement.best]:
+    for _, found in Selector(evidence, regression.hypotheses).candidates(terms)[: SETTINGS.refinement.best]:
         if _is_coarse(found[0]):
             asked.append((found[0], terms))
             break
     out = []
     for term, others in asked:
         if _is_coarse(term):
-            finer = finer_shape(study, evidence, others, term)
+            finer = finer_shape(regression, evidence, others, term)
             if finer is not None:
                 out.append(finer)
     return out
@@ -219,28 +223,28 @@ def _second(term: Term) -> SecondParameter:
 
 
 def _likeliest_point(
-    study: Study, evidence: Evidence, design: FloatArray, term: Term
+    regression: Regression, evidence: Evidence, design: FloatArray, term: Term
 ) -> tuple[Point, list[ByDrive]]:
     """Return the point of maximum likelihood of a term's nonlinear values, with its columns. A ramp is also
     fitted with its other courses, and takes one whose gain exceeds its larger penalty.
     """
-    centre, width = _begin(study, term)
-    point, columns, gain = _searched(study, evidence, design, term, centre, width)
+    centre, width = _begin(regression, term)
+    point, columns, gain = _searched(regression, evidence, design, term, centre, width)
     if term.ramp and point.second > SETTINGS.selection.step_s:
         # The mean delay of a ramp is half of it, that of an exponential its time constant.
         tau = point.second / 2
         for course in term.kind_of.nonlinear.courses[1:]:
             begin = Point(_onset(point), tau, course)
-            other = _searched(study, evidence, design, term, begin, Point(tau, 2.0, course))
+            other = _searched(regression, evidence, design, term, begin, Point(tau, 2.0, course))
             long = other[0].second > SETTINGS.selection.step_s
             if long and other[2] - ramp_penalty(course) > gain - ramp_penalty(point.course):
                 point, columns, gain = other
     return point, columns
 
 
-def _begin(study: Study, term: Term) -> tuple[Point, Point]:
+def _begin(regression: Regression, term: Term) -> tuple[Point, Point]:
     """Return where a search starts, and how far it looks at first."""
-    knots = ramp_knots(study.drives[study.acting(term)[0]].reader)
+    knots = ramp_knots(regression.drives[regression.acting(term)[0]].reader)
     if term.ramp:
         step = float(np.median(np.diff(knots)))
         centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
@@ -262,13 +266,13 @@ def _begin(study: Study, term: Term) -> tuple[Point, Point]:
 
 
 def _searched(
-    study: Study, evidence: Evidence, design: FloatArray, term: Term, centre: Point, width: Point
+    regression: Regression, evidence: Evidence, design: FloatArray, term: Term, centre: Point, width: Point
 ) -> tuple[Point, list[ByDrive], float]:
     """Return the point of greatest likelihood with all linear values of a design fitted along, its columns,
     one per value of the term, and its gain.
     """
     accepted = sum(part.small(design).sum(axis=0) for part in evidence.parts)
-    acting = [(number, study.drives[number]) for number in study.acting(term)]
+    acting = [(number, regression.drives[number]) for number in regression.acting(term)]
     values, gain = term.design.shape[1], 0.0
     columns: list[ByDrive] = []
     for _ in range(SETTINGS.refinement.rounds):

@@ -1,8 +1,8 @@
 """Moves the point about which everything is linear to the best model so far (Gauss-Newton).
 
-In: a `Study` and its `Selection`. Out: the study with columns about that point. Radii that are off by a third
-of a per cent and a slip of half a per cent make products that are as large as faint effects: what is linear
-about the configured car is not linear enough for them.
+In: a `Regression` and its `Selection`. Out: the regression with columns about that point. Radii that are off
+by a third of a per cent and a slip of half a per cent make products that are as large as faint effects: what
+is linear about the configured car is not linear enough for them.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from tpmsd.car.physics.catalogue import RADIUS
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
-def relinearised(study: Study, selection: Selection) -> Study:
+def relinearised(regression: Regression, selection: Selection) -> Regression:
     """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
     fitted = selection.fit.design @ selection.fit.values
     drives = []
-    for number, drive in enumerate(study.drives):
+    for number, drive in enumerate(regression.drives):
         effects: list[Effect] = []
         origin = np.zeros(len(fitted))
         for one in selection.chosen:
-            if number in study.acting(one.term):
+            if number in regression.acting(one.term):
                 added = effect_of(one.term, one.values)
                 if added is not None:
                     effects.append(added[0])
@@ -42,4 +42,4 @@ def relinearised(study: Study, selection: Selection) -> Study:
                 radii[wheel] += float(np.clip(own[k], -most, most))
         values = drive.own(origin[:, None])[1:, 0]
         drives.append(drive.relinearised(ExtendedModel(tuple(effects)), radii, values, own[1:]))
-    return study.trial(drives)
+    return regression.trial(drives)

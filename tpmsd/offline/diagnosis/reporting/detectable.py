@@ -1,7 +1,7 @@
 """Sizes that a drive could not have shown: the size from which each effect would have been chosen.
 
-In: the final `Study`, what was chosen and its evidence. Out: `NotDetectable`s of the effects whose usual size
-is smaller than that. A value s of a parameter brings 0.5 * (s * sqrt(I) + z)^2 nats, where I is its
+In: the final `Regression`, what was chosen and its evidence. Out: `NotDetectable`s of the effects whose usual
+size is smaller than that. A value s of a parameter brings 0.5 * (s * sqrt(I) + z)^2 nats, where I is its
 information with calibration and all chosen terms eliminated (their Gram matrix projected out of its column,
 divided by the block-wise variance ratio) and z a standard normal number. It is chosen from the nats on that
 the selection asks for: what admits a term, its penalty, and what is held against that value. The size is the
@@ -21,19 +21,21 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.assessment.result import NotDetectable
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
-def not_detectable(study: Study, selection: Selection, selector: Selector) -> tuple[NotDetectable, ...]:
+def not_detectable(
+    regression: Regression, selection: Selection, selector: Selector
+) -> tuple[NotDetectable, ...]:
     """Return what would have had to be larger than typical, the nearest to its typical value first.
 
     Of an effect without any trace in the drive (no such reading, no such motion) the size is None. Where a
     simulation takes the rolling model's place, sizes are those of a difference: recording less simulation.
     """
-    acting_in = 0 if study.simulation else None
+    acting_in = 0 if regression.simulation else None
     chosen = [one.term for one in selection.chosen]
     names = {term.effect for term in chosen}
     gram, _ = selector.evidence.projected(selector.design(chosen))
@@ -42,9 +44,11 @@ def not_detectable(study: Study, selection: Selection, selector: Selector) -> tu
         if name in names or not _is_asked_for(effect):
             continue
         terms = [
-            t for t in study.hypotheses.catalogue if t.effect == name and t.drive == acting_in and t.typical
+            t
+            for t in regression.hypotheses.catalogue
+            if t.effect == name and t.drive == acting_in and t.typical
         ]
-        smallest, share = smallest_sizes(study, selector, chosen, gram, terms)
+        smallest, share = smallest_sizes(regression, selector, chosen, gram, terms)
         for one in effect.parameters:
             if isinstance(one, Parameter) and one.probe > 0.0 and not terms:
                 smallest[one.name] = (None, one.unit)
@@ -63,7 +67,7 @@ def _is_asked_for(effect: type[Effect]) -> bool:
 
 
 def smallest_sizes(
-    study: Study, selector: Selector, chosen: list[Term], gram: FloatArray, terms: list[Term]
+    regression: Regression, selector: Selector, chosen: list[Term], gram: FloatArray, terms: list[Term]
 ) -> tuple[dict[str, tuple[float | None, str]], float]:
     """Return the smallest size of an effect's parameters that is found beside `chosen`, and the least of them
     in usual sizes.
@@ -76,7 +80,7 @@ def smallest_sizes(
     for name in dict.fromkeys(name for term in terms for name in term.parameters):
         alone = [t for t in terms if t.parameters == (name,)]
         for term in alone or [t for t in terms if name in t.parameters]:
-            size = smallest_size(study, selector, chosen, gram, term, term.parameters.index(name))
+            size = smallest_size(regression, selector, chosen, gram, term, term.parameters.index(name))
             sizes[name] = max(sizes.get(name, 0.0), size)
     if not sizes:
         return {}, math.inf
@@ -90,7 +94,12 @@ def smallest_sizes(
 
 
 def smallest_size(
-    study: Study, selector: Selector, chosen: list[Term], gram: FloatArray, term: Term, which: int = 0
+    regression: Regression,
+    selector: Selector,
+    chosen: list[Term],
+    gram: FloatArray,
+    term: Term,
+    which: int = 0,
 ) -> float:
     """Return the size of one of a term's values that would be chosen in 19 of 20 drives; infinite if none
     would.
@@ -108,7 +117,9 @@ def smallest_size(
         against = max(0.0, *(kind.penalty(sign * size) for sign in signs))
         nats = least + term.penalty + against
         size = std * (math.sqrt(2.0 * nats) + SETTINGS.assessment.power_stds)
-    while size < SETTINGS.assessment.unthinkable_stds * std and kind.tolerance_note(size, std, study.speeds):
+    while size < SETTINGS.assessment.unthinkable_stds * std and kind.tolerance_note(
+        size, std, regression.speeds
+    ):
         size += std
     return size
 

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.offline.diagnosis.assessment.result import DownWeighted
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 
-def down_weighted(drives: Sequence[DriveStudy]) -> DownWeighted:
+def down_weighted(drives: Sequence[DriveRegression]) -> DownWeighted:
     """Shares of the data of these drives; spans are of the first one."""
     lost, channel_of, here = [], np.array(CHANNEL_NAMES), []
     spans: list[tuple[float, float]] = []
@@ -38,7 +38,7 @@ def down_weighted(drives: Sequence[DriveStudy]) -> DownWeighted:
     return DownWeighted(float(gone.sum() / max(measured.sum(), 1)), by_channel, tuple(spans))
 
 
-def _spans(drive: DriveStudy, gone: np.ndarray, measured: np.ndarray) -> list[tuple[float, float]]:
+def _spans(drive: DriveRegression, gone: np.ndarray, measured: np.ndarray) -> list[tuple[float, float]]:
     """Neighbouring blocks of which much was lost, as one span."""
     total = np.bincount(drive.blocks, gone.sum(axis=1))
     share = total / np.maximum(np.bincount(drive.blocks, measured.sum(axis=1)), 1)

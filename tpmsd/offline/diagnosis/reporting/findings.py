@@ -1,6 +1,6 @@
 """From chosen terms to findings that a reader understands.
 
-In: a `Study` and its `Selection`. Out: `RollingDiagnosis`.
+In: a `Regression` and its `Selection`. Out: `RollingDiagnosis`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
@@ -51,35 +51,35 @@ from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 
 def report(
-    study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()
+    regression: Regression, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()
 ) -> RollingDiagnosis:
     """Write the answer down; `notes` are what the reader must know of what was left out."""
-    seconds = study.driving_s
-    rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.examined)
-    blocks = slice(0, sum(part.blocks for part in evidence.parts[: len(study.examined)]))
+    seconds = regression.driving_s
+    rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in regression.examined)
+    blocks = slice(0, sum(part.blocks for part in evidence.parts[: len(regression.examined)]))
     terms = [one.term for one in selection.chosen]
-    selector = Selector(evidence, study.hypotheses)
+    selector = Selector(evidence, regression.hypotheses)
     whole = float(selection.heldout[blocks].sum())
-    written = _Written(list(notes), nonlinear_stds(study, selection), compared(study, selection))
+    written = _Written(list(notes), nonlinear_stds(regression, selection), compared(regression, selection))
     for k, one in enumerate(selection.chosen):
-        if note := tolerance_note(one, study.speeds):
+        if note := tolerance_note(one, regression.speeds):
             written.notes.append(note)
         elif status := status_of(one, selection):
             rest = terms[:k] + terms[k + 1 :]
             left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
-            written.term(study, selection, k, status, (_rms(left_out, rows), _rms(whole, rows)))
-    for one in whole_model(study, selection):
-        written.model(study, one, _quantities(one, {}))
+            written.term(regression, selection, k, status, (_rms(left_out, rows), _rms(whole, rows)))
+    for one in whole_model(regression, selection):
+        written.model(regression, one, _quantities(one, {}))
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
-    for finding in [*_apart(study, selection, written.findings), *teeth(study, rings, seconds)]:
-        if note := ordinary_ring_note(finding, study.speeds):
+    for finding in [*_apart(regression, selection, written.findings), *teeth(regression, rings, seconds)]:
+        if note := ordinary_ring_note(finding, regression.speeds):
             written.notes.append(note)
         else:
             written.apart(finding)
     findings = written.findings
     baseline = float(selection.baseline_heldout[blocks].sum())
-    log_variance = sum(drive.log_variance for drive in study.examined)
+    log_variance = sum(drive.log_variance for drive in regression.examined)
     constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
     return RollingDiagnosis(
         verdict=verdict_of(findings),
@@ -89,17 +89,17 @@ def report(
         baseline_rms=_rms(baseline, rows),
         baseline_loglik_per_s=(baseline + constant) / seconds,
         model_rms=_rms(whole, rows),
-        unexplained=_unexplained(study, selector, terms),
-        drift=_drift(study),
+        unexplained=_unexplained(regression, selector, terms),
+        drift=_drift(regression),
         model=without(ExtendedModel(tuple(written.effects), tuple(written.stds)), findings),
-        evidence=_alone(study, selector),
-        baseline=("simulation",) if study.simulation else ("rolling",),
-        simulation=simulated_effects(study, selection),
+        evidence=_alone(regression, selector),
+        baseline=("simulation",) if regression.simulation else ("rolling",),
+        simulation=simulated_effects(regression, selection),
         notes=tuple(written.notes),
-        down_weighted=down_weighted(study.examined),
-        information=speed_ranges(study.examined),
-        explanatory=explanatory(study, terms, evidence),
-        not_detectable=not_detectable(study, selection, selector),
+        down_weighted=down_weighted(regression.examined),
+        information=speed_ranges(regression.examined),
+        explanatory=explanatory(regression, terms, evidence),
+        not_detectable=not_detectable(regression, selection, selector),
         reach=reach(
             [
                 Seen(
@@ -107,16 +107,16 @@ def report(
                     np.isfinite(drive.reader.windows.measured),
                     drive.blocks,
                     drive.names,
-                    drive.own(study.hypotheses.nuisance),
+                    drive.own(regression.hypotheses.nuisance),
                     drive.own(selection.fit.design),
                 )
-                for drive in study.drives
+                for drive in regression.drives
             ]
         ),
         inner=Inner(
-            _by_channel(study, selection, evidence),
-            tuple(traces(study, selection, evidence)),
-            ground(study, selection, evidence),
+            _by_channel(regression, selection, evidence),
+            tuple(traces(regression, selection, evidence)),
+            ground(regression, selection, evidence),
         ),
     )
 
@@ -135,38 +135,38 @@ class _Written:
     stds: list[Mapping[str, Std]] = field(default_factory=list)
 
     def term(
-        self, study: Study, selection: Selection, which: int, status: str, rms: tuple[float, float]
+        self, regression: Regression, selection: Selection, which: int, status: str, rms: tuple[float, float]
     ) -> None:
         """Write a chosen term down as a finding, with the held-out residual without it and with it."""
-        one, seconds = selection.chosen[which], study.driving_s
-        quantities = _quantities(_in_full(study, selection, which), self.nonlinear.get(which, {}))
+        one, seconds = selection.chosen[which], regression.driving_s
+        quantities = _quantities(_in_full(regression, selection, which), self.nonlinear.get(which, {}))
         versus = self.versus
         self.findings.append(
             Finding(
                 effect=one.term.effect,
                 confidence=one.confidence,
                 parameters=_reported(quantities),
-                where=where_of(study, one),
+                where=where_of(regression, one),
                 rms_before=rms[0],
                 rms_after=rms[1],
                 loglik_gain_per_s=one.heldout_gain / seconds,
                 gain=one.heldout_gain,
                 indistinguishable_from=one.confounded_with,
                 advice=advice(one.term.effect, one.confounded_with),
-                shape=shape_of(one, study.knots(one.term)) if one.term.free else (),
-                drives=_drives(study, [each.term for each in selection.chosen], one.term),
+                shape=shape_of(one, regression.knots(one.term)) if one.term.free else (),
+                drives=_drives(regression, [each.term for each in selection.chosen], one.term),
                 held_by=versus[which].by if versus else "",
                 simulated=_quantities(versus[which].simulated, {}) if versus else {},
                 status=status,
             )
         )
         if one.term.drive is None:  # the model is the car's, not that of one day
-            self.model(study, one, quantities)
+            self.model(regression, one, quantities)
 
-    def model(self, study: Study, one: Chosen, quantities: dict[str, Quantity]) -> None:
+    def model(self, regression: Regression, one: Chosen, quantities: dict[str, Quantity]) -> None:
         """Write a term down for the model file."""
         effect, stds = (
-            empirical_effect(one, study.knots(one.term)) if one.term.free else _effect(one, quantities)
+            empirical_effect(one, regression.knots(one.term)) if one.term.free else _effect(one, quantities)
         )
         self.effects.append(effect)
         self.stds.append(stds)
@@ -183,24 +183,26 @@ class _Written:
         )
 
 
-def _apart(study: Study, selection: Selection, findings: Sequence[Finding]) -> list[Finding]:
+def _apart(regression: Regression, selection: Selection, findings: Sequence[Finding]) -> list[Finding]:
     """Lost counts and sensors, which are looked for apart from the terms; not of a simulation.
 
     Counts that are lost one by one are not asked for where something else of that name was found.
     """
-    if study.simulation:
+    if regression.simulation:
         return []
-    seconds, readers = study.driving_s, [drive.reader for drive in study.examined]
-    out = lost(study, seconds) + missed(study, seconds) + unusual(readers, seconds, study.speeds)
+    seconds, readers = regression.driving_s, [drive.reader for drive in regression.examined]
+    out = (
+        lost(regression, seconds) + missed(regression, seconds) + unusual(readers, seconds, regression.speeds)
+    )
     met = {one.effect for one in [*findings, *out]}
-    return out + [one for one in lost_singly(study, selection.fit, seconds) if one.effect not in met]
+    return out + [one for one in lost_singly(regression, selection.fit, seconds) if one.effect not in met]
 
 
-def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:
+def _drives(regression: Regression, terms: list[Term], term: Term) -> tuple[str, ...]:
     """Names of the drives in which a term stands, if it does not stand in all."""
-    if study.simulation:
+    if regression.simulation:
         return ()
-    names = [drive.reader.recording.name for drive in study.drives]
+    names = [drive.reader.recording.name for drive in regression.drives]
     if term.drive is not None:
         return (names[term.drive],)
     apart = {other.drive for other in terms if other.effect == term.effect and _of_car(other)} - {None}
@@ -212,12 +214,12 @@ def _of_car(term: Term) -> bool:
     return not (term.free or term.kind_of.own_per_drive)
 
 
-def _in_full(study: Study, selection: Selection, which: int) -> Chosen:
+def _in_full(regression: Regression, selection: Selection, which: int) -> Chosen:
     """Return a term whose value in one drive differs from that of the others, with its full value there."""
     one = selection.chosen[which]
-    if one.term.drive is None or study.simulation or not _of_car(one.term):
+    if one.term.drive is None or regression.simulation or not _of_car(one.term):
         return one
-    widths = [study.hypotheses.nuisance.shape[1]] + [c.term.design.shape[1] for c in selection.chosen]
+    widths = [regression.hypotheses.nuisance.shape[1]] + [c.term.design.shape[1] for c in selection.chosen]
     starts = np.cumsum(widths)
     values, stds = one.values.copy(), one.stds.copy()
     covariance = selection.fit.covariance
@@ -281,7 +283,7 @@ def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[
     return make_effect(one.term.effect, **values), stds
 
 
-def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where | None:
+def _unexplained(regression: Regression, selector: Selector, terms: list[Term]) -> Where | None:
     """Structure that is still significant after the chosen terms."""
     options = [entry for entry in selector.candidates(terms) if not entry[1][0].calibrates]
     for penalised_gain, found in options[:3]:
@@ -290,19 +292,19 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
         gain = (penalised_gain + term.penalty) / ratio - term.penalty
         rest = evidence_gain(selector, terms, term)
         if gain > 2 * SETTINGS.selection.admit_nats and rest > SETTINGS.selection.admit_nats:
-            return whole_range(study, term)
+            return whole_range(regression, term)
     return None
 
 
-def _drift(study: Study) -> RadiusDrift | None:
+def _drift(regression: Regression) -> RadiusDrift | None:
     """Radius drift beyond what tyres and roads make: something acts that no term holds."""
-    drive = max(study.drives, key=lambda one: one.noise.radius_drift)
+    drive = max(regression.drives, key=lambda one: one.noise.radius_drift)
     if drive.noise.radius_drift < SETTINGS.report.drift_reported_from:
         return None
     recording = drive.reader.recording
     wheels = tuple(WHEELS[k] for k in recording.wheels)
     where = Where(wheels, "wheel_ratio", "time", (0.0, float(recording.edges_s[-1])))
-    name = recording.name if len(study.drives) > 1 else ""
+    name = recording.name if len(regression.drives) > 1 else ""
     return RadiusDrift(drive.noise.radius_drift, drive.noise.radius_drift_tau_s, name, where)
 
 
@@ -313,29 +315,32 @@ def evidence_gain(selector: Selector, terms: list[Term], more: Term) -> float:
     return float(with_it - evidence.heldout(selector.design(terms)).sum())
 
 
-def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
+def _alone(regression: Regression, selector: Selector) -> tuple[tuple[str, float], ...]:
     """Gain of each effect alone."""
     gram, b = selector.evidence.projected(selector.design([]))
     best: dict[str, float] = {}
-    for term in study.hypotheses.catalogue:
-        if (term.drive is not None and not study.simulation) or term.calibrates:
+    for term in regression.hypotheses.catalogue:
+        if (term.drive is not None and not regression.simulation) or term.calibrates:
             continue
         gain, _ = group_gain(term.design[1:], gram, b)
         best[term.effect] = max(best.get(term.effect, 0.0), gain)
-    for gain, term in study.hypotheses.ramp_gains(gram, b):
+    for gain, term in regression.hypotheses.ramp_gains(gram, b):
         name = f"{FAULT.name} {term.wheel}"
         best[name] = max(best.get(name, 0.0), gain)
     return tuple(sorted(best.items(), key=lambda entry: -entry[1]))
 
 
-def _by_channel(study: Study, selection: Selection, evidence: Evidence) -> dict[str, tuple[float, float]]:
+def _by_channel(
+    regression: Regression, selection: Selection, evidence: Evidence
+) -> dict[str, tuple[float, float]]:
     """Root mean square of the whitened residual by channel, before and after."""
-    rolling = evidence.fit(study.hypotheses.nuisance)
+    rolling = evidence.fit(regression.hypotheses.nuisance)
     fits = (rolling, selection.fit)
     left = [
-        np.concatenate([drive.residual(fit.design, fit.values) for drive in study.examined]) for fit in fits
+        np.concatenate([drive.residual(fit.design, fit.values) for drive in regression.examined])
+        for fit in fits
     ]
-    here = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in study.examined])
+    here = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in regression.examined])
     out: dict[str, tuple[float, float]] = {}
     for name in dict.fromkeys(CHANNEL_NAMES):
         mask = here & np.array([channel == name for channel in CHANNEL_NAMES])[None, :]

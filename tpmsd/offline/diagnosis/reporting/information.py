@@ -15,11 +15,11 @@ import numpy as np
 from tpmsd.car.physics.catalogue import RADIUS
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.result import SpeedRange
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
-def speed_ranges(drives: Sequence[DriveStudy]) -> tuple[SpeedRange, ...]:
+def speed_ranges(drives: Sequence[DriveRegression]) -> tuple[SpeedRange, ...]:
     """Return the ranges in which the drives were compared, the slowest first."""
     out = []
     for low, high in pairwise(SETTINGS.report.speeds_mps):
@@ -35,7 +35,7 @@ def speed_ranges(drives: Sequence[DriveStudy]) -> tuple[SpeedRange, ...]:
     return tuple(out)
 
 
-def _of_radii(drive: DriveStudy, inside: np.ndarray) -> float:
+def _of_radii(drive: DriveRegression, inside: np.ndarray) -> float:
     """(1/m2) information on a radius beside the others, the median of the wheels; 0 if none is told."""
     at = [k for k, name in enumerate(drive.names) if name[0] == RADIUS.name]
     rows: FloatArray = drive.white[inside][:, :, at].reshape(-1, len(at))

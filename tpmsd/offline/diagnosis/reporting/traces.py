@@ -1,6 +1,6 @@
 """Numbers that the pictures of a diagnosis show.
 
-In: a `Study` and its `Selection`. Out: `Trace`s (a finding's mismatch over its covariate, before and
+In: a `Regression` and its `Selection`. Out: `Trace`s (a finding's mismatch over its covariate, before and
 after) and `Ground` (the drive's map with the mismatch at every place).
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.result import Ground, Trace
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.where import values_of, where_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.described import tolerance_note
@@ -21,20 +21,20 @@ from tpmsd.offline.inference.smoothing import running_mean
 from tpmsd.offline.inference.windows import EAST, NORTH
 
 
-def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace]:
+def traces(regression: Regression, selection: Selection, evidence: Evidence) -> list[Trace]:
     """Return one trace per finding that has a covariate, over all drives in which it acts."""
     out = []
     terms = [one.term for one in selection.chosen]
-    selector = Selector(evidence, study.hypotheses)
+    selector = Selector(evidence, regression.hypotheses)
     for k, one in enumerate(selection.chosen):
-        if tolerance_note(one, study.speeds):
+        if tolerance_note(one, regression.speeds):
             continue
-        covariate = where_of(study, one).covariate
-        values = values_of(study, one.term, covariate)
+        covariate = where_of(regression, one).covariate
+        values = values_of(regression, one.term, covariate)
         if covariate is None or values is None:
             continue
         without = evidence.fit(selector.design(terms[:k] + terms[k + 1 :]))
-        drives = [study.drives[number] for number in study.acting(one.term)]
+        drives = [regression.drives[number] for number in regression.acting(one.term)]
         response = np.concatenate([drive.response(one.term.design, one.values) for drive in drives])
         before, after = (
             (np.concatenate([drive.residual(fit.design, fit.values) for drive in drives]) * response).sum(1)
@@ -71,12 +71,12 @@ def _edges(values: FloatArray) -> FloatArray:
     return np.array(edges)
 
 
-def ground(study: Study, selection: Selection, evidence: Evidence) -> Ground | None:
+def ground(regression: Regression, selection: Selection, evidence: Evidence) -> Ground | None:
     """Return the map, several drives side by side; None without positions."""
-    rolling = evidence.fit(study.hypotheses.nuisance)
+    rolling = evidence.fit(regression.hypotheses.nuisance)
     parts: list[FloatArray] = []
     right = 0.0
-    for drive in study.examined:
+    for drive in regression.examined:
         measured = drive.reader.windows.measured
         known = np.isfinite(measured[:, EAST])
         if known.sum() < 10:

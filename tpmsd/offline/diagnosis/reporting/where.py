@@ -1,6 +1,6 @@
 """Location of a mismatch: channel, wheels, covariate and range, spans of time.
 
-In: a `Study` and one of its chosen terms. Out: `Where`.
+In: a `Regression` and one of its chosen terms. Out: `Where`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.assessment.result import Where
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.windows import COURSE, SPEED
@@ -23,44 +23,46 @@ RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 """Places of smooth terms that are no wheels."""
 
 
-def where_of(study: Study, one: Chosen) -> Where:
+def where_of(regression: Regression, one: Chosen) -> Where:
     """Return where a term acts, as its report has it."""
     term = one.term
-    wheels, channel, covariate = location_of(study, term)
+    wheels, channel, covariate = location_of(regression, term)
     if term.ramp or (term.pulse and not term.free):
-        spans = _spans(study, one)
+        spans = _spans(regression, one)
         return Where(wheels, channel, "time", (spans[0][0], spans[-1][1]), spans)
     if term.free and covariate == "time":
-        return Where(wheels, channel, None, None, _spans(study, one))
-    values = values_of(study, term, covariate)
+        return Where(wheels, channel, None, None, _spans(regression, one))
+    values = values_of(regression, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
     if term.kind_of.identification.everywhere:
-        return whole_range(study, term)
-    weight = np.concatenate([_energy(study, study.drives[number], one) for number in study.acting(term)])
+        return whole_range(regression, term)
+    weight = np.concatenate(
+        [_energy(regression, regression.drives[number], one) for number in regression.acting(term)]
+    )
     return Where(wheels, channel, covariate, _quantiles(values, weight, 0.025, 0.975))
 
 
-def whole_range(study: Study, term: Term) -> Where:
+def whole_range(regression: Regression, term: Term) -> Where:
     """Return where a term acts that was not chosen: all values of its covariate."""
-    wheels, channel, covariate = location_of(study, term)
-    values = values_of(study, term, covariate)
+    wheels, channel, covariate = location_of(regression, term)
+    values = values_of(regression, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
     return Where(wheels, channel, covariate, (float(values.min()), float(values.max())))
 
 
-def values_of(study: Study, term: Term, covariate: str | None) -> FloatArray | None:
+def values_of(regression: Regression, term: Term, covariate: str | None) -> FloatArray | None:
     """(w,) the covariate in the drives in which the term acts, one after the other; None if it is unknown."""
-    windows = [study.drives[number].reader.windows for number in study.acting(term)]
+    windows = [regression.drives[number].reader.windows for number in regression.acting(term)]
     if covariate is None or any(covariate not in one.covariates for one in windows):
         return None
     return np.concatenate([one.covariates[covariate] for one in windows])
 
 
-def location_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None]:
+def location_of(regression: Regression, term: Term) -> tuple[tuple[str, ...], str, str | None]:
     """Wheels, channel and covariate of a term."""
-    drives = [study.drives[number] for number in study.acting(term)]
+    drives = [regression.drives[number] for number in regression.acting(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
     if term.free:
         return *_location_of_spline(term, read), term.covariate
@@ -86,7 +88,7 @@ def _location_of_spline(term: Term, read: Sequence[str]) -> tuple[tuple[str, ...
     return wheels, "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
 
 
-def _measured_by(drives: Sequence[DriveStudy], channel: str, covariate: str) -> tuple[str, str]:
+def _measured_by(drives: Sequence[DriveRegression], channel: str, covariate: str) -> tuple[str, str]:
     """Channel and covariate by what the receiver tells: positions where it tells no speed or course."""
     measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
     if channel == "gnss_speed" and measured[:, SPEED].sum() < SETTINGS.hypotheses.fewest_readings:
@@ -96,7 +98,7 @@ def _measured_by(drives: Sequence[DriveStudy], channel: str, covariate: str) -> 
     return channel, covariate
 
 
-def _acting_wheels(term: Term, drive: DriveStudy) -> tuple[str, ...]:
+def _acting_wheels(term: Term, drive: DriveRegression) -> tuple[str, ...]:
     """Wheels on which an effect acts: those of its pattern, or those that it knows itself."""
     if term.wheel:
         return tuple(term.wheel.split())
@@ -105,11 +107,11 @@ def _acting_wheels(term: Term, drive: DriveStudy) -> tuple[str, ...]:
     return term.kind_of.acting_wheels(drive.reader.reference.car, term.parameters)
 
 
-def _energy(study: Study, drive: DriveStudy, one: Chosen) -> FloatArray:
+def _energy(regression: Regression, drive: DriveRegression, one: Chosen) -> FloatArray:
     """(w,) how much each window says for the term, once calibration has taken up its mean."""
     response = drive.response(one.term.design, one.values)
     flat = response.reshape(-1)
-    nuisance = drive.own(study.hypotheses.nuisance)
+    nuisance = drive.own(regression.hypotheses.nuisance)
     nuisance = (drive.white @ nuisance[:, np.any(nuisance != 0.0, axis=0)]).reshape(flat.size, -1)
     left = flat - nuisance @ np.linalg.lstsq(nuisance, flat, rcond=None)[0]
     return np.asarray((left.reshape(response.shape) ** 2).sum(axis=1))
@@ -122,16 +124,16 @@ def _quantiles(values: FloatArray, weight: FloatArray, low: float, high: float) 
     return float(a), float(b)
 
 
-def _spans(study: Study, one: Chosen) -> tuple[tuple[float, float], ...]:
+def _spans(regression: Regression, one: Chosen) -> tuple[tuple[float, float], ...]:
     """When the mismatch stands: from a ramp's onset on; where a smooth term over time is beyond half its
     height. Times are from the start of the drive in which the term acts.
     """
-    end = float(study.drives[study.acting(one.term)[0]].reader.recording.edges_s[-1])
+    end = float(regression.drives[regression.acting(one.term)[0]].reader.recording.edges_s[-1])
     if one.term.pulse:
         return ((max(one.term.span_s[0], 0.0), min(one.term.span_s[1], end)),)
     if one.term.ramp:
         return ((max(one.term.span_s[0], 0.0), end),)
-    knots = study.knots(one.term)
+    knots = regression.knots(one.term)
     level = np.concatenate([np.zeros(len(knots) - len(one.values)), one.values])
     level = level - np.median(level)
     grid = np.linspace(0.0, end, 400)

@@ -1,7 +1,7 @@
 """A certificate for each finding: how often a drive without it would show as much.
 
-In: a `Study`, its `Selection`, the `RollingDiagnosis` made of them. Out: the diagnosis with a `p_value` for
-each finding, and the findings that are not sure enough as suspicions.
+In: a `Regression`, its `Selection`, the `RollingDiagnosis` made of them. Out: the diagnosis with a `p_value`
+for each finding, and the findings that are not sure enough as suspicions.
 
 Parametric bootstrap through the whole analysis (Davison and Hinkley, Bootstrap Methods and their Application,
 1997, section 4.2): replicates of the recordings are drawn from the fitted model with all findings in it,
@@ -48,8 +48,8 @@ from tpmsd.offline.diagnosis.assessment.lost_counts import LOW_SPEED, RHYTHM, SI
 from tpmsd.offline.diagnosis.assessment.result import FINDING, Finding, Remaining, RollingDiagnosis
 from tpmsd.offline.diagnosis.assessment.teeth import RING
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, enough
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.verdict import decided
@@ -82,11 +82,11 @@ class Replicate:
     """All drives, drawn again."""
 
     evidence: Evidence
-    drives: tuple[DriveStudy, ...]
+    drives: tuple[DriveRegression, ...]
 
 
 def certified(
-    study: Study,
+    regression: Regression,
     selection: Selection,
     evidence: Evidence,
     diagnosis: RollingDiagnosis,
@@ -95,21 +95,21 @@ def certified(
     progress: Callable[[float], None] = lambda share: None,
 ) -> RollingDiagnosis:
     """Return the diagnosis with p-values from at most so many replicates."""
-    if replicates < 1 or study.simulation:
+    if replicates < 1 or regression.simulation:
         return diagnosis
     dispersion = max(diagnosis.model_rms**2, 1.0)
-    statistics = [_statistic(study, selection, evidence, one, dispersion) for one in diagnosis.findings]
-    statistics.append(_of_the_rest(study, selection, evidence))
-    models = [_model(study, selection, number) for number in range(len(study.drives))]
-    drawn = _drawn(study, models, statistics, replicates, rng, progress)
+    statistics = [_statistic(regression, selection, evidence, one, dispersion) for one in diagnosis.findings]
+    statistics.append(_of_the_rest(regression, selection, evidence))
+    models = [_model(regression, selection, number) for number in range(len(regression.drives))]
+    drawn = _drawn(regression, models, statistics, replicates, rng, progress)
     *chances, of_the_rest = [
         chance(one.value, values, one.own) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
     again = _without_splines(
-        study, selection, evidence, diagnosis.findings, chances, dispersion, replicates, rng
+        regression, selection, evidence, diagnosis.findings, chances, dispersion, replicates, rng
     )
-    control = negative_control(study, selection)
+    control = negative_control(regression, selection)
     return replace(
         decided(
             diagnosis,
@@ -123,7 +123,7 @@ def certified(
 
 
 def _drawn(
-    study: Study,
+    regression: Regression,
     models: Sequence[ExtendedModel],
     statistics: Sequence[Statistic],
     replicates: int,
@@ -133,7 +133,7 @@ def _drawn(
     """Return, for each statistic, its largest values in replicates, drawn until all is decided."""
     drawn: list[list[float]] = [[] for _ in statistics]
     for number in range(replicates):
-        again = _again(study, models, rng)
+        again = _again(regression, models, rng)
         for values, one in zip(drawn, statistics, strict=True):
             values.append(one.largest(again))
         progress((number + 1) / replicates)
@@ -143,7 +143,7 @@ def _drawn(
 
 
 def _without_splines(
-    study: Study,
+    regression: Regression,
     selection: Selection,
     evidence: Evidence,
     findings: Sequence[Finding],
@@ -166,11 +166,15 @@ def _without_splines(
     if not asked:
         return {}
     statistics = [
-        _of_term(study, selection, evidence, which, dispersion, acts=not selection.chosen[which].term.free)
+        _of_term(
+            regression, selection, evidence, which, dispersion, acts=not selection.chosen[which].term.free
+        )
         for _, which in asked
     ]
-    models = [_model(study, selection, number, splines=False) for number in range(len(study.drives))]
-    drawn = _drawn(study, models, statistics, replicates, rng)
+    models = [
+        _model(regression, selection, number, splines=False) for number in range(len(regression.drives))
+    ]
+    drawn = _drawn(regression, models, statistics, replicates, rng)
     return {
         k: chance(one.value, values) for (k, _), one, values in zip(asked, statistics, drawn, strict=True)
     }
@@ -184,25 +188,26 @@ def _of(selection: Selection, finding: Finding) -> int | None:
     return None
 
 
-def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generator) -> Replicate:
+def _again(regression: Regression, models: Sequence[ExtendedModel], rng: np.random.Generator) -> Replicate:
     recordings = [
         replicate(drive.reader, model, drive.noise, rng)
-        for drive, model in zip(study.drives, models, strict=True)
+        for drive, model in zip(regression.drives, models, strict=True)
     ]
     drives = [
-        drive.repeated(one, model) for drive, one, model in zip(study.drives, recordings, models, strict=True)
+        drive.repeated(one, model)
+        for drive, one, model in zip(regression.drives, recordings, models, strict=True)
     ]
-    return Replicate(Evidence([drive.part() for drive in drives], study.width), tuple(drives))
+    return Replicate(Evidence([drive.part() for drive in drives], regression.width), tuple(drives))
 
 
-def _model(study: Study, selection: Selection, drive: int, splines: bool = True) -> ExtendedModel:
+def _model(regression: Regression, selection: Selection, drive: int, splines: bool = True) -> ExtendedModel:
     """Return all that was chosen, as it acts in one drive; `splines`: with the spline terms."""
     effects: list[Effect] = []
     for one in selection.chosen:
-        if drive not in study.acting(one.term) or one.term.calibrates or (one.term.free and not splines):
+        if drive not in regression.acting(one.term) or one.term.calibrates or (one.term.free and not splines):
             continue
         if one.term.free:
-            effects.append(empirical_effect(one, study.knots(one.term))[0])
+            effects.append(empirical_effect(one, regression.knots(one.term))[0])
         else:
             effects.append(_acting(one)[0])
     return ExtendedModel(tuple(effects))
@@ -218,7 +223,7 @@ def _acting(one: Chosen) -> tuple[Effect, FloatArray]:
 
 
 def _statistic(
-    study: Study, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
+    regression: Regression, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
 ) -> Statistic:
     own = finding.own_chance or 0.0
     largest = _searches(selection).get(finding.found_by)
@@ -227,7 +232,7 @@ def _statistic(
     which = _of(selection, finding)
     if which is None:  # a sensor's reading, which replicates do not draw
         return Statistic(finding.gain, lambda again: 0.0, own)
-    return _of_term(study, selection, evidence, which, dispersion)
+    return _of_term(regression, selection, evidence, which, dispersion)
 
 
 def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
@@ -262,18 +267,18 @@ def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
     }
 
 
-def _of_the_rest(study: Study, selection: Selection, evidence: Evidence) -> Statistic:
+def _of_the_rest(regression: Regression, selection: Selection, evidence: Evidence) -> Statistic:
     """Return the gain of all alternatives to adding nothing to what was chosen."""
     terms = [one.term for one in selection.chosen]
 
     def largest(of: Evidence) -> float:
-        return _largest_gain(Candidates(of, study.hypotheses), terms)
+        return _largest_gain(Candidates(of, regression.hypotheses), terms)
 
     return Statistic(largest(evidence), lambda again: largest(again.evidence))
 
 
 def _of_term(
-    study: Study,
+    regression: Regression,
     selection: Selection,
     evidence: Evidence,
     which: int,
@@ -286,7 +291,7 @@ def _of_term(
     terms = [one.term for one in selection.chosen]
     rest = terms[:which] + terms[which + 1 :]
     one = selection.chosen[which]
-    search = Candidates(evidence, study.hypotheses)
+    search = Candidates(evidence, regression.hypotheses)
     penalised_gain = search.penalised_gain(one.term, one.gain, float(one.values[0]))
     value = min(
         search.studentised(rest, one.term, penalised_gain),
@@ -297,7 +302,7 @@ def _of_term(
     )
 
     def largest(again: Replicate) -> float:
-        return _largest_gain(Candidates(again.evidence.less(response), study.hypotheses), rest)
+        return _largest_gain(Candidates(again.evidence.less(response), regression.hypotheses), rest)
 
     return Statistic(value, largest)
 

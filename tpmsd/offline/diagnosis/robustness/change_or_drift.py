@@ -21,8 +21,8 @@ from tpmsd.car.physics.effect import NoiseResemblance
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
 from tpmsd.offline.diagnosis.robustness.found import Found
@@ -46,24 +46,26 @@ def changed(found: Found, earlier: Selection) -> Found:
     """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
     radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
     with the values that it had."""
-    before, drive = found.study, found.study.drives[0]
+    before, drive = found.regression, found.regression.drives[0]
     if len(before.drives) > 1 or drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
     terms = [one.term for one in found.selection.chosen]
     drifting = _with_likeliest_noise(drive, Selector(found.evidence, before.hypotheses).design(terms))
-    study = before.copied().under({0: drifting.noise})
-    drive = study.drives[0]
-    noise = found.study.drives[0].noise
+    regression = before.copied().under({0: drifting.noise})
+    drive = regression.drives[0]
+    noise = found.regression.drives[0].noise
     taken = {term.key for term in terms}
     likely = [one.term for one in earlier.chosen if one.term.ramp and one.term.key not in taken]
-    term = _likeliest(study, terms, drifting)
+    term = _likeliest(regression, terms, drifting)
     if term is not None:
-        here = study.evidence()
-        likely.append(exact(study, here, Selector(here, study.hypotheses).design(terms), term))
-    terms, likely = ([as_wide_as(study, one) for one in some] for some in (terms, likely))
+        here = regression.evidence()
+        likely.append(exact(regression, here, Selector(here, regression.hypotheses).design(terms), term))
+    terms, likely = ([as_wide_as(regression, one) for one in some] for some in (terms, likely))
     models = [
         (
-            _with_likeliest_noise(drive, Selector(study.evidence(), study.hypotheses).design([*terms, one])),
+            _with_likeliest_noise(
+                drive, Selector(regression.evidence(), regression.hypotheses).design([*terms, one])
+            ),
             one,
         )
         for one in likely
@@ -72,27 +74,27 @@ def changed(found: Found, earlier: Selection) -> Found:
         jointly, term = max(models, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
         if jointly.log_likelihood - drifting.log_likelihood > term.penalty + SETTINGS.selection.admit_nats:
             terms, noise = [*terms, term], jointly.noise
-    study = study.under({0: noise})
-    evidence = study.evidence()
-    return Found(study, Selector(evidence, study.hypotheses, last=True).judged(terms), evidence)
+    regression = regression.under({0: noise})
+    evidence = regression.evidence()
+    return Found(regression, Selector(evidence, regression.hypotheses, last=True).judged(terms), evidence)
 
 
 def erring(found: Found) -> Found:
     """Add the constant error of the receiver's velocity that is likelier than slow noise of its speed; asked
     of single drives."""
-    study, drive = found.study, found.study.drives[0]
-    if len(study.drives) > 1:
+    regression, drive = found.regression, found.regression.drives[0]
+    if len(regression.drives) > 1:
         return found
     terms = [one.term for one in found.selection.chosen]
-    selector = Selector(found.evidence, study.hypotheses)
+    selector = Selector(found.evidence, regression.hypotheses)
     design = selector.design(terms)
     quiet = min(SETTINGS.robustness.drift_levels) * drive.noise.speed_mps
     calm = drive.under(replace(drive.noise, speed_mps=quiet))
     chosen = {term.effect for term in terms}
     likely: list[Term] = []
-    for term in study.hypotheses.catalogue:
+    for term in regression.hypotheses.catalogue:
         if term.kind_of.confounding.resembles is NoiseResemblance.VELOCITY and term.effect not in chosen:
-            most = under_other_noise(study, selector.design([*terms, term]), design.shape[1], {0: calm})
+            most = under_other_noise(regression, selector.design([*terms, term]), design.shape[1], {0: calm})
             likely += [term] if most > term.penalty + SETTINGS.selection.admit_nats else []
     if not likely:
         return found
@@ -103,14 +105,14 @@ def erring(found: Found) -> Found:
     jointly, term = max(models, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
     if jointly.log_likelihood - alone <= term.penalty + SETTINGS.selection.admit_nats:
         return found
-    study = study.under({0: jointly.noise})
-    evidence = study.evidence()
-    judged = Selector(evidence, study.hypotheses, last=True).judged([*terms, term])
-    return Found(study, judged, evidence) if any(one.term is term for one in judged.chosen) else found
+    regression = regression.under({0: jointly.noise})
+    evidence = regression.evidence()
+    judged = Selector(evidence, regression.hypotheses, last=True).judged([*terms, term])
+    return Found(regression, judged, evidence) if any(one.term is term for one in judged.chosen) else found
 
 
 def _with_likeliest_noise(
-    drive: DriveStudy, design: FloatArray, names: Sequence[str] = RADIUS_DRIFT
+    drive: DriveRegression, design: FloatArray, names: Sequence[str] = RADIUS_DRIFT
 ) -> NoiseFit:
     """Return the likeliest slow noise of these names beside a design: there may be two, a far and slow one
     and a near and quick one.
@@ -122,25 +124,27 @@ def _with_likeliest_noise(
     return max(models, key=lambda model: model.log_likelihood)
 
 
-def _likeliest(study: Study, terms: Sequence[Term], drifting: NoiseFit) -> Term | None:
+def _likeliest(regression: Regression, terms: Sequence[Term], drifting: NoiseFit) -> Term | None:
     """Return the change or event on the grid that goes with the likeliest model, over some sizes of the
     drift.
     """
-    drive = study.drives[0]
+    drive = regression.drives[0]
     best: tuple[float, Term] | None = None
     for share in SETTINGS.robustness.drift_levels:
         tried = drive.under(replace(drifting.noise, radius_drift=share * drifting.noise.radius_drift))
-        selector = Selector(study.trial([tried]).evidence(), study.hypotheses, last=True)
+        selector = Selector(regression.trial([tried]).evidence(), regression.hypotheses, last=True)
         design = selector.design(terms)
         gram, b = selector.evidence.projected(design)
         alone = log_posterior(drive.reader.windows, drive.white_design(design), tried.noise, tried.inflate)
-        found = study.hypotheses.ramp_gains(gram, b) + study.hypotheses.pulse_gains(gram, b)
-        own = [term for term in study.hypotheses.catalogue if term.ramp or term.pulse]
+        found = regression.hypotheses.ramp_gains(gram, b) + regression.hypotheses.pulse_gains(gram, b)
+        own = [term for term in regression.hypotheses.catalogue if term.ramp or term.pulse]
         found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
         # A term on all wheels is identified by the receiver, not by the drift of single radii.
         taken = {term.key for term in terms}
         usable = [
-            (gain, term) for gain, term in found if term.key not in taken and not of_all_read(study, term)
+            (gain, term)
+            for gain, term in found
+            if term.key not in taken and not of_all_read(regression, term)
         ]
         for gain, term in sorted(usable, key=lambda entry: entry[1].penalty - entry[0])[
             : SETTINGS.robustness.judged

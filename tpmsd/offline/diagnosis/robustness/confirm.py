@@ -23,8 +23,8 @@ import numpy as np
 from tpmsd.car.physics.effect import NoiseResemblance
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -45,49 +45,56 @@ from tpmsd.offline.inference.windows import EAST
 
 def confirmed(found: Found) -> Found:
     """Take out the terms that slow noise explains as well."""
-    study, selection, evidence = found
+    regression, selection, evidence = found
     for one in selection.chosen:
         looks = one.term.kind_of.confounding.resembles
-        common = looks is NoiseResemblance.COMMON or of_all_read(study, one.term)
+        common = looks is NoiseResemblance.COMMON or of_all_read(regression, one.term)
         wheel = looks is NoiseResemblance.WHEEL or one.term.covariate in ("time", "distance")
         clear = SETTINGS.robustness.clear_of_drift_nats if wheel else 0.0
         if one.gain > (SETTINGS.robustness.clear_of_receiver_nats if common else clear):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
-        selector = Selector(evidence, study.hypotheses)
+        selector = Selector(evidence, regression.hypotheses)
         without, with_it = selector.design(terms), selector.design([*terms, one.term])
         least = SETTINGS.selection.admit_nats + one.term.penalty
-        null = {number: _without(study.drives[number], without, common) for number in study.acting(one.term)}
+        null = {
+            number: _without(regression.drives[number], without, common)
+            for number in regression.acting(one.term)
+        }
         asked = [null]
         if common:
             asked.append({number: _at_full_weight(drive, without) for number, drive in null.items()})
-        if min(under_other_noise(study, with_it, without.shape[1], other) for other in asked) < least:
-            slower = study.under({number: drive.noise for number, drive in null.items()})
+        if min(under_other_noise(regression, with_it, without.shape[1], other) for other in asked) < least:
+            slower = regression.under({number: drive.noise for number, drive in null.items()})
             evidence = slower.evidence()
-            return confirmed(Found(slower, Selector(evidence, study.hypotheses).judged(terms), evidence))
-    return Found(study, _receivers_own(study, selection, evidence), evidence)
+            return confirmed(Found(slower, Selector(evidence, regression.hypotheses).judged(terms), evidence))
+    return Found(regression, _receivers_own(regression, selection, evidence), evidence)
 
 
-def of_all_read(study: Study, term: Term) -> bool:
+def of_all_read(regression: Regression, term: Term) -> bool:
     """Return whether a term acts on all wheels that are read, so that only the receiver shows it."""
-    read = {WHEELS[k] for number in study.acting(term) for k in study.drives[number].reader.recording.wheels}
+    read = {
+        WHEELS[k]
+        for number in regression.acting(term)
+        for k in regression.drives[number].reader.recording.wheels
+    }
     return read <= set(PATTERNS.get(term.pattern, ()))
 
 
-def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:
+def _receivers_own(regression: Regression, selection: Selection, evidence: Evidence) -> Selection:
     """Return what may as well be an instrument's usual making is that, and no finding."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
         joint = one.term.kind_of.confounding.tested_jointly_with
         if not joint or one.confidence >= SETTINGS.robustness.confident_from:
             continue
-        same = [t for t in study.hypotheses.catalogue if t.effect in joint and t.drive == one.term.drive]
+        same = [t for t in regression.hypotheses.catalogue if t.effect in joint and t.drive == one.term.drive]
         if same and not any(term.effect in joint for term in terms):
-            return Selector(evidence, study.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
+            return Selector(evidence, regression.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
     return selection
 
 
-def _without(drive: DriveStudy, design: FloatArray, common: bool) -> DriveStudy:
+def _without(drive: DriveRegression, design: FloatArray, common: bool) -> DriveRegression:
     """Return a drive under the noise that fits it best with this design: the receiver's slow error, or radius
     drift.
     """
@@ -104,7 +111,7 @@ def _without(drive: DriveStudy, design: FloatArray, common: bool) -> DriveStudy:
     return drive.under(max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate)))
 
 
-def _at_full_weight(drive: DriveStudy, design: FloatArray) -> DriveStudy:
+def _at_full_weight(drive: DriveRegression, design: FloatArray) -> DriveRegression:
     """Return a drive with no position weighing less than another, under the position noise that then fits."""
     if drive.inflate is None:
         return drive
@@ -114,11 +121,13 @@ def _at_full_weight(drive: DriveStudy, design: FloatArray) -> DriveStudy:
     return drive.under(noise, inflate)
 
 
-def under_other_noise(study: Study, design: FloatArray, first: int, null: Mapping[int, DriveStudy]) -> float:
+def under_other_noise(
+    regression: Regression, design: FloatArray, first: int, null: Mapping[int, DriveRegression]
+) -> float:
     """Log-likelihood that a design's columns from `first` on bring, with some drives under another noise."""
     k = 1 + design.shape[1]
     gram = np.zeros((k, k))
-    for number, drive in enumerate(study.drives):
+    for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], k))
         if number in null:
             other, acting = null[number], np.any(drive.own(design) != 0.0, axis=0)

@@ -34,23 +34,23 @@ READING = "yaw_rate"
 
 def drifting(found: Found) -> Found:
     """Put the shape of the gyro's bias over time instead of a constant one, for single drives."""
-    study, selection = found.study, found.selection
-    drive = study.drives[0]
+    regression, selection = found.regression, found.selection
+    drive = regression.drives[0]
     measured = bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any())
-    if len(study.drives) > 1 or not measured or drive.noise.gyro_drift_radps < DRIFTS:
+    if len(regression.drives) > 1 or not measured or drive.noise.gyro_drift_radps < DRIFTS:
         return found
     terms = [one.term for one in selection.chosen]
     others = [term for term in terms if term.kind_of.confounding.drifts_into != READING]
     typical = drive.under(replace(drive.noise, gyro_drift_radps=TYPICAL))
-    selector = Selector(study.trial([typical]).evidence(), study.hypotheses, last=True)
+    selector = Selector(regression.trial([typical]).evidence(), regression.hypotheses, last=True)
     shape = _best_shape(selector, others)
     if shape is not None:
         # What drifts was in the gyro's white noise as well.
         design = drive.white_design(selector.design([*others, shape]))
         refitted = refit(drive.reader.windows, design, typical.noise, typical.inflate, GYRO_NOISE)
-        tried = study.under({0: refitted})
+        tried = regression.under({0: refitted})
         calm = tried.evidence()
-        selector = Selector(calm, study.hypotheses, last=True)
+        selector = Selector(calm, regression.hypotheses, last=True)
         margin = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
         if (
             margin > SETTINGS.selection.admit_nats

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.inference.least_squares import Evidence
 
 
 class Found(NamedTuple):
-    """Chosen terms, with the study that they belong to."""
+    """Chosen terms, with the regression that they belong to."""
 
-    study: Study
+    regression: Regression
     """Each drive with its noise."""
     selection: Selection
     evidence: Evidence
-    """Gain of the study under that noise."""
+    """Gain of the regression under that noise."""

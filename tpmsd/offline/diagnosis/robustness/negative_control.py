@@ -1,8 +1,8 @@
 """A negative control: the search for shapes over covariates that cannot act.
 
-In: a `Study` and its `Selection`. Out: the largest penalised gain of a spline term over any covariate whose
-course was reversed in time, beyond the chosen model. It has the covariate's values, its slowness and its
-error, but nothing in the drive depends on it: what it gains, the noise model leaves to chance (negative
+In: a `Regression` and its `Selection`. Out: the largest penalised gain of a spline term over any covariate
+whose course was reversed in time, beyond the chosen model. It has the covariate's values, its slowness and
+its error, but nothing in the drive depends on it: what it gains, the noise model leaves to chance (negative
 controls: Lipsitch, Tchetgen Tchetgen and Cohen, Epidemiology 21, 2010). A finding must gain more.
 """
 
@@ -14,8 +14,8 @@ import scipy.linalg
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, first_hat, hat_functions, response_at
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import expected
@@ -24,13 +24,13 @@ OF_TIME = ("time", "distance")
 """Reversed, they are what they were."""
 
 
-def negative_control(study: Study, selection: Selection) -> float:
+def negative_control(regression: Regression, selection: Selection) -> float:
     """Nats; minus infinity where no covariate varies enough to bear a shape."""
-    gains = [gain for drive in study.examined for gain in _gains(drive, selection.fit.design)]
+    gains = [gain for drive in regression.examined for gain in _gains(drive, selection.fit.design)]
     return max(gains, default=-np.inf)
 
 
-def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
+def _gains(drive: DriveRegression, design: FloatArray) -> list[float]:
     """Penalised gains of one drive's spline terms, by covariate and wheel pattern."""
     windows = drive.reader.windows
     model = drive.acting(design).reshape(windows.measured.size, -1)

@@ -23,8 +23,8 @@ import numpy as np
 from tpmsd.car.physics.catalogue import EVENTS
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
 from tpmsd.offline.diagnosis.robustness.found import Found
@@ -37,53 +37,53 @@ from tpmsd.offline.inference.noise_fit import single_outliers
 
 def lasting(found: Found) -> Found:
     """Take out the events of all wheels that are read which a few readings of the receiver make."""
-    study, selection, evidence = found
-    selector = Selector(evidence, study.hypotheses, last=True)
+    regression, selection, evidence = found
+    selector = Selector(evidence, regression.hypotheses, last=True)
     for one in selection.chosen:
-        if not (one.term.pulse and of_all_read(study, one.term)):
+        if not (one.term.pulse and of_all_read(regression, one.term)):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
-        lighter = _down_weighted(study, selector.design(terms), one.term)
+        lighter = _down_weighted(regression, selector.design(terms), one.term)
         calm = lighter.evidence()
-        robust = Selector(calm, study.hypotheses, last=True)
+        robust = Selector(calm, regression.hypotheses, last=True)
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
-        gain += sum(jump_evidence(study.drives[number], one) for number in study.acting(one.term))
+        gain += sum(jump_evidence(regression.drives[number], one) for number in regression.acting(one.term))
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
             return lasting(Found(lighter, _chosen_again(lighter, calm, one.term), calm))
     return found
 
 
-def _down_weighted(study: Study, design: FloatArray, event: Term) -> Study:
-    """Return the study in which the readings weigh less that are outliers without an event, in the drives in
-    which it would act.
+def _down_weighted(regression: Regression, design: FloatArray, event: Term) -> Regression:
+    """Return the regression in which the readings weigh less that are outliers without an event, in the
+    drives in which it would act.
 
     What a lighter reading leaves to its neighbours makes outliers of them: it is done again until none is
     left.
     """
     for _ in range(SETTINGS.robustness.down_weighting_rounds):
-        evidence = study.evidence()
+        evidence = regression.evidence()
         fit = evidence.fit(design)
-        drives, changed = list(study.drives), False
-        for number in study.acting(event):
-            drive = study.drives[number]
+        drives, changed = list(regression.drives), False
+        for number in regression.acting(event):
+            drive = regression.drives[number]
             factor = single_outliers(drive.residual(fit.design, fit.values))
             changed = changed or bool(np.any(factor > 1.0))
             drives[number] = drive.under(inflate=factor if drive.inflate is None else drive.inflate * factor)
         if not changed:
             break
-        study = study.trial(drives)
-    return study
+        regression = regression.trial(drives)
+    return regression
 
 
-def _chosen_again(study: Study, evidence: Evidence, event: Term) -> Selection:
+def _chosen_again(regression: Regression, evidence: Evidence, event: Term) -> Selection:
     """Return what is chosen by the rules of a verdict where no event is taken on the wheels of the one that
     went."""
     barred = frozenset(replace(event, effect=name).key for name in EVENTS)
-    selection = Selector(evidence, study.hypotheses, last=True, barred=barred).select()
-    return selection if study.simulation else needed_exactly(study, selection, evidence, last=True)
+    selection = Selector(evidence, regression.hypotheses, last=True, barred=barred).select()
+    return selection if regression.simulation else needed_exactly(regression, selection, evidence, last=True)
 
 
-def jump_evidence(drive: DriveStudy, one: Chosen) -> float:
+def jump_evidence(drive: DriveRegression, one: Chosen) -> float:
     """Log-likelihood ratio (nats) by the second differences of the speed: the car has that of the wheels
     less the event, or that of the wheels as it is."""
     wheels, index = drive.reader.recording.wheels, drive.reader.windows.index

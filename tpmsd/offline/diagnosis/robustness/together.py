@@ -32,9 +32,9 @@ def together(found: Found, before: Selection) -> Found:
     Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
     wheel it may be a loss of air that was chosen `before`, and was not significant against radius drift.
     """
-    study, selection = found.study, found.selection
-    drive = study.drives[0]
-    if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
+    regression, selection = found.regression, found.selection
+    drive = regression.drives[0]
+    if len(regression.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
         return found
     if drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
@@ -43,9 +43,9 @@ def together(found: Found, before: Selection) -> Found:
         radius_drift=PRIORS["radius_drift"][0],
         radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
     )
-    tried = study.under({0: typical})
+    tried = regression.under({0: typical})
     calm = tried.evidence()
-    selector = Selector(calm, study.hypotheses, last=True)
+    selector = Selector(calm, regression.hypotheses, last=True)
     terms = [one.term for one in selection.chosen]
     shape = _common_shape(selector, terms)
     if shape is not None:

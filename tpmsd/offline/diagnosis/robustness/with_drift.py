@@ -1,7 +1,7 @@
 """Refines changes of radii and the radius drift jointly.
 
-In: a study of one drive and terms. Out: the study with exact ramps and the drift that is likeliest jointly
-with them, and the terms.
+In: a regression of one drive and terms. Out: the regression with exact ramps and the drift that is likeliest
+jointly with them, and the terms.
 
 A ramp that is some seconds off leaves a residual that passes for drift, and beside much drift its likeliest
 course is another one: single steps between the two end at a local maximum. So both are fitted in turn until
@@ -17,7 +17,7 @@ from dataclasses import replace
 
 from tpmsd.offline.diagnosis.assessment.simulated import widened
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -25,13 +25,13 @@ from tpmsd.offline.inference.noise import PRIORS, Noise
 from tpmsd.offline.inference.noise_fit import NEAR_NATS, RADIUS_DRIFT, log_posterior, refit
 
 
-def with_drift(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
-    """Return the study with its ramps exact under the likeliest drift, and the terms; both as they are where
-    there is no ramp, or not one drive alone.
+def with_drift(regression: Regression, terms: Sequence[Term]) -> tuple[Regression, list[Term]]:
+    """Return the regression with its ramps exact under the likeliest drift, and the terms; both as they are
+    where there is no ramp, or not one drive alone.
     """
-    if len(study.drives) > 1 or not any(term.ramp for term in terms):
-        return study, list(terms)
-    noise = study.drives[0].noise
+    if len(regression.drives) > 1 or not any(term.ramp for term in terms):
+        return regression, list(terms)
+    noise = regression.drives[0].noise
     starts = [noise]
     if noise.radius_drift >= SETTINGS.robustness.drifts_from:
         starts.append(
@@ -41,45 +41,47 @@ def with_drift(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
                 radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
             )
         )
-    ends = [_in_turn(study, terms, start) for start in starts]
+    ends = [_in_turn(regression, terms, start) for start in starts]
     _, found, refined = max(ends, key=lambda end: end[0])
     return found, refined
 
 
-def _in_turn(study: Study, terms: Sequence[Term], start: Noise) -> tuple[float, Study, list[Term]]:
-    """Return the log posterior, the study and the terms where ramps and drift are fitted in turn from a
+def _in_turn(
+    regression: Regression, terms: Sequence[Term], start: Noise
+) -> tuple[float, Regression, list[Term]]:
+    """Return the log posterior, the regression and the terms where ramps and drift are fitted in turn from a
     noise."""
-    study, now, before = study.copied().under({0: start}), list(terms), -math.inf
-    best = (-math.inf, study, now)
+    regression, now, before = regression.copied().under({0: start}), list(terms), -math.inf
+    best = (-math.inf, regression, now)
     for _ in range(SETTINGS.refinement.drift_rounds):
-        study, now = _exact_ramps(study, now)
-        drive = study.drives[0]
+        regression, now = _exact_ramps(regression, now)
+        drive = regression.drives[0]
         windows = drive.reader.windows
-        columns = drive.white_design(Selector(study.evidence(), study.hypotheses).design(now))
+        columns = drive.white_design(Selector(regression.evidence(), regression.hypotheses).design(now))
         noise = refit(windows, columns, drive.noise, drive.inflate, RADIUS_DRIFT)
         score = log_posterior(windows, columns, noise, drive.inflate)
-        study = study.under({0: noise})
+        regression = regression.under({0: noise})
         if score > best[0]:
-            best = (score, study, now)
+            best = (score, regression, now)
         if score - before < NEAR_NATS:
             break
         before = score
     return (best[0], best[1], [as_wide_as(best[1], term) for term in best[2]])
 
 
-def _exact_ramps(study: Study, terms: Sequence[Term]) -> tuple[Study, list[Term]]:
-    """Return the study with a column for each ramp at its likeliest course under the present noise, one after
-    the other."""
-    now, study = list(terms), study.copied()
+def _exact_ramps(regression: Regression, terms: Sequence[Term]) -> tuple[Regression, list[Term]]:
+    """Return the regression with a column for each ramp at its likeliest course under the present noise, one
+    after the other."""
+    now, regression = list(terms), regression.copied()
     for k, term in enumerate(now):
         if term.ramp:
-            evidence = study.evidence()
-            others = Selector(evidence, study.hypotheses).design([*now[:k], *now[k + 1 :]])
-            now[k] = exact(study, evidence, others, term)
-            now = [as_wide_as(study, one) for one in now]
-    return study, now
+            evidence = regression.evidence()
+            others = Selector(evidence, regression.hypotheses).design([*now[:k], *now[k + 1 :]])
+            now[k] = exact(regression, evidence, others, term)
+            now = [as_wide_as(regression, one) for one in now]
+    return regression, now
 
 
-def as_wide_as(study: Study, term: Term) -> Term:
-    """Return the term with a row for each of a study's columns, those that it has not at zero."""
-    return replace(term, design=widened(term.design, study.hypotheses.width))
+def as_wide_as(regression: Regression, term: Term) -> Term:
+    """Return the term with a row for each of a regression's columns, those that it has not at zero."""
+    return replace(term, design=widened(term.design, regression.hypotheses.width))

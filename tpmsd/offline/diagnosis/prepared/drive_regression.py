@@ -1,7 +1,8 @@
-"""One drive under examination: its residual, its columns, its noise.
+"""Linear regression of one drive: its residual, its columns, its noise.
 
-In: a `Reader`. Out: `DriveStudy`, whose whitened columns and Gram matrices are those of its present noise.
-What was asked for under a noise before is kept, and only columns that were added since are whitened again.
+In: a `Reader`. Out: `DriveRegression`, whose whitened columns and Gram matrices are those of its present
+noise. What was asked for under a noise before is kept, and only columns that were added since are whitened
+again.
 """
 
 from __future__ import annotations
@@ -127,8 +128,8 @@ class Whitened:
         return self.grams.white
 
 
-class DriveStudy:
-    """One drive's residual, columns and noise."""
+class DriveRegression:
+    """Whitened linear regression of one drive: residual, columns and noise."""
 
     def __init__(
         self,
@@ -164,7 +165,7 @@ class DriveStudy:
 
     def relinearised(
         self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray, fitted: FloatArray
-    ) -> DriveStudy:
+    ) -> DriveRegression:
         """Return the same drive with a model, radii (4,) and the motion that goes with them as the new
         origin.
 
@@ -200,7 +201,7 @@ class DriveStudy:
         self.columns = Stack(residual) + columns.stack
         self._kept = []
 
-    def repeated(self, recording: Recording, model: ExtendedModel) -> DriveStudy:
+    def repeated(self, recording: Recording, model: ExtendedModel) -> DriveRegression:
         """Return the same columns under the same noise, of a replicate of this drive's recording that a model
         made.
 
@@ -241,7 +242,7 @@ class DriveStudy:
         self._move(model, radii, left, made)
         return 0.5 * float(np.sum((white[:, 0] - white[:, 1:] @ fitted) ** 2))
 
-    def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveStudy:
+    def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveRegression:
         """Return the same columns under another noise, or with other factors on the variances; this drive
         stays what it is, also where columns are added to the other.
         """
@@ -251,7 +252,7 @@ class DriveStudy:
         out.inflate = self.inflate if inflate is None else inflate
         return out
 
-    def reweighted(self, inflate: FloatArray) -> DriveStudy:
+    def reweighted(self, inflate: FloatArray) -> DriveRegression:
         """Return the same with other factors (w, 9) on the variances, and without what was whitened
         so far.
         """

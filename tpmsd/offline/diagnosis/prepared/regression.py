@@ -1,8 +1,8 @@
-"""Study: the drives that are examined, each with its own noise, and the columns that they share.
+"""Joint linear regression of the drives of a diagnosis: own noise for each, columns that they share.
 
-In: one `Reader` per drive. Out: `Study`, which gives the evidence of all drives together under the present
-noise. Whitening is done drive by drive; what the drives have in common is only the numbers that a fit of
-their Gram matrices shares: an effect's value is one number for all drives (and, as a hypothesis apart, one
+In: one `Reader` per drive. Out: `Regression`, which gives the evidence of all drives together under the
+present noise. Whitening is done drive by drive; what the drives have in common is only the numbers that a fit
+of their Gram matrices shares: an effect's value is one number for all drives (and, as a hypothesis apart, one
 drive's own), a calibration constant is each drive's own.
 """
 
@@ -24,7 +24,7 @@ from tpmsd.offline.diagnosis.hypotheses.response import (
     smooth_knots,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Hypotheses, Name, Term
-from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, first_noise
+from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression, Refined, first_noise
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import covariate_stds
 from tpmsd.offline.inference.least_squares import Evidence
@@ -33,8 +33,8 @@ from tpmsd.offline.inference.windows import Reader
 from tpmsd.offline.rings.missed import possible_rates
 
 
-class Study:
-    """The drives, and what they have in common."""
+class Regression:
+    """Whitened linear regression of several drives, and the columns that they share."""
 
     def __init__(self, readers: Sequence[Reader], simulation: bool = False) -> None:
         """At least one reader; with `simulation` the second of two is what the first is compared with."""
@@ -49,7 +49,7 @@ class Study:
             knots = smooth_knots(reader.windows.covariates, own)
             if len(readers) > 1:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
-            drives.append(DriveStudy(reader, knots, own, block_s))
+            drives.append(DriveRegression(reader, knots, own, block_s))
         self.drives = tuple(drives)
         nats = SETTINGS.hypotheses.impossible_nats
         rates = [possible_rates(one.recording, one.reference, nats) for one in readers]
@@ -60,7 +60,7 @@ class Study:
         self.width = self.grid
 
     @property
-    def examined(self) -> tuple[DriveStudy, ...]:
+    def examined(self) -> tuple[DriveRegression, ...]:
         """The drives whose physics is asked for: all but a simulation."""
         return self.drives[:1] if self.simulation else self.drives
 
@@ -74,20 +74,21 @@ class Study:
         """Windows that are compared."""
         return float(sum(len(drive.reader.windows) for drive in self.examined))
 
-    def trial(self, drives: Sequence[DriveStudy]) -> Study:
-        """Return the same question to drives `under` other noises, or about another origin; this study stays
-        what it is.
+    def trial(self, drives: Sequence[DriveRegression]) -> Regression:
+        """Return the same question to drives `under` other noises, or about another origin; this regression
+        stays what it is.
         """
         out = copy.copy(self)
         out.drives = tuple(drives)
         return out
 
-    def under(self, noises: Mapping[int, Noise]) -> Study:
+    def under(self, noises: Mapping[int, Noise]) -> Regression:
         """Return the same, by the numbers of the drives that have another noise."""
         return self.trial([drive.under(noises.get(number)) for number, drive in enumerate(self.drives)])
 
-    def copied(self) -> Study:
-        """Return the same, to which columns and hypotheses may be added while this study stays what it is."""
+    def copied(self) -> Regression:
+        """Return the same, to which columns and hypotheses may be added while this regression stays what it
+        is."""
         out = self.under({})
         out.hypotheses = copy.copy(self.hypotheses)
         out.hypotheses.catalogue = list(self.hypotheses.catalogue)

@@ -1,4 +1,4 @@
-"""Steps of the diagnosis on the study of one short drive, against closed forms of what each says."""
+"""Steps of the diagnosis on the regression of one short drive, against closed forms of what each says."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
 from tpmsd.offline.diagnosis.prepared.admission import admitted
-from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.finer import best_knots, finest_shape
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.reporting.findings import evidence_gain, report
@@ -34,38 +34,38 @@ SECONDS = 300.0
 
 
 @pytest.fixture(scope="module")
-def studied() -> Study:
+def base() -> Regression:
     """A null drive on a rural road, under the noise that an estimate starts with."""
     readers, notes = admitted([recording_of(drive(Spec(duration_s=SECONDS, road="rural"), 4))])
     assert () == notes
-    return Study(readers)
+    return Regression(readers)
 
 
-def injected(studied: Study, columns: FloatArray) -> Study:
-    """The study with a response (w, 9) added to the data."""
-    study = studied.copied()
-    (one,) = study.drives
+def injected(base: Regression, columns: FloatArray) -> Regression:
+    """The regression with a response (w, 9) added to the data."""
+    regression = base.copied()
+    (one,) = regression.drives
     every = list(np.moveaxis(one.columns.whole(), 2, 0))
     one.columns = Stack(every[0] + columns, *every[1:])
     one._kept = []
-    return study
+    return regression
 
 
-def chosen(study: Study, *terms: Term) -> Selection:
+def chosen(regression: Regression, *terms: Term) -> Selection:
     """The terms, judged."""
-    return Selector(study.evidence(), study.hypotheses).judged(list(terms))
+    return Selector(regression.evidence(), regression.hypotheses).judged(list(terms))
 
 
-def shape(study: Study, pattern: str, covariate: str) -> Term:
+def shape(regression: Regression, pattern: str, covariate: str) -> Term:
     """The smooth term of a place on its usual knots."""
-    gram, b = study.evidence().projected(study.hypotheses.nuisance)
-    found = [term for _, term in study.hypotheses.smooth_gains(gram, b)]
+    gram, b = regression.evidence().projected(regression.hypotheses.nuisance)
+    found = [term for _, term in regression.hypotheses.smooth_gains(gram, b)]
     return next(term for term in found if (term.pattern, term.covariate) == (pattern, covariate))
 
 
-def rows(study: Study, columns: FloatArray) -> FloatArray:
+def rows(regression: Regression, columns: FloatArray) -> FloatArray:
     """Whitened combinations of the drive's columns as rows."""
-    white = study.drives[0].white
+    white = regression.drives[0].white
     return np.asarray((white @ columns).reshape(-1, columns.shape[1]))
 
 
@@ -74,14 +74,17 @@ def left(y: FloatArray, X: FloatArray) -> FloatArray:
     return np.asarray(y - X @ np.linalg.lstsq(X, y, rcond=None)[0])
 
 
-def test_a_slip_explains_what_least_squares_with_its_columns_take_away(studied: Study) -> None:
+def test_a_slip_explains_what_least_squares_with_its_columns_take_away(base: Regression) -> None:
     """The gain is half the drop of the residual's sum of squares, calibration fitted before and after."""
-    evidence = studied.evidence()
-    (one,) = studied.drives
-    reported = {entry.variable: entry for entry in explanatory(studied, [], evidence)}
-    y, X = rows(studied, np.eye(studied.width, 1))[:, 0], rows(studied, studied.hypotheses.nuisance)
+    evidence = base.evidence()
+    (one,) = base.drives
+    reported = {entry.variable: entry for entry in explanatory(base, [], evidence)}
+    y, X = (
+        rows(base, np.eye(base.width, 1))[:, 0],
+        rows(base, base.hypotheses.nuisance),
+    )
     at = [k for k, name in enumerate(one.names) if name[0] == WHEEL_SLIP]
-    slips = rows(studied, np.eye(studied.width)[:, at])
+    slips = rows(base, np.eye(base.width)[:, at])
     before, after = left(y, X), left(y, np.concatenate([X, slips], axis=1))
 
     assert reported[WHEEL_SLIP].alone == pytest.approx(0.5 * (before @ before - after @ after), rel=1e-3)
@@ -96,18 +99,18 @@ def test_the_new_origin_does_not_depend_on_the_radii_that_were_configured(off: f
     found_m = []
     for factor in (1.0, 1.0 + off):
         car = replace(recording.car, radius_m=recording.car.radius_m * factor)
-        study = Study(admitted([replace(recording, car=car)])[0])
-        moved = relinearised(study, chosen(study))
+        regression = Regression(admitted([replace(recording, car=car)])[0])
+        moved = relinearised(regression, chosen(regression))
         found_m.append(moved.drives[0].reader.reference.car.radius_m)
 
     assert np.allclose(*found_m, rtol=0.01 * abs(off))
 
 
-def test_the_hats_of_a_reading_add_up_to_a_constant(studied: Study) -> None:
+def test_the_hats_of_a_reading_add_up_to_a_constant(base: Regression) -> None:
     """Piecewise linear weights are a partition of one, so that together they are the gyro's bias."""
-    finest = finest_shape(studied, shape(studied, "yaw_rate", "speed"))
+    finest = finest_shape(base, shape(base, "yaw_rate", "speed"))
     total = sum(columns[0] for _, columns in finest.columns)
-    expected = np.zeros((len(studied.drives[0].reader.windows), len(CHANNEL_NAMES)))
+    expected = np.zeros((len(base.drives[0].reader.windows), len(CHANNEL_NAMES)))
     expected[:, GYRO] = 1.0
 
     assert ("yaw_rate",) == finest.patterns
@@ -115,65 +118,65 @@ def test_the_hats_of_a_reading_add_up_to_a_constant(studied: Study) -> None:
     assert np.allclose(expected, total)
 
 
-def test_a_narrow_dip_takes_finer_knots_than_none(studied: Study) -> None:
+def test_a_narrow_dip_takes_finer_knots_than_none(base: Regression) -> None:
     """Knots are paid for by what they gain: a dip of one fine hat takes them, a null drive does not."""
-    term = shape(studied, "yaw_rate", "speed")
-    finest = finest_shape(studied, term)
+    term = shape(base, "yaw_rate", "speed")
+    finest = finest_shape(base, term)
     middle = finest.columns[len(finest.columns) // 2][1][0]
-    dip = injected(studied, -0.02 * middle)
+    dip = injected(base, -0.02 * middle)
 
-    plain, fine = (best_knots(study, study.hypotheses.nuisance, term) for study in (studied, dip))
+    plain, fine = (best_knots(regression, regression.hypotheses.nuisance, term) for regression in (base, dip))
 
     assert len(plain.at) < len(fine.at)
     assert fine.score > 100.0 + plain.score
     assert finest.knots[len(finest.columns) // 2] in fine.at
 
 
-def test_a_ramp_stands_from_its_onset_to_the_end_of_the_drive(studied: Study) -> None:
+def test_a_ramp_stands_from_its_onset_to_the_end_of_the_drive(base: Regression) -> None:
     """A change of the left rear radius between 100 and 140 s lasts; all wheels being read, ratios show it."""
-    term = studied.hypotheses.ramp("rl", 0)
+    term = base.hypotheses.ramp("rl", 0)
     term = replace(term, span_s=(100.0, 140.0))
     one = Chosen(term, 9.0, 9.0, 9.0, 1.0, (), np.array([1e-3]), np.array([1e-4]))
 
-    where = where_of(studied, one)
+    where = where_of(base, one)
 
     assert (("rl",), "wheel_ratio", "time") == (where.wheels, where.channel, where.covariate)
     assert ((100.0, pytest.approx(SECONDS, abs=0.2)),) == where.time_spans
     assert where.time_spans[0] == where.range
 
 
-def test_a_term_is_placed_where_its_response_has_its_energy(studied: Study) -> None:
+def test_a_term_is_placed_where_its_response_has_its_energy(base: Regression) -> None:
     """95 % of a hat's energy lie between the knots beside it; what was not chosen has the whole range."""
-    term = shape(studied, "yaw_rate", "speed")
-    knots = studied.knots(term)
+    term = shape(base, "yaw_rate", "speed")
+    knots = base.knots(term)
     heights = np.zeros(len(knots))
     heights[2] = 1e-2
     one = Chosen(term, 9.0, 9.0, 9.0, 1.0, (), heights, np.ones(len(knots)))
-    speed = studied.drives[0].reader.windows.covariates["speed"]
+    speed = base.drives[0].reader.windows.covariates["speed"]
 
-    low, high = where_of(studied, one).range or (np.nan, np.nan)
+    low, high = where_of(base, one).range or (np.nan, np.nan)
 
     hat = np.interp(speed, knots, heights) ** 2
     inside = hat[(low <= speed) & (speed <= high)].sum() / hat.sum()
 
     assert knots[1] < low < knots[2] < high < knots[3]
     assert inside > 0.9
-    assert (speed.min(), speed.max()) == whole_range(studied, term).range
-    assert ((), "yaw_rate", "speed") == location_of(studied, term)
-    assert (("rl", "rr"), "wheel_ratio", "speed") == location_of(studied, shape(studied, "rear", "speed"))
+    assert (speed.min(), speed.max()) == whole_range(base, term).range
+    assert ((), "yaw_rate", "speed") == location_of(base, term)
+    assert (("rl", "rr"), "wheel_ratio", "speed") == location_of(base, shape(base, "rear", "speed"))
 
 
-def test_a_trace_ends_without_a_mean_and_begins_with_the_response(studied: Study) -> None:
+def test_a_trace_ends_without_a_mean_and_begins_with_the_response(base: Regression) -> None:
     """Least squares leave nothing along a fitted response; without the term its own energy is left."""
-    term = shape(studied, "yaw_rate", "speed")
+    term = shape(base, "yaw_rate", "speed")
     heights = 0.01 * np.arange(term.design.shape[1])
-    (one,) = studied.drives
+    (one,) = base.drives
     response = one.columns.take(one.local) @ (term.design @ heights)
-    study = injected(studied, response)
-    selection = chosen(study, term)
+    regression = injected(base, response)
+    selection = chosen(regression, term)
 
-    (trace,) = traces(study, selection, study.evidence())
-    energy = (study.drives[0].response(term.design, selection.chosen[0].values) ** 2).sum()
+    (trace,) = traces(regression, selection, regression.evidence())
+    energy = (regression.drives[0].response(term.design, selection.chosen[0].values) ** 2).sum()
 
     assert ("unknown", "speed") == (trace.effect, trace.covariate)
     assert np.abs(trace.after).max() < 0.05 * np.abs(trace.before).max()
@@ -181,20 +184,20 @@ def test_a_trace_ends_without_a_mean_and_begins_with_the_response(studied: Study
     assert np.all(np.diff(trace.middle) > 0.0)
 
 
-def test_the_map_shows_places_as_measured_and_what_the_model_gained_there(studied: Study) -> None:
+def test_the_map_shows_places_as_measured_and_what_the_model_gained_there(base: Regression) -> None:
     """The gain of a window is half the drop of its squares, averaged over nine neighbours."""
-    term = shape(studied, "yaw_rate", "speed")
-    (one,) = studied.drives
-    study = injected(studied, 0.02 * one.columns.take(one.local) @ term.design.sum(axis=1))
-    selection, evidence = chosen(study, term), study.evidence()
-    rolling = evidence.fit(study.hypotheses.nuisance)
+    term = shape(base, "yaw_rate", "speed")
+    (one,) = base.drives
+    regression = injected(base, 0.02 * one.columns.take(one.local) @ term.design.sum(axis=1))
+    selection, evidence = chosen(regression, term), regression.evidence()
+    rolling = evidence.fit(regression.hypotheses.nuisance)
     squares = [
-        (study.drives[0].residual(fit.design, fit.values) ** 2).sum(axis=1)
+        (regression.drives[0].residual(fit.design, fit.values) ** 2).sum(axis=1)
         for fit in (rolling, selection.fit)
     ]
     gain = 0.5 * (squares[0] - squares[1])
 
-    found = ground(study, selection, evidence)
+    found = ground(regression, selection, evidence)
 
     assert found is not None
     measured = one.reader.windows.measured[:, NORTH]
@@ -203,12 +206,12 @@ def test_the_map_shows_places_as_measured_and_what_the_model_gained_there(studie
     assert gain[96:105].mean() == pytest.approx(found.mismatch[np.flatnonzero(known) == 100][0])
 
 
-def test_a_null_drive_is_consistent_and_its_size_is_that_of_the_noise(studied: Study) -> None:
+def test_a_null_drive_is_consistent_and_its_size_is_that_of_the_noise(base: Regression) -> None:
     """Nothing chosen: no finding, both models alike, each channel as large as its whitened residual."""
-    nothing, evidence = chosen(studied), studied.evidence()
-    (one,) = studied.drives
+    nothing, evidence = chosen(base), base.evidence()
+    (one,) = base.drives
 
-    reported = report(studied, nothing, evidence)
+    reported = report(base, nothing, evidence)
     white = one.residual(nothing.fit.design, nothing.fit.values)[:, GYRO]
 
     assert (CONSISTENT, ()) == (reported.verdict, reported.findings)
@@ -218,73 +221,75 @@ def test_a_null_drive_is_consistent_and_its_size_is_that_of_the_noise(studied: S
     assert np.sqrt(np.square(white).mean()) == pytest.approx(reported.inner.rms_by_channel["yaw_rate"][1])
 
 
-def test_a_term_without_an_effect_gains_nothing_on_data_left_out(studied: Study) -> None:
+def test_a_term_without_an_effect_gains_nothing_on_data_left_out(base: Regression) -> None:
     """Values that were fitted to noise predict worse; those of an injected response predict better."""
-    term = shape(studied, "yaw_rate", "speed")
-    (one,) = studied.drives
-    study = injected(studied, 0.02 * one.columns.take(one.local) @ term.design[:, 2])
+    term = shape(base, "yaw_rate", "speed")
+    (one,) = base.drives
+    regression = injected(base, 0.02 * one.columns.take(one.local) @ term.design[:, 2])
     without, with_it = (
-        evidence_gain(Selector(one.evidence(), one.hypotheses), [], term) for one in (studied, study)
+        evidence_gain(Selector(one.evidence(), one.hypotheses), [], term) for one in (base, regression)
     )
 
     assert without < 0.0
     assert with_it > 100.0
 
 
-def test_what_is_tried_under_another_noise_leaves_the_study_as_it_is(studied: Study) -> None:
+def test_what_is_tried_under_another_noise_leaves_the_regression_as_it_is(base: Regression) -> None:
     """Twice the noise of all wheels takes gain away in the trial alone; so does a column that is added to a
     copy."""
-    study = studied.copied()
-    (one,) = study.drives
-    before, noise = study.evidence().total, one.noise
+    regression = base.copied()
+    (one,) = regression.drives
+    before, noise = regression.evidence().total, one.noise
     tried = one.under(replace(noise, rough_m=2.0 * noise.rough_m))
     weighed = one.under(inflate=np.full(one.columns.shape[:2], 4.0))
 
-    totals = [study.trial([other]).evidence().total for other in (tried, weighed)]
+    totals = [regression.trial([other]).evidence().total for other in (tried, weighed)]
 
     assert noise == one.noise
     assert one.inflate is None
-    assert np.array_equal(before, study.evidence().total)
+    assert np.array_equal(before, regression.evidence().total)
     assert all(np.all(np.diag(total) <= (1.0 + 1e-9) * np.diag(before)) for total in totals)
     assert all(total[0, 0] < before[0, 0] for total in totals)
-    columns, terms = one.columns, list(study.hypotheses.catalogue)
-    other = study.copied()
+    columns, terms = one.columns, list(regression.hypotheses.catalogue)
+    other = regression.copied()
     finest = finest_shape(other, shape(other, "yaw_rate", "speed"))
     finest.add_to(other, other.append(finest.columns))
     assert other.drives[0].columns.shape[2] == columns.shape[2] + len(finest.columns)
-    assert (columns is one.columns, terms) == (True, study.hypotheses.catalogue)
-    assert np.array_equal(before, study.evidence().total)
+    assert (columns is one.columns, terms) == (True, regression.hypotheses.catalogue)
+    assert np.array_equal(before, regression.evidence().total)
 
 
-def test_a_gyro_that_walks_as_usual_is_not_asked_and_another_gets_its_noise_back(studied: Study) -> None:
+def test_a_gyro_that_walks_as_usual_is_not_asked_and_another_gets_its_noise_back(
+    base: Regression,
+) -> None:
     """Without a bend over time nothing is found, and the noise is what it was."""
-    study = studied.copied()
-    (one,) = study.drives
-    nothing, evidence = chosen(study), study.evidence()
+    regression = base.copied()
+    (one,) = regression.drives
+    nothing, evidence = chosen(regression), regression.evidence()
     for walk in (0.9 * DRIFTS, 1.1 * DRIFTS):
-        walking = study.under({0: replace(one.noise, gyro_drift_radps=walk)})
+        walking = regression.under({0: replace(one.noise, gyro_drift_radps=walk)})
         before = Found(walking, nothing, evidence)
         assert before is drifting(before)
 
 
-def test_the_settings_hold_a_step_of_the_radii_to_what_is_a_calibration(studied: Study) -> None:
+def test_the_settings_hold_a_step_of_the_radii_to_what_is_a_calibration(base: Regression) -> None:
     """A radius moves by the share that the settings allow and no more, whatever the fit says."""
-    study = studied.copied()
-    (one,) = study.drives
+    regression = base.copied()
+    (one,) = regression.drives
     before_m = one.reader.reference.car.radius_m.copy()
-    fit = chosen(study).fit
+    fit = chosen(regression).fit
     absurd = replace(fit, values=np.where(np.arange(len(fit.values)) < len(WHEELS), 1.0, fit.values))
 
-    moved = relinearised(study, replace(chosen(study), fit=absurd))
+    moved = relinearised(regression, replace(chosen(regression), fit=absurd))
     grown = moved.drives[0].reader.reference.car.radius_m / before_m - 1.0
 
     assert np.allclose(SETTINGS.refinement.max_relative_radius_change, grown)
     assert np.array_equal(before_m, one.reader.reference.car.radius_m)
 
 
-def test_the_gain_of_a_term_is_that_of_its_columns(studied: Study) -> None:
+def test_the_gain_of_a_term_is_that_of_its_columns(base: Regression) -> None:
     """What is kept of a term's design gives what the whole design gives, in effects and shapes."""
-    evidence, hypotheses = studied.evidence(), studied.hypotheses
+    evidence, hypotheses = base.evidence(), base.hypotheses
     gram, b = evidence.projected(hypotheses.nuisance)
     shapes = [term for _, term in hypotheses.smooth_gains(gram, b)]
     for term in [*hypotheses.catalogue, *shapes]:
