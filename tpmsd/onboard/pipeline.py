@@ -17,7 +17,6 @@ from cantools.database import Database
 from numpy.typing import NDArray
 
 from tpmsd.car.config.model import Config
-from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.bounds import check_like, check_plain
 from tpmsd.onboard.estimators.base import Estimator, RadiusEstimate
 from tpmsd.onboard.estimators.build import build_estimator, monitored_wheels
@@ -32,13 +31,14 @@ from tpmsd.onboard.sources.can.signal_plan import EXTENDED
 from tpmsd.onboard.sources.events import Event
 from tpmsd.onboard.sources.obd_speed import speed_answer_kmh
 from tpmsd.onboard.timeline.block_source import BlockSource
-from tpmsd.onboard.timeline.compensation import Compensation, adjusted
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_source import TickSource
 
 if TYPE_CHECKING:
+    from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.car.vehicle_state.estimator import VehicleStateEstimator
     from tpmsd.car.vehicle_state.record import VehicleState
+    from tpmsd.onboard.timeline.compensation import Compensation
 
 REPEATED_S = 5.0
 """Frames that ask for a reset within so long after another are the same request."""
@@ -61,6 +61,9 @@ class Pipeline:
         """`model`: physics beyond rolling that is known of this car, to be taken out of the ticks."""
         self._compensation: Compensation | None = None
         if model is not None and len(model):
+            # Imported where it is used: most cars do without.
+            from tpmsd.onboard.timeline.compensation import Compensation, adjusted
+
             config = adjusted(config, model)
             self._compensation = Compensation(config, model)
         self._source = TickSource(config, database)

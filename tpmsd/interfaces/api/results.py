@@ -21,7 +21,7 @@ from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.axes import own_axes
 from tpmsd.offline.report.card import card, one_line
-from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.offline.report.replay_document import REPLAY_SCHEMA, replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_series import settled_range
 from tpmsd.offline.report.wording import alarm_label
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from tpmsd.offline.diagnosis.assessment.result import Finding, RollingDiagnosis
 
 
-REPLAY_SCHEMA = "tpmsd.replay/2"
 DIAGNOSIS_SCHEMA = "tpmsd.diagnosis/2"
 CALIBRATION_SCHEMA = "tpmsd.calibration/2"
 

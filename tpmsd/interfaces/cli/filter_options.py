@@ -63,12 +63,12 @@ def model_of(config: Config, args: argparse.Namespace, note: Callable[[str], Non
     Raises:
         ConfigError: the file is no model.
     """
-    from tpmsd.car.physics.model_file import load_model  # likewise
-    from tpmsd.onboard.timeline.compensation import left_alone
-
     file = args.model or config.filter.model
     if file is None:
         return None
+    from tpmsd.car.physics.model_file import load_model  # likewise
+    from tpmsd.onboard.timeline.compensation import left_alone
+
     model = load_model(file)
     for line in left_alone(config, model):
         note(f"{file}: {line}")

@@ -8,18 +8,17 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import VEHICLE_STATE_METHODS, Config
 from tpmsd.car.config.vehicle_state import check_vehicle_state
-from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.startup import keep_freed_memory
-from tpmsd.interfaces.api.results import REPLAY_SCHEMA
 from tpmsd.interfaces.cli.drive_reading import say, span_s
 from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
@@ -28,13 +27,13 @@ from tpmsd.interfaces.cli.replay_signals import has_signals_alone, run_signals
 from tpmsd.offline.drives import playing
 from tpmsd.offline.drives.drive import Drive, settings_of
 from tpmsd.offline.drives.reading import FolderRecording
-from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.offline.report.replay_document import REPLAY_SCHEMA, replay_document
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.replay_summary import replay_summary
-from tpmsd.offline.tables.car_file import toml_text
-from tpmsd.offline.tables.tick_table import TickTable
-from tpmsd.offline.tables.write import check_packages, csv_text, parquet_bytes
-from tpmsd.offline.tables.write_mcap import mcap_bytes
+
+if TYPE_CHECKING:
+    from tpmsd.car.physics.model import ExtendedModel
+    from tpmsd.offline.tables.tick_table import TickTable
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -98,7 +97,6 @@ def run(args: argparse.Namespace) -> int:
     config = _with_vehicle_state(with_filter(config, args), args)
     model = model_of(config, args, say)
     wanted = args.html is not None or any(outputs.asked(f"--{kind}") for kind in _KINDS)
-    car = toml_text(settings_of(config))
     keep_freed_memory()
     result, table = replayed(args.drive, config, model, table=wanted)
     if table is not None and table.fixes_left_out:
@@ -109,9 +107,7 @@ def run(args: argparse.Namespace) -> int:
         {
             "--plot": lambda: _plot(result, args.plot),
             "--html": lambda: _page(result, table, origin()),
-            "--csv": lambda: csv_text(table) if table is not None else None,
-            "--parquet": lambda: parquet_bytes(table, car) if table is not None else None,
-            "--mcap": lambda: mcap_bytes(table) if table is not None else None,
+            **_tables(table, config),
             "--json": lambda: json_text({**origin(), **replay_document(result)}),
         }
     )
@@ -132,8 +128,26 @@ def _outputs(args: argparse.Namespace) -> Outputs:
         check_report_packages()
     for kind in _KINDS:
         if outputs.asked(f"--{kind}"):
+            from tpmsd.offline.tables.write import check_packages
+
             check_packages(kind)
     return outputs
+
+
+def _tables(table: TickTable | None, config: Config) -> dict[str, Callable[[], str | bytes]]:
+    """Return the writers of the tick table, by option; none where there is no table."""
+    if table is None:
+        return {}
+    # Imported where it is used: most replays write none.
+    from tpmsd.offline.tables.car_file import toml_text
+    from tpmsd.offline.tables.write import csv_text, parquet_bytes
+    from tpmsd.offline.tables.write_mcap import mcap_bytes
+
+    return {
+        "--csv": lambda: csv_text(table),
+        "--parquet": lambda: parquet_bytes(table, toml_text(settings_of(config))),
+        "--mcap": lambda: mcap_bytes(table),
+    }
 
 
 def _plot(result: ReplayResult, file: Path) -> bytes:

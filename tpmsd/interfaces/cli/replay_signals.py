@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import json_text
 from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.offline.signals.columns import signals_file
 
 if TYPE_CHECKING:
     from tpmsd.offline.report.vehicle_state_summary import StateSummary
@@ -29,8 +30,6 @@ _ELSEWHERE = ("plot", "html", "model", "method")
 
 def has_signals_alone(folder: Path) -> bool:
     """Return True for a folder with a table of signals and no log of a bus."""
-    from tpmsd.offline.signals.read import signals_file
-
     return folder.is_dir() and signals_file(folder) is not None and not any(folder.glob("can.*"))
 
 

@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,12 +20,13 @@ from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.drives.reading import DriveReader, FolderRecording, MemoryRecording
 from tpmsd.offline.report.card import card, one_line
-from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
-from tpmsd.offline.tables.encode import Encoded, encode
-from tpmsd.offline.tables.from_columns import InMemoryTable, series_of
-from tpmsd.offline.tables.gather import signals_from, split_empty
-from tpmsd.offline.tables.signals import SignalReadings
 from tpmsd.onboard.sources.can.frame import CanFrame
+
+if TYPE_CHECKING:
+    from tpmsd.offline.tables.car_file import Table
+    from tpmsd.offline.tables.encode import Encoded
+    from tpmsd.offline.tables.from_columns import InMemoryTable
+    from tpmsd.offline.tables.signals import SignalReadings
 
 KINDS = ("wheel_count", "wheel_speed")
 ANTENNA = ("antenna_forward_m", "antenna_left_m", "latency_s")
@@ -111,6 +112,11 @@ class Drive:
         >>> Drive.from_tables(wheels, vehicle=car).config.can.signals
         {'wheel_count_rl': 'WHEEL_RL.COUNT', 'wheel_count_rr': 'WHEEL_RR.COUNT'}
         """
+        # Imported where it is used: a drive in a folder does without.
+        from tpmsd.offline.tables.encode import encode
+        from tpmsd.offline.tables.from_columns import series_of
+        from tpmsd.offline.tables.gather import signals_from, split_empty
+
         tables, radii = _car(vehicle)
         antenna = {"antenna_forward_m": antenna_forward_m, "antenna_left_m": antenna_left_m}
         placed = {key: value for key, value in antenna.items() if value is not None}
@@ -150,6 +156,8 @@ def load(path: str | Path, config: str | Path | None = None) -> Drive:
 
 def drive_of(encoded: Encoded, tables: Mapping[str, Table], name: str) -> Drive:
     """Return the drive of encoded signals, with the tables of its configuration."""
+    from tpmsd.offline.tables.car_file import car_tables, config_of, toml_text
+
     text = toml_text(car_tables(encoded, tables))
     config = config_of(text)
     return Drive(name, config, MemoryRecording(name, encoded.items, encoded.dbc), text)

@@ -11,8 +11,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.offline.drives.drive import Drive
 from tpmsd.offline.drives.reading import (
@@ -26,13 +24,14 @@ from tpmsd.offline.drives.reading import (
 )
 from tpmsd.offline.report.replay_recorder import ReplayRecorder
 from tpmsd.offline.report.replay_result import ReplayResult
-from tpmsd.offline.report.vehicle_state_summary import StateSummary
-from tpmsd.offline.tables.tick_table import TickTable, TickTableRecorder
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.resonance.watch import ResonanceWatch
 
 if TYPE_CHECKING:
+    from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.offline.inference.recording import Recording
+    from tpmsd.offline.report.vehicle_state_summary import StateSummary
+    from tpmsd.offline.tables.tick_table import TickTable, TickTableRecorder
     from tpmsd.onboard.timeline.tick import Tick
 
 REPORTED_LATE_S = 1.0
@@ -53,8 +52,8 @@ def replayed(
     stream, database = drive.recording.open(config, note)
     recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
     method = config.vehicle_state.method
-    ticks = TickTableRecorder(method is not None) if table else None
-    states = None if method is None else StateSummary(method)
+    ticks = _table_recorder(method is not None) if table else None
+    states = None if method is None else _state_summary(method)
     begun = time.perf_counter()
     pipeline = Pipeline(config, database, model)
     if ticks is not None:
@@ -80,6 +79,21 @@ def replayed(
         vehicle_state=states,
     )
     return result, None if ticks is None else ticks.table()
+
+
+# Imported where they are used: most replays do without, and their modules take longer than a minute's drive.
+
+
+def _table_recorder(states: bool) -> TickTableRecorder:
+    from tpmsd.offline.tables.tick_table import TickTableRecorder
+
+    return TickTableRecorder(states)
+
+
+def _state_summary(method: str) -> StateSummary:
+    from tpmsd.offline.report.vehicle_state_summary import StateSummary
+
+    return StateSummary(method)
 
 
 def explained(
@@ -131,4 +145,8 @@ def known_effects(
         if len(named) > 1:
             raise ConfigError("the drives' configurations name different models: give one as model=")
         model = named.pop()
-    return load_model(model) if isinstance(model, str | Path) else model
+    if not isinstance(model, str | Path):
+        return model
+    from tpmsd.car.physics.model_file import load_model
+
+    return load_model(model)

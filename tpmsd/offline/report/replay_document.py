@@ -13,6 +13,8 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.onboard.sinks.alarm_entry import alarm_entry
 
+REPLAY_SCHEMA = "tpmsd.replay/2"
+
 
 def replay_document(result: ReplayResult) -> dict[str, Any]:
     """Return the document; ready for `json.dumps(..., allow_nan=False)`.

@@ -7,6 +7,7 @@ them. Times are seconds of the drive's host clock; NaN stands for a number nobod
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +15,11 @@ from numpy.typing import NDArray
 from tpmsd.car.config.model import MonitorConfig, VehicleConfig
 from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.report.vehicle_state_summary import StateSummary
 from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
 from tpmsd.onboard.resonance.watch import ResonanceStatus
+
+if TYPE_CHECKING:
+    from tpmsd.offline.report.vehicle_state_summary import StateSummary
 
 GNSS_GAP_S = 5.0
 """From this age on the last fix counts as lost: an outage in the summary, a shaded span in the plot."""

@@ -1,10 +1,14 @@
-"""The columns of a table of signals.
+"""The files and columns of a table of signals.
 
-In: nothing. Out: names. They are those of the tick table where it has them; SI units, ISO 8855 axes.
+In: a drive folder. Out: names. They are those of the tick table where it has them; SI units, ISO 8855 axes.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
+
+FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
+"""Names in a drive folder, in the order in which they are looked for."""
 TIME = "time_s"
 STEERING_WHEEL, ROAD_WHEEL = "steering_wheel_angle_rad", "road_wheel_angle_rad"
 DRIVE, BRAKE = "drive_force_n", "brake_force_n"
@@ -21,6 +25,11 @@ OUTPUTS = {
 """Column by the output's name."""
 WHEELS = tuple(f"wheel_speed_{wheel}_radps" for wheel in ("fl", "fr", "rl", "rr"))
 INPUTS = (STEERING_WHEEL, ROAD_WHEEL, DRIVE, BRAKE, DRIVE_TORQUE, BRAKE_PRESSURE)
+
+
+def signals_file(folder: Path) -> Path | None:
+    """Return the table of signals in a drive folder; None where there is none."""
+    return next((folder / name for name in FILES if (folder / name).is_file()), None)
 
 
 def is_known(name: str) -> bool:

@@ -22,11 +22,9 @@ import numpy as np
 from tpmsd.car.config.problems import escaped_lines
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.signals.columns import TIME, is_known
+from tpmsd.offline.signals.columns import FILES, TIME, is_known, signals_file
 from tpmsd.offline.tables.native import MAX_COLUMNS, NativeTable
 
-FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
-"""Names in a drive folder, in the order in which they are looked for."""
 LARGEST_BYTES = 500_000_000
 """Text that is read of a file at most, unpacked."""
 MAX_VALUES = 64_000_000
@@ -51,11 +49,6 @@ class SignalTable:
     def time_s(self) -> FloatArray:
         """Return the times of the rows on the recording's own clock."""
         return self.columns[TIME]
-
-
-def signals_file(folder: Path) -> Path | None:
-    """Return the table of signals in a drive folder; None where there is none."""
-    return next((folder / name for name in FILES if (folder / name).is_file()), None)
 
 
 def read_signals(path: Path) -> SignalTable:
