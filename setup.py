@@ -1,5 +1,6 @@
 """The parts of tpmsd that may be compiled: the arithmetic of the Gaussian-sum filter's hypothesis bank, the
-gains of the diagnosis' whitening filter, lines of candump, and the monitor's comparison of hypotheses.
+gains of the diagnosis' whitening filter, lines of candump, NMEA sentences, and the monitor's comparison of
+hypotheses.
 
 Everything else of the build is in pyproject.toml. Without a compiler or Python's headers the extensions are
 left out, and the same is done with NumPy arrays. TPMSD_NO_KERNEL=1 leaves them out on purpose, for the wheel

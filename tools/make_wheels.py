@@ -20,7 +20,7 @@ from pathlib import Path
 GLIBC = "2.17"
 """manylinux2014: Debian 8, Ubuntu 14.04, RHEL 7 and everything later."""
 PROCESSORS = ("x86_64", "aarch64")
-KERNELS = ("_bank.abi3.so", "_gains.abi3.so", "_candump.abi3.so", "_evidence.abi3.so")
+KERNELS = ("_bank.abi3.so", "_gains.abi3.so", "_candump.abi3.so", "_nmea.abi3.so", "_evidence.abi3.so")
 
 
 class WheelError(Exception):

@@ -63,7 +63,7 @@ def test_kernels_of_other_sources_are_left_out_and_named(tmp_path: Path) -> None
 
     assert [
         "ArrayKernel ArrayKernel None False",
-        "compiled: gains, candump (outdated: bank, evidence)",
+        "compiled: gains, candump, nmea (outdated: bank, evidence)",
     ] == said.stdout.splitlines()
     (line,) = said.stderr.splitlines()
     assert "(bank, evidence)" in line and "build_ext --inplace" in line
@@ -72,9 +72,9 @@ def test_kernels_of_other_sources_are_left_out_and_named(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("there", "word"),
     [
-        ((True, True, True, True), "compiled"),
-        ((False, False, False, False), "numpy"),
-        ((True, False, True, False), "compiled: bank, candump"),
+        ((True, True, True, True, True), "compiled"),
+        ((False, False, False, False, False), "numpy"),
+        ((True, False, True, False, False), "compiled: bank, candump"),
     ],
 )
 def test_one_word_for_all_kernels(

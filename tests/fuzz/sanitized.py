@@ -24,6 +24,7 @@ TESTS = (
     "tests/onboard/estimators/test_bank_kernel.py",
     "tests/offline/inference/test_gains.py",
     "tests/onboard/sources_can/test_candump_text.py",
+    "tests/onboard/gnss/test_nmea_kernel.py",
     "tests/onboard/monitor/test_evidence_kernel.py",
 )
 FLAGS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=undefined", "-fno-omit-frame-pointer")

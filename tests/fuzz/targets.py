@@ -59,6 +59,7 @@ from tpmsd.onboard.sources.can.candump_line import parse_candump_line
 from tpmsd.onboard.sources.can.decoder import CanDecoder, load_database
 from tpmsd.onboard.sources.can.log import read_can_log
 from tpmsd.onboard.sources.events import GnssFix, InertialSample, RotationSample
+from tpmsd.onboard.sources.gnss import nmea_sentence
 from tpmsd.onboard.sources.gnss.nmea_epoch import NmeaAssembler
 from tpmsd.onboard.sources.gnss.nmea_framer import MAX_LINE_BYTES, NmeaFramer
 from tpmsd.onboard.sources.gnss.nmea_log import read_nmea_log
@@ -128,6 +129,7 @@ def nmea(data: bytes) -> None:
         time_s += (piece[0] - 100) / 50.0
         for line in framer.feed(piece):
             assert len(line) <= MAX_LINE_BYTES
+            same_sentence(line)
             for event in assembler.feed(time_s, line):
                 if isinstance(event, GnssFix) and not math.isnan(event.latitude_deg):
                     assert abs(event.latitude_deg) <= 90.0 and abs(event.longitude_deg) <= 180.0
@@ -135,6 +137,13 @@ def nmea(data: bytes) -> None:
         assembler.advance(time_s + 0.3)
         assert len(framer._partial) <= MAX_LINE_BYTES
     assembler.flush()
+
+
+def same_sentence(line: bytes) -> None:
+    """A line that compiled code reads is read alike without it."""
+    values = None if nmea_sentence.compiled is None else nmea_sentence.compiled.decode(line, math.nan)
+    if values is not None:
+        assert repr(values) == repr(tuple(nmea_sentence._by_text(line)))
 
 
 def stream(data: bytes) -> Iterator[tuple[float, int, bool, bytes]]:

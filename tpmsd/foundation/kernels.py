@@ -1,5 +1,5 @@
 """Load compiled kernels, and report which of them this installation has: hypothesis bank, whitening gains,
-candump lines, comparison of hypotheses.
+candump lines, NMEA sentences, comparison of hypotheses.
 
 In: the installed files. Out: modules, one word for all kernels. Each kernel has a twin in NumPy that gives
 the same results within rounding and runs where the compiled one is absent, or was built of other sources than
@@ -23,6 +23,7 @@ FILES = {
     "bank": "onboard/estimators/bank/_bank",
     "gains": "offline/inference/_gains",
     "candump": "onboard/sources/can/_candump",
+    "nmea": "onboard/sources/gnss/_nmea",
     "evidence": "onboard/monitor/evidence/_evidence",
 }
 """Kernel -> its file below the package's folder, without the suffix."""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.sources.ahead.regular_readings import RegularReadings
-from tpmsd.onboard.sources.can.arrival import MessageArrival, timeout_of
+from tpmsd.onboard.sources.can.arrival import MessageArrival, timeouts_of
 from tpmsd.onboard.sources.can.block import ERROR, REMOTE, FrameBlock
 from tpmsd.onboard.sources.can.decoder import CanDecoder, Group
 from tpmsd.onboard.sources.can.senders import SenderWatch
@@ -402,16 +402,19 @@ class _Attempt:
         `before`: the arrival before the range; `indices`, `stamps`, `periods`: of the message's frames in it,
         up to the first irregular one.
         """
-        last_s = np.array([before.last_s, *stamps])
-        timeout_s = np.array([before.timeout_s, *map(timeout_of, periods)])
-        # A frame meets what is known before it.
-        frames = np.diff([self._start, *(index + 1 for index in indices), self._stop])
-        silent_s = self._frames.block.time_s[self._start : self._stop] - np.repeat(last_s, frames)
-        overdue = silent_s > np.repeat(timeout_s, frames)
+        start, stop = self._start, self._stop
+        # A frame meets what is known before it, so between two of the message's own the latest tells.
+        first = [start, *(index + 1 for index in indices if index + 1 < stop)]
+        last_s = np.array([before.last_s, *stamps])[: len(first)]
+        timeout_s = np.append(before.timeout_s, timeouts_of(np.array(periods)))[: len(first)]
+        time_s = self._frames.block.time_s[start:stop]
+        overdue = np.maximum.reduceat(time_s, np.array(first) - start) - last_s > timeout_s
         if before.timed_out:
-            overdue[: frames[0]] = False
+            overdue[0] = False
         if overdue.any():
-            self._irregular(self._start + int(np.argmax(overdue)), Reason.SILENCE)
+            at = int(np.argmax(overdue))
+            late = time_s[first[at] - start :] - last_s[at] > timeout_s[at]
+            self._irregular(first[at] + int(np.argmax(late)), Reason.SILENCE)
 
     def _frozen(
         self,

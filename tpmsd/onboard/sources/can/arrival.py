@@ -12,6 +12,10 @@ from collections import deque
 from enum import IntEnum
 from itertools import pairwise
 
+import numpy as np
+
+from tpmsd.foundation.wheels import FloatArray
+
 LOST_PERIODS = 1.6
 """A gap from this many periods on is a loss (one missing frame makes it 2), unless jitter is larger."""
 LOST_SHARE, GAP_SHARE = 0.5, 0.125
@@ -40,6 +44,12 @@ def timeout_of(period_s: float) -> float:
     """Return the silence after which a message of this period has timed out; `period_s` is 0 while it is not
     known."""
     return max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s) if period_s else FIRST_TIMEOUT_S
+
+
+def timeouts_of(periods_s: FloatArray) -> FloatArray:
+    """Return the same of many periods (n,)."""
+    known_s = np.maximum(MIN_TIMEOUT_S, TIMEOUT_PERIODS * periods_s)
+    return np.where(periods_s == 0.0, FIRST_TIMEOUT_S, known_s)
 
 
 _USE = FrameVerdict.USE

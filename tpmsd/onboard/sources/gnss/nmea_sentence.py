@@ -1,7 +1,8 @@
 """Decodes one NMEA 0183 sentence.
 
 In: one line of bytes from `$` on. Out: an `NmeaReading` in SI units, or `SentenceError` that says whether the
-checksum or the form is wrong. Second 60 of a leap second and all decimals of a time are kept.
+checksum or the form is wrong. Second 60 of a leap second and all decimals of a time are kept. Where it was
+built, compiled code (`_nmea.c`) reads the commonest sentences.
 """
 
 from __future__ import annotations
@@ -9,10 +10,13 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from functools import lru_cache
+from functools import lru_cache, partial
 from string import hexdigits
 from typing import NamedTuple
 
+from tpmsd.foundation.kernels import loaded
+
+compiled = loaded("nmea")
 NAN = math.nan
 KNOT_MPS = 1852.0 / 3600.0
 KMH_MPS = 1.0 / 3.6
@@ -114,11 +118,19 @@ class NmeaReading(NamedTuple):
     """Name of the quantity that was impossible and was left out; empty if none."""
 
 
+_of_values = partial(tuple.__new__, NmeaReading)
+
+
 def decode_sentence(line: bytes) -> NmeaReading:
     """Decode one line; types that nothing is taken from come back as kind `other`.
 
     Raises `SentenceError` for a wrong checksum ('checksum') or anything that is no sentence ('garbage').
     """
+    values = None if compiled is None else compiled.decode(line, NAN)
+    return _by_text(line) if values is None else _of_values(values)
+
+
+def _by_text(line: bytes) -> NmeaReading:
     try:
         text = line.decode("ascii").strip()
     except UnicodeDecodeError:
