@@ -7,7 +7,7 @@ table.
 Then the joint estimate's intervals on drives of other cars: see `calibrate_coverage`.
 
 Ten noise scenarios on one drive of a multi-body car with slipping tyres (`multibody_course`): 2.2 km, a
-dozen bends, 60 km/h; both rear circumferences start at 2.2 m. Measured are wheel counts (48 per turn),
+dozen bends, 60 km/h; both rear circumferences start at 2.2 m. Measured are wheel counts (48 per revolution),
 positions (1 m, white, 5 Hz), yaw rate, accelerations and a compass, all with Gaussian noise, as in the
 paper; its noise levels are not published.
 """
@@ -155,7 +155,7 @@ class Bench:
 
     car: Vehicle
     true_m: FloatArray
-    """(2,) rolled per turn by the rear wheels."""
+    """(2,) rolled per revolution by the rear wheels."""
     recordings: list[Recording]
     references: dict[bool, list[ReferencePose]]
     """Without and with side-slip."""
@@ -250,7 +250,7 @@ def paper_table(scenarios: int) -> dict[str, object]:
             for slip in (False, True)
         },
     )
-    print("mm per turn, rl and rr: rolled {:.2f} {:.2f};".format(*bench.true_m * 1e3), end=" ")
+    print("mm per revolution, rl and rr: rolled {:.2f} {:.2f};".format(*bench.true_m * 1e3), end=" ")
     print("optimal two-wheel model {:.2f} {:.2f}".format(*bench.optimal_m[False] * 1e3), end=" ")
     print("without, {:.2f} {:.2f} with side-slip".format(*bench.optimal_m[True] * 1e3))
     print(f"{'':42s} error rl, rr / mm   to optimal / mm  pose error / m (deviation; optimal setting)")

@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.inference.rounding import held_variance
+from tpmsd.offline.inference.rounding import repeated_rounding_variance
 from tpmsd.offline.inference.state_space import diagonals, geometry
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.windows import Reader
@@ -36,7 +36,7 @@ def _recorded(step_mps: float, tremble: float = 0.0) -> Recording:
 
 def test_a_run_of_one_reading_tells_no_more_than_one_rounding() -> None:
     """On a cruise a window has the variance of the rounding times their number; no wheel that trembles."""
-    held = held_variance(_recorded(STEP_MPS))
+    held = repeated_rounding_variance(_recorded(STEP_MPS))
     number = CRUISE_S[1] - CRUISE_S[0]
 
     assert held[45:60, :3] == pytest.approx(number * STEP_MPS**2 / 12.0, rel=0.1)
@@ -47,11 +47,13 @@ def test_a_run_of_one_reading_tells_no_more_than_one_rounding() -> None:
 def test_speeds_without_steps_stamps_that_tremble_and_counts() -> None:
     """Exact speeds of a simulator and counts hold nothing; stamps that leave 4e-6 change nothing."""
     recorded = _recorded(STEP_MPS)
-    held = held_variance(recorded)
+    held = repeated_rounding_variance(recorded)
 
-    assert 0.0 == held_variance(_recorded(0.0)).max()
-    assert 0.0 == held_variance(replace(recorded, quantum_rad=np.full(4, 0.01))).max()
-    assert held_variance(_recorded(STEP_MPS, 2e-6))[50, 0] == pytest.approx(held[50, 0], rel=0.02)
+    assert 0.0 == repeated_rounding_variance(_recorded(0.0)).max()
+    assert 0.0 == repeated_rounding_variance(replace(recorded, quantum_rad=np.full(4, 0.01))).max()
+    assert repeated_rounding_variance(_recorded(STEP_MPS, 2e-6))[50, 0] == pytest.approx(
+        held[50, 0], rel=0.02
+    )
 
 
 def test_the_variance_of_a_distance_holds_it() -> None:
@@ -61,7 +63,7 @@ def test_the_variance_of_a_distance_holds_it() -> None:
     space = geometry(reader.windows, np.isfinite(reader.windows.measured))
     noise = Noise.first(recording.quantum_rad, recording.car.radius_m)
     plain = noise.rough_m**2 * space.speed_mps + noise.floor_m**2
-    held = held_variance(recording)[reader.windows.index]
+    held = repeated_rounding_variance(recording)[reader.windows.index]
 
     assert held.any()
     assert diagonals(space, noise).variance[:, :4] == pytest.approx(plain[:, None] + held)
@@ -78,6 +80,6 @@ def test_a_step_is_that_of_readings_and_not_of_their_means() -> None:
     shown = np.floor(speed_kmh + 0.05 * rng.standard_normal(len(t))).reshape(-1, per_tick).mean(axis=1) / 3.6
     distances = np.repeat(DT_S * shown[:, None], 4, axis=1)
     turned = distances / counted.car.radius_m
-    held = held_variance(replace(counted, rotation_rad=turned, quantum_rad=np.zeros(4)))
+    held = repeated_rounding_variance(replace(counted, rotation_rad=turned, quantum_rad=np.zeros(4)))
 
     assert held[:, 0].max() == pytest.approx(20.0 / 3.6**2 / 12.0, rel=0.1)

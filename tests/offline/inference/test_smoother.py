@@ -76,7 +76,7 @@ def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
         to_east_north=reader.windows.to_east_north[:few],
         measured=reader.windows.measured[:few],
         after_fixes=reader.windows.after_fixes[:few],
-        held_m2=reader.windows.held_m2[:few],
+        repeated_rounding_m2=reader.windows.repeated_rounding_m2[:few],
     )
     noise = first_noise(reader)
     here = np.isfinite(windows.measured)

@@ -63,7 +63,7 @@ def test_what_the_recording_holds_is_known_and_not_drawn(
     showing: Showing, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The drive's own latency is found; of two effects that are drawn most, none is where it holds them."""
-    assert showing.held == {"gnss_latency"}
+    assert showing.present_effects == {"gnss_latency"}
     assert showing.latency_s == pytest.approx(0.2, abs=0.03)
     often = {"inner_wheel_slip", "gyro_drift"}
 
@@ -71,7 +71,7 @@ def test_what_the_recording_holds_is_known_and_not_drawn(
         return {draw(showing, 1, np.random.default_rng(seed))[0].name for seed in range(12)}
 
     assert often & drawn()
-    monkeypatch.setattr(Showing, "held", often)
+    monkeypatch.setattr(Showing, "present_effects", often)
     assert not often & drawn()
 
 

@@ -62,7 +62,7 @@ def test_counts_lost_at_all_times_or_for_a_while_are_reported_with_their_share(
     assert found.share == pytest.approx(mean, abs=2e-4)
     assert found.share_std < 4e-4
     assert found.rate_per_s == pytest.approx(found.share * counts_per_s, rel=0.05)
-    assert found.per_turn == pytest.approx(COUNTS * (1.0 - found.share))
+    assert found.counts_per_rev == pytest.approx(COUNTS * (1.0 - found.share))
 
 
 @pytest.mark.parametrize("deviation_m", [0.0, 6e-4])
@@ -138,7 +138,7 @@ def test_a_finding_names_its_drive_and_says_what_tells_it_from_a_radius() -> Non
         finding.drives,
         finding.where.wheels,
     )
-    assert finding.identified_by.startswith("the ring's ripple, once per turn, comes every 399")
+    assert finding.identified_by.startswith("the ring's ripple, once per revolution, comes every 399")
     assert finding.p_value is None
     assert finding.own_chance is not None
     assert finding.own_chance < 1e-5

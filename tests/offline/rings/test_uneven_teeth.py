@@ -1,4 +1,4 @@
-"""Uneven teeth on buses that read a wheel less than twice per turn."""
+"""Uneven teeth on buses that read a wheel less than twice per revolution."""
 
 from __future__ import annotations
 

@@ -264,7 +264,8 @@ def test_periods_are_in_the_dbc_unless_left_out() -> None:
 
 @pytest.mark.parametrize(("kind", "bits"), [("counts16", 16), ("counts8", 8), ("split", 12)])
 def test_counters_that_turn_over_from_frame_to_frame_are_refused(kind: str, bits: int) -> None:
-    """A million counts per turn fit no bus; the number that the error names fits, and 5 % more does not."""
+    """A million counts per revolution fit no bus; the number that the error names fits, and 5 % more does
+    not."""
     plain = world_of(straight(30.0, 5.0))
 
     def with_teeth(teeth: float) -> World:

@@ -160,7 +160,8 @@ def test_only_the_signals_of_the_wheels_change(tmp_path: Path) -> None:
 
 
 def test_the_real_van_counts_more_after_a_loss_and_nothing_before(recordings: Path, tmp_path: Path) -> None:
-    """On 39,931 counts per turn a wheel that is 2 mm smaller turns more by 2 / 313, from the onset on."""
+    """On 39,931 counts per revolution a wheel that is 2 mm smaller turns more by 2 / 313, from the onset
+    on."""
     onto = recordings / "van-motorway-b"
     loss = "radius_change:wheel=rl,deviation_m=-2e-3,onset_s=200,duration_s=0"
     inject(onto, tmp_path / "out", loss)

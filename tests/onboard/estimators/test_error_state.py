@@ -148,7 +148,9 @@ def test_the_turn_of_a_leaning_car_needs_no_other_instrument(
     lean_m = coefficient_s2 * speed_mps * turn_radps
     rolled_m = speed_mps + turn_radps * TRACK_M / 2 * np.array([-1.0, 1.0])
     rear_rad = TICK_S * rolled_m / (nominal_m + lean_m * np.array([1.0, -1.0]))
-    late = TickMotion(TICK_S, rear_rad, 0.0, 0.0, True, independent_turn_rad=0.0, lateral_known=False)
+    late = TickMotion(
+        TICK_S, rear_rad, 0.0, 0.0, True, independent_heading_change_rad=0.0, lateral_known=False
+    )
 
     _, turn = model.travel_and_turn(mean, late)
 

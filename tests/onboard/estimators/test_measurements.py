@@ -227,4 +227,4 @@ def test_a_wrong_track_shows_in_bends_alone() -> None:
     ]
     assert [-0.14 * 1.5 / 2, 0.14 * 1.5 / 2] == pytest.approx(rows)
     assert (0.0, 0.0, 0.0) == (row[E], row[BE], row[SLIP])
-    assert row[LOAD] * made.turn_rad < 0.0
+    assert row[LOAD] * made.heading_change_rad < 0.0

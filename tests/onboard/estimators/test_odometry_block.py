@@ -103,7 +103,7 @@ def test_front_wheels_agree_with_the_rear_pair_in_a_bend() -> None:
     """Consistent kinematics, also in bends: each front wheel's path is the one predicted, to 0.1 mm per m."""
     bend = world(speed_mps=lambda t: 12.0 + 0.0 * t, yaw_radps=lambda t: 0.15 * np.sin(t / 3.0))
     found = blocks_of(bend.drive().ticks)
-    assert max(abs(block.turn_rad) for _, block in found) > 0.12
+    assert max(abs(block.heading_change_rad) for _, block in found) > 0.12
     for _, block in found[1:]:
         for front in block.front:
             assert front is not None

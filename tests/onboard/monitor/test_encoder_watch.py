@@ -61,7 +61,7 @@ def test_a_wheel_that_loses_counts_is_named_with_the_share(since: int) -> None:
 
 @pytest.mark.parametrize("deviation_m", [0.0, 1e-3, -1e-3])
 def test_a_tyre_of_another_size_loses_no_counts(deviation_m: float) -> None:
-    """One millimetre is three in a thousand of the counts, but the ripple comes once per turn."""
+    """One millimetre is three in a thousand of the counts, but the ripple comes once per revolution."""
     assert {} == _watched(_rotation(deviation_m)).losing
 
 

@@ -42,7 +42,7 @@ def ticks(
     seed: int = 0,
 ) -> list[Tick]:
     """Speed swings by 4 m/s in 25 s, all wheels slip alike. The receiver tells the speed of `age_s` ago,
-    `phase_s` after each full period, with white noise; `teeth` per turn: whole ones are counted."""
+    `phase_s` after each full period, with white noise; `teeth` per revolution: whole ones are counted."""
 
     def speed(time: FloatArray) -> FloatArray:
         return np.asarray(mean_mps + 4.0 * np.sin(2.0 * math.pi * time / 25.0 + seed))

@@ -43,7 +43,7 @@ def ticks(
 ) -> list[Tick]:
     """Speed swings by 4 m/s about 18 m/s in 25 s. `larger_m`: radii beyond nominal; `side_slip`: angle of the
     front wheels per lateral acceleration, by whose cosine they roll less; `braked`: what is more than an
-    engine's braking by 0.4 m/s2, all wheels do alike; `teeth` per turn: whole ones are counted (0: no
+    engine's braking by 0.4 m/s2, all wheels do alike; `teeth` per revolution: whole ones are counted (0: no
     rounding); `hill_mps2`: slopes of the road, a random walk of so much in 20 s."""
     time = np.arange(round(seconds / DT_S)) * DT_S
     phase = 2.0 * math.pi * time / 25.0 + seed

@@ -20,7 +20,7 @@ def blocks(stream: WheelStream, samples: list[RotationSample]) -> list[SpeedBloc
 
 
 def counted(rate_hz: float, seconds: float, speed_radps: float, begin_s: float = 0.0) -> list[RotationSample]:
-    """A counter of 4096 per turn on a wheel at constant speed."""
+    """A counter of 4096 per revolution on a wheel at constant speed."""
     quantum = 2.0 * math.pi / 4096
     at = np.arange(round(seconds * rate_hz)) / rate_hz
     return [

@@ -112,7 +112,7 @@ class Identification:
     everywhere: bool = False
     """True if it acts at all times alike, so that its place is the whole drive."""
     by_teeth: bool = False
-    """True if it is looked for once per turn of a wheel, apart from the windows of a second."""
+    """True if it is looked for once per revolution of a wheel, apart from the windows of a second."""
     by_ripple: bool = False
     """True if a ring's ripple distinguishes it from a radius, apart from the windows too."""
     at_walking_pace: bool = False

@@ -34,7 +34,7 @@ def by_slopes(effect: Effect) -> bool:
     )
 
 
-def turn_factors(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
+def wheel_rotation_factors(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
     """(n, 4) turn of each wheel with the effects over its turn without them; 1 where the car stands."""
     plain = wheel_rates(motion, car, ROLLING)
     acting = wheel_rates(motion, car, model)

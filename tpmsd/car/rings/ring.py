@@ -1,12 +1,13 @@
-"""A ring of `counts` per turn on a wheel, and the first harmonic of its pitch errors.
+"""A ring of `counts` per revolution on a wheel, and the first harmonic of its pitch errors.
 
-In: counts per turn, rolling radii, speeds. Out: lengths, rates and shares of counts; angles that an uneven
-ring shows. Every formula that ties counts to turns and to distance stands here; monitor, diagnosis, discovery
-and the catalogue of effects use it.
+In: counts per revolution, rolling radii, speeds. Out: lengths, rates and shares of counts; angles that an
+uneven ring shows. Every formula that ties counts to revolutions and to distance stands here; monitor,
+diagnosis, discovery and the catalogue of effects use it.
 
 No ring is cut, glued or mounted perfectly. The pitch errors of its teeth, random or not, repeat with every
-turn, so they are harmonics of the wheel's angle. A control unit reads whole counts some times per turn, and
-the first harmonic is what stays: an eccentric ring makes it, and the higher ones average out between teeth.
+revolution, so they are harmonics of the wheel's angle. A control unit reads whole counts some times per
+revolution, and the first harmonic is what stays: an eccentric ring makes it, and the higher ones average out
+between teeth.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tpmsd.foundation.wheels import FloatArray
 Number = TypeVar("Number", float, FloatArray)
 """A number, or an array of some."""
 
-TURN_RAD = 2.0 * math.pi
+REVOLUTION_RAD = 2.0 * math.pi
 
 
 def harmonic_rad(angle_rad: FloatArray, amplitude_rad: float, phase_rad: float) -> FloatArray:
@@ -36,27 +37,27 @@ def amplitude_and_phase(sine: float, cosine: float) -> tuple[float, float]:
 
 def count_length_m(radius_m: Number, counts: Number) -> Number:
     """Return 2 pi r / counts: the distance from one count to the next, m."""
-    return TURN_RAD * radius_m / counts
+    return REVOLUTION_RAD * radius_m / counts
 
 
 def counts_per_m(counts: float, radius_m: float) -> float:
     """Return counts / (2 pi r), 1/m."""
-    return counts / (TURN_RAD * radius_m)
+    return counts / (REVOLUTION_RAD * radius_m)
 
 
 def counts_of(per_m: float, radius_m: float) -> float:
-    """Return 2 pi r * (counts per metre): the counts per turn that a rolling radius makes of them."""
-    return TURN_RAD * radius_m * per_m
+    """Return 2 pi r * (counts per metre): the counts per revolution that a rolling radius makes of them."""
+    return REVOLUTION_RAD * radius_m * per_m
 
 
 def radius_of(counts: float, per_m: float) -> float:
     """Return counts / (2 pi * counts per metre): the rolling radius that goes with a number of counts, m."""
-    return counts / (TURN_RAD * per_m)
+    return counts / (REVOLUTION_RAD * per_m)
 
 
 def turns_hz(speed_mps: Number, radius_m: Number) -> Number:
     """Return v / (2 pi r): turns per second."""
-    return speed_mps / (TURN_RAD * radius_m)
+    return speed_mps / (REVOLUTION_RAD * radius_m)
 
 
 def share_of(rate_per_s: float, counts: float, turns_per_s: Number) -> Number:

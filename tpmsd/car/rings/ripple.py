@@ -1,8 +1,8 @@
-"""The ripple of a wheel's ring, once per turn, in the counts of the wheel: how many counts a turn has.
+"""The ripple of a wheel's ring, once per revolution, in the counts of the wheel: how many counts a turn has.
 
 In: the angle of a wheel by its counts, and what it does rapidly against smooth turning or against the other
 wheels. Out: the power of a line at trial frequencies over the noise beside it, and the log-likelihood that
-this ripple repeats once per turn, for each share of the counts that may be missing.
+this ripple repeats once per revolution, for each share of the counts that may be missing.
 
 A ring's unevenness goes with the wheel's true angle. Of a larger tyre it comes after as many counts as ever,
 of counts that are lost after fewer: this alone tells the two apart.
@@ -76,10 +76,10 @@ def ripple_gain(
     shares: FloatArray,
     variance_rad2: float,
 ) -> FloatArray:
-    """(shares,) log-likelihood gain of a ripple once per turn over noise of this variance, if the wheel has
-    turned by (1 + share) times the counted angle (n,), at whatever phase.
+    """(shares,) log-likelihood gain of a ripple once per revolution over noise of this variance, if the wheel
+    has turned by (1 + share) times the counted angle (n,), at whatever phase.
 
-    The noise that counts is that near one period per turn: roads and frames make more of it there than
+    The noise that counts is that near one period per revolution: roads and frames make more of it there than
     elsewhere.
     """
     power = line_power(angle_rad, ripple_rad * np.exp(-1j * angle_rad), shares)

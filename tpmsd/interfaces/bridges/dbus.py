@@ -3,7 +3,7 @@
 In: the status socket, a message bus. Out: signals `AlarmRaised`, `AlarmCleared`, `HealthChanged` of
 `org.tpmsd.Tpmsd1`, and answers to `GetState`. An alarm counts as sent once the bus has taken its signal, so a
 bus that is restarted loses none. A bridge remembers nothing over its own end: a new one raises again what
-stands. So who listens drops what it received whenever the name gets another owner.
+is active. So who listens drops what it received whenever the name gets another owner.
 """
 
 from __future__ import annotations
@@ -92,11 +92,11 @@ class DbusBridge:
     def _publish(self, summary: DaemonSummary) -> None:
         if not summary.ready:
             return
-        stands = {alarm.key: alarm for alarm in summary.alarms}
-        for key in [key for key in self._alarms if key not in stands]:
+        active = {alarm.key: alarm for alarm in summary.alarms}
+        for key in [key for key in self._alarms if key not in active]:
             self._send("AlarmCleared", "ssd", _identity(self._alarms[key]))
             del self._alarms[key]
-        for key, alarm in stands.items():
+        for key, alarm in active.items():
             if key not in self._alarms:
                 what = (*_identity(alarm), _or_nan(alarm.deviation_mm), alarm.reason)
                 self._send("AlarmRaised", "ssdds", what)

@@ -46,69 +46,69 @@ class Connections:
     def __init__(self, settings: WebSettings, clock: Callable[[], float] = time.monotonic) -> None:
         self._settings = settings
         self._clock = clock
-        self._held: dict[Peer, Connection] = {}
+        self._open: dict[Peer, Connection] = {}
 
     def __len__(self) -> int:
-        return len(self._held)
+        return len(self._open)
 
     def admit(self, opened: socket.socket, address: tuple[Any, ...]) -> bool:
         """Take a connection, if need be in the place of one that waits; False: no place, close it."""
         origin = origin_of(address[0])
-        same_origin = [peer for peer, one in self._held.items() if one.origin == origin]
+        same_origin = [peer for peer, one in self._open.items() if one.origin == origin]
         if len(same_origin) >= self._settings.max_connections_per_address:
             taken = self._evict(same_origin)
-        elif len(self._held) >= self._settings.max_connections:
-            taken = self._evict(list(self._held))
+        elif len(self._open) >= self._settings.max_connections:
+            taken = self._evict(list(self._open))
         else:
             taken = True
         if taken:
-            self._held[peer_of(address)] = Connection(opened, origin, self._clock())
+            self._open[peer_of(address)] = Connection(opened, origin, self._clock())
         return taken
 
     def attach(self, address: tuple[Any, ...], abort: Callable[[], object]) -> None:
         """Name the way in which a connection is closed from now on."""
-        if one := self._held.get(peer_of(address)):
+        if one := self._open.get(peer_of(address)):
             one.abort = abort
 
     def mark_answering(self, address: tuple[Any, ...]) -> None:
         """Note that a whole request is there."""
-        if one := self._held.get(peer_of(address)):
+        if one := self._open.get(peer_of(address)):
             one.waiting = False
 
     def mark_waiting(self, address: tuple[Any, ...]) -> None:
         """Note that an answer is complete: the time of the next request begins."""
-        if one := self._held.pop(peer_of(address), None):
+        if one := self._open.pop(peer_of(address), None):
             one.waiting, one.since_s = True, self._clock()
-            self._held[peer_of(address)] = one
+            self._open[peer_of(address)] = one
 
     def mark_stalled(self, address: tuple[Any, ...], stalled: bool) -> None:
         """Note that a visitor takes nothing more of an answer, or does again."""
-        if one := self._held.get(peer_of(address)):
+        if one := self._open.get(peer_of(address)):
             one.stalled_s = self._clock() if stalled else None
 
     def forget(self, opened: socket.socket, address: tuple[Any, ...]) -> None:
         """Let go of a connection that is closed; another one may have its port by now."""
-        one = self._held.get(peer_of(address))
+        one = self._open.get(peer_of(address))
         if one is not None and one.opened is opened:
-            del self._held[peer_of(address)]
+            del self._open[peer_of(address)]
 
     def expire(self) -> None:
         """Close what has waited or stalled for too long."""
         now = self._clock()
-        for peer, one in list(self._held.items()):
+        for peer, one in list(self._open.items()):
             waited = one.waiting and now - one.since_s > self._settings.request_s
             if waited or (one.stalled_s is not None and now - one.stalled_s > self._settings.stalled_s):
                 self._close(peer)
 
     def _evict(self, peers: list[Peer]) -> bool:
         """Close the one of `peers` that has waited longest; False where none waits."""
-        oldest = next((peer for peer in peers if self._held[peer].waiting), None)
+        oldest = next((peer for peer in peers if self._open[peer].waiting), None)
         if oldest is not None:
             self._close(oldest)
         return oldest is not None
 
     def _close(self, peer: Peer) -> None:
-        one = self._held.pop(peer)
+        one = self._open.pop(peer)
         if one.abort is not None:
             one.abort()
             return

@@ -163,7 +163,7 @@ def _teeth(
     wheels: list[tuple[Counter, float]] = []
     for one in followers_found:
         field = one.series.field
-        log = material.logs[field.key].held(field.selectors)
+        log = material.logs[field.key].selected(field.selectors)
         counter = unwrap(field, log, log.bits(field.layout))
         if counter is not None:
             wheels.append((counter, abs(field.scale)))
@@ -257,8 +257,8 @@ def _plausible(one: Follower, settings: Settings) -> bool:
     """Return whether a wheel counts between four and two hundred thousand times a turn, or its speed has
     steps below 1 m/s."""
     if one.series.kind == "count":
-        per_turn = one.per_mps * 2 * np.pi * settings.radius_m
-        return 4.0 < per_turn < 2e5
+        counts_per_rev = one.per_mps * 2 * np.pi * settings.radius_m
+        return 4.0 < counts_per_rev < 2e5
     return one.per_mps > 0.9
 
 

@@ -40,7 +40,7 @@ class MessageLog:
         """Median time between two frames; infinite for fewer than three."""
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 2 else float("inf")
 
-    def held(self, selectors: Sequence[tuple[BitField, frozenset[int]]]) -> MessageLog:
+    def selected(self, selectors: Sequence[tuple[BitField, frozenset[int]]]) -> MessageLog:
         """Return the frames of one branch of the multiplexers; all where there are none."""
         if not selectors:
             return self

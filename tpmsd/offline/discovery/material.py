@@ -51,7 +51,7 @@ def prepare(
     series: list[Series] = []
     for one in fields:
         try:
-            message = logs[one.key].held(one.selectors)
+            message = logs[one.key].selected(one.selectors)
             raw = message.bits(one.layout)
         except ValueError:
             continue

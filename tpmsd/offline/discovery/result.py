@@ -81,7 +81,7 @@ class Undecided:
 @brief
 @dataclass(frozen=True, slots=True)
 class BusDiscovery:
-    """Roles, counts per turn, driven axle, geometry and receiver of a bus, with probabilities."""
+    """Roles, counts per revolution, driven axle, geometry and receiver of a bus, with probabilities."""
 
     kind: str | None
     """counts | speeds; None if no wheels were found."""

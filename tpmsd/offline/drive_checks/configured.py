@@ -78,7 +78,7 @@ def configured_frames(
     for role, field in fields.items():
         if field.key not in logs:
             continue
-        message = logs[field.key].held(field.selectors)
+        message = logs[field.key].selected(field.selectors)
         if role in needed:
             key, condition = conditions[needed[role]]
             kept = _holds(condition, logs.get(key), message)
@@ -110,7 +110,7 @@ def _holds(condition: ConditionPlan, judged: MessageLog | None, message: Message
     """Return (n,) whether the condition held when each frame came, by the last frame that states it."""
     if judged is None:
         return np.zeros(len(message.time_s), dtype=np.bool_)
-    judged = judged.held(condition.selectors)
+    judged = judged.selected(condition.selectors)
     bits = judged.bits(condition.field)
     raw_values, which = np.unique(bits, return_inverse=True)
     holds = np.array([condition.holds(int(number)) for number in raw_values], dtype=np.bool_)[which]

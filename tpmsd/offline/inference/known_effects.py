@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Motion
-from tpmsd.car.physics.reading_change import AntennaChange, FixChange, turn_factors
+from tpmsd.car.physics.reading_change import AntennaChange, FixChange, wheel_rotation_factors
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import ReferenceTrajectory, reference
@@ -24,7 +24,7 @@ ROUNDS = 2
 """Times that the motion is made: the second differs from the first by the effects, a third by less."""
 MIN_FACTOR = 0.2
 """Factor on a wheel's turn below which it is not divided out: noise would be blown up five times."""
-STANDS_MPS = 0.3
+STATIONARY_MPS = 0.3
 """Speed (m/s) of a fix below which its course is none."""
 
 
@@ -43,7 +43,7 @@ def _taken_out(recording: Recording, about: ReferenceTrajectory, model: Extended
     motion = about.motion
     if (felt := model.grade_factor()) != 1.0:
         motion = replace(motion, grade_rad=felt * motion.grade_rad)
-    factor = _middle(turn_factors(motion, car, model))
+    factor = _middle(wheel_rotation_factors(motion, car, model))
     teeth = np.array([model.true_teeth_per_rev(k, car.teeth_per_rev) for k in range(4)])
     ratio = teeth / car.teeth_per_rev
     rotation = recording.rotation_rad / np.where(factor > MIN_FACTOR, factor, 1.0) / ratio
@@ -90,7 +90,7 @@ def _velocity(recording: Recording, change: FixChange) -> tuple[FloatArray, Floa
     """(m,) speed and course of the fixes without the effects; as vectors where both are told."""
     speed, course = recording.speed_mps, recording.course_rad
     more = change.acting_mps - change.plain_mps
-    both = np.isfinite(speed) & np.isfinite(course) & (speed > STANDS_MPS)
+    both = np.isfinite(speed) & np.isfinite(course) & (speed > STATIONARY_MPS)
     read = np.where(both, speed, 1.0) * np.exp(1j * np.where(both, course, 0.0))
     left = read - more
     slower = np.abs(change.acting_mps) - np.abs(change.plain_mps)

@@ -58,7 +58,8 @@ class Recording:
     name: str = "the drive"
     """Name in reports."""
     counts_per_rev: tuple[float | None, ...] = (None, None, None, None)
-    """Counts per turn of each wheel per turn by which the angles were made, where not the configured ones."""
+    """Counts per revolution of each wheel by which the angles were made, where not the configured
+    ones."""
 
     @property
     def ticks(self) -> int:

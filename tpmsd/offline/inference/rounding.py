@@ -27,7 +27,7 @@ WHOLE = 0.1
 """Share of a step by which they may miss its multiples."""
 
 
-def held_variance(recording: Recording) -> FloatArray:
+def repeated_rounding_variance(recording: Recording) -> FloatArray:
     """(w, 4) variance in m2 of the wheels' ways in the windows of a recording."""
     per = round(WINDOW_S / recording.dt_s)
     count = recording.ticks // per

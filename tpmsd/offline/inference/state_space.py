@@ -69,7 +69,7 @@ class Geometry:
     """(w,) windows since the one before."""
     fixes: FloatArray
     """(w, 3) how many fixes gave a speed, a course and a position; no less than 1."""
-    held_m2: FloatArray
+    repeated_rounding_m2: FloatArray
     """(w, 4) variance of the wheels' ways by rounding that stays the same."""
 
     @cached_property
@@ -157,7 +157,7 @@ def geometry(windows: Linearised, here: np.ndarray, layout: Layout = DRIFTING_RA
         speed_mps=v,
         gap=np.diff(windows.index, prepend=windows.index[:1] - 1),
         fixes=np.maximum(windows.fixes, 1.0),
-        held_m2=np.broadcast_to(windows.held_m2, (len(v), 4)),
+        repeated_rounding_m2=np.broadcast_to(windows.repeated_rounding_m2, (len(v), 4)),
     )
 
 
@@ -215,7 +215,7 @@ def _variances(space: Geometry, noise: Noise, inflate: FloatArray | None) -> Flo
     """(w, 9) of what is new in every window."""
     v, number = space.speed_mps, space.fixes
     out = np.empty((len(v), CHANNELS))
-    out[:, :4] = (noise.rough_m**2 * v * WINDOW_S + noise.floor_m**2)[:, None] + space.held_m2
+    out[:, :4] = (noise.rough_m**2 * v * WINDOW_S + noise.floor_m**2)[:, None] + space.repeated_rounding_m2
     out[:, GYRO] = noise.gyro_radps**2
     out[:, SPEED] = noise.speed_white_mps**2 / number[:, 0]
     out[:, COURSE] = noise.cross_white_mps**2 / v**2 / number[:, 1] + noise.course_floor_rad**2

@@ -34,7 +34,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.inference.rounding import held_variance
+from tpmsd.offline.inference.rounding import repeated_rounding_variance
 from tpmsd.offline.inference.trajectory import WINDOW_S, ReferenceTrajectory, moved
 
 MAX_YAW_RATE_RADPS = 0.4
@@ -71,7 +71,7 @@ class Linearised:
     """(w, 9, 3) response of the channels to an error of the reference's speed, yaw rate and heading."""
     to_east_north: FloatArray
     """(w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
-    held_m2: FloatArray = field(default_factory=lambda: np.zeros((1, 4)), kw_only=True)
+    repeated_rounding_m2: FloatArray = field(default_factory=lambda: np.zeros((1, 4)), kw_only=True)
     """(w, 4) or (1, 4) variance of the wheels' ways by rounding that stays the same."""
 
     def __len__(self) -> int:
@@ -112,7 +112,7 @@ class Reader:
         driven = self._driven() if kept is None else kept
         self._kept = spread(driven, limit)
         self.left_out = len(driven) - len(self._kept)
-        self._held_m2 = held_variance(recording)
+        self._repeated_rounding_m2 = repeated_rounding_variance(recording)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows(ExtendedModel() if base is None else base)
         self._rolled: FloatArray | None = None
@@ -299,7 +299,7 @@ class Reader:
             design=self._designs(base),
             to_east_north=self._growth(),
             measured=measured,
-            held_m2=self._held_m2[kept],
+            repeated_rounding_m2=self._repeated_rounding_m2[kept],
         )
 
     def _covariates(self) -> dict[str, FloatArray]:

@@ -84,7 +84,7 @@ class Showing:
         return self._recording.wheels
 
     @property
-    def held(self) -> set[str]:
+    def present_effects(self) -> set[str]:
         """Names of the effects that the recording holds already."""
         return {term.effect for term in self._terms}
 
@@ -133,7 +133,7 @@ def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect
         for one in showing.identifiable
     }
     names = [one.effect for one in showing.identifiable if not _is_ambiguous(one)]
-    candidates = sorted({*filter(_usual, names), FAULT.name} - showing.held)
+    candidates = sorted({*filter(_usual, names), FAULT.name} - showing.present_effects)
     drawn: list[Effect] = []
     for index in rng.permutation(len(candidates)):
         name = candidates[int(index)]

@@ -41,7 +41,7 @@ from tpmsd.offline.report.diagnosis_summary import (
 )
 from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
 from tpmsd.offline.report.replay_result import ReplayResult
-from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
+from tpmsd.offline.report.simulation_text import agreement, baseline_name, difference_lines
 from tpmsd.offline.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
 
 
@@ -211,7 +211,7 @@ def _sentences(finding: Finding) -> tuple[str, ...]:
     out = [
         f"{_capital(sentence_of(finding.effect))}.",
         f"{certainty}. Located in {location_text(finding.where)}.",
-        *(f"{_capital(line)}." for line in held_lines(finding)),
+        *(f"{_capital(line)}." for line in difference_lines(finding)),
     ]
     if finding.drives:
         out.append(f"Only in {', '.join(finding.drives)}.")

@@ -25,7 +25,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
 )
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_summary
 from tpmsd.offline.report.diagnosis_sentences import summary_sentences
-from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
+from tpmsd.offline.report.simulation_text import agreement, baseline_name, difference_lines
 from tpmsd.offline.report.wording import covariate_name
 
 CHANNELS: dict[str, str] = {
@@ -159,7 +159,7 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
         )
     if finding.shape:
         lines.append(f"   {shape_text(finding)}")
-    lines += [f"   {line}" for line in held_lines(finding)]
+    lines += [f"   {line}" for line in difference_lines(finding)]
     if finding.drives:
         lines.append(f"   only in {', '.join(finding.drives)}")
     lines.append(f"   seen in {location_text(finding.where)}; held-out gain {finding.gain:.0f} nats")

@@ -55,10 +55,10 @@ def verdict(result: ReplayResult) -> str:
 
 def _finding(alarm: AlarmEvent, result: ReplayResult) -> str:
     """`Rear left tyre is losing air: ... Announced at ...`; says so where it did not last to the end."""
-    stands = any((other.kind, other.wheel) == (alarm.kind, alarm.wheel) for other in result.active)
+    still_active = any((other.kind, other.wheel) == (alarm.kind, alarm.wheel) for other in result.active)
     how = alarm.reason.strip().rstrip(".")
     detail = f": {how}." if how else "."
-    end = "" if stands else " It was cleared before the end of the drive."
+    end = "" if still_active else " It was cleared before the end of the drive."
     return f"{verdict_on(alarm)}{detail} Announced at {_when(alarm.time_s, result)}.{end}"
 
 

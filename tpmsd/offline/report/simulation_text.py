@@ -28,7 +28,7 @@ def agreement(diagnosis: RollingDiagnosis) -> str:
     return "They agree within the noise: no missing physics was found."
 
 
-def held_lines(finding: Finding) -> list[str]:
+def difference_lines(finding: Finding) -> list[str]:
     """Who holds an effect, and what the simulation's own value is; nothing without a simulation."""
     if finding.held_by == "recording":
         return ["the recording holds it, your simulation does not"]

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from tpmsd.car.rings.ring import TURN_RAD
+from tpmsd.car.rings.ring import REVOLUTION_RAD
 from tpmsd.car.rings.ripple import OUTLIER_STDS, line_power, noise_power, robust_std
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.rings.counter import Counter
@@ -51,8 +51,8 @@ class Blocks:
 def cut(
     wheels: Sequence[tuple[Counter, float]], expected: float, settings: ToothCountSettings = TOOTH_COUNTS
 ) -> Blocks:
-    """Return the blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per turn,
-    roughly.
+    """Return the blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per
+    revolution, roughly.
 
     Only where the wheel turns so fast that a revolution is shorter than the smoothing.
     """
@@ -96,27 +96,27 @@ def _ahead(counter: Counter, settings: ToothCountSettings) -> FloatArray:
     return np.where(np.abs(ahead) <= OUTLIER_STDS * robust_std(ahead), ahead, np.nan)
 
 
-def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
-    """Return (blocks, k) power at one cycle per `per_turn` (k,) counts; of mean 1 for white noise.
+def powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
+    """Return (blocks, k) power at one cycle per `counts_per_rev` (k,) counts; of mean 1 for white noise.
 
     By a Fourier transform over the counts, gathered in bins of a small part of a cycle.
     """
-    out = np.empty((len(blocks.counts), len(per_turn)))
-    width = float(per_turn.min()) / TOOTH_COUNTS.bins_per_cycle
+    out = np.empty((len(blocks.counts), len(counts_per_rev)))
+    width = float(counts_per_rev.min()) / TOOTH_COUNTS.bins_per_cycle
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
         binned = np.bincount(np.rint(counts / width).astype(np.int64), weights=residual)
         size = 1 << int(np.ceil(np.log2(TOOTH_COUNTS.oversampled * len(binned))))
         spectrum = np.fft.rfft(binned, size)
-        at = np.rint(size * width / per_turn).astype(np.int64)
+        at = np.rint(size * width / counts_per_rev).astype(np.int64)
         out[row] = np.abs(spectrum[at]) ** 2 / max(float(residual @ residual), 1e-300)
     return out
 
 
-def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
+def exact_powers(blocks: Blocks, counts_per_rev: FloatArray) -> FloatArray:
     """Return the power (blocks, k) at a few numbers, without bins."""
-    out = np.empty((len(blocks.counts), len(per_turn)))
+    out = np.empty((len(blocks.counts), len(counts_per_rev)))
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
-        power = line_power(counts, residual, TURN_RAD / per_turn)
+        power = line_power(counts, residual, REVOLUTION_RAD / counts_per_rev)
         out[row] = power / max(float(residual @ residual), 1e-300)
     return out
 

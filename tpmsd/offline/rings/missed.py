@@ -21,7 +21,7 @@ from tpmsd.car.physics.catalogue import TEETH
 from tpmsd.car.physics.effect import Parameter
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import integrate
-from tpmsd.car.rings.ring import TURN_RAD, turns_hz
+from tpmsd.car.rings.ring import REVOLUTION_RAD, turns_hz
 from tpmsd.car.rings.ripple import (
     LOST_SHARES,
     MIN_STD_RAD,
@@ -49,7 +49,7 @@ class Missed:
     rate_std_per_s: float
     gain: float
     """Log-likelihood over that of a counter that loses none, nats."""
-    per_turn: float
+    counts_per_rev: float
     """Counts from one ripple to the next."""
     whole_per_turn: float
     """Counts that the ring has."""
@@ -78,7 +78,7 @@ class _Pair:
 
     def counts_per_s(self, recording: Recording, side: int) -> float:
         """Counts of a whole ring a second, in the mean."""
-        turns = self.turned_rad(side) / TURN_RAD
+        turns = self.turned_rad(side) / REVOLUTION_RAD
         return turns * recording.car.teeth_per_rev / (len(self.angle) * recording.dt_s)
 
 

@@ -40,7 +40,7 @@ class CounterSettings:
     """Relative standard deviation of an amplitude that was folded."""
     fewest_teeth: int = 20
     max_teeth: int = 200
-    """Counts per turn of the rings that cars have (48 to 100 are usual), and of finer ones."""
+    """Counts per revolution of the rings that cars have (48 to 100 are usual), and of finer ones."""
     teeth_from_offset: float = 0.012
     """Relative offset of a radius from which another number of teeth is thought of: radii differ by some
     tenths of a per cent."""

@@ -1,4 +1,4 @@
-"""Looks for uneven teeth: a ripple once per turn of a wheel, too fast for windows of a second.
+"""Looks for uneven teeth: a ripple once per revolution of a wheel, too fast for windows of a second.
 
 In: `Recording`, `ReferenceTrajectory`. Out: the `Ripple` of each wheel that has one.
 
@@ -6,9 +6,10 @@ At every tick's edge each wheel's shown angle is compared with the smooth motion
 wheels; what is left above 0.3 Hz is regressed on sine and cosine of the wheel's own angle. Turning faster
 than the ticks only folds the ripple to other frequencies, where the regression finds it all the same.
 
-Speeds that are read less than twice per turn fold it before they are summed to an angle: what is left of the
-ripple then has another size and phase at every speed, and even another sign. Where that fits much better,
-each range of speeds has a sine and a cosine of its own; the amplitude is then known to a factor of two only.
+Speeds that are read less than twice per revolution fold it before they are summed to an angle: what is left
+of the ripple then has another size and phase at every speed, and even another sign. Where that fits much
+better, each range of speeds has a sine and a cosine of its own; the amplitude is then known to a factor of
+two only.
 """
 
 from __future__ import annotations

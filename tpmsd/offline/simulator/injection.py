@@ -18,7 +18,7 @@ from tpmsd.car.physics.reading_change import (
     by_slopes,
     shown_angle,
     shown_rate_factor,
-    turn_factors,
+    wheel_rotation_factors,
 )
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FloatArray
@@ -55,7 +55,7 @@ class Injection:
         self._start_s = recording.start_s
         self._known_latency_s = config.gnss.latency_s + latency_s
         self._edges_s = recording.edges_s
-        self._factor = turn_factors(self._motion, self._car, model)
+        self._factor = wheel_rotation_factors(self._motion, self._car, model)
         middle = 0.5 * (self._factor[1:] + self._factor[:-1])
         rates = self._motion.speed_mps[:, None] / self._car.radius_m
         rolled = 0.5 * (rates[1:] + rates[:-1]) * recording.dt_s

@@ -23,7 +23,7 @@ from tpmsd.onboard.sources.gnss.nmea_log import bears_host_times, read_nmea_log
 
 KNOT_MPS = 1852.0 / 3600.0
 KMH_MPS = 1.0 / 3.6
-STANDS_MPS = 0.3
+STATIONARY_MPS = 0.3
 """Speed (m/s) below which a receiver's course is none, and is left alone."""
 _STAMP = re.compile(rb"\s*\((\d{1,12})(?:\.(\d*))?\)", re.ASCII)
 _SENTENCE = re.compile(rb"\$([A-Z0-9]{2}([A-Z]{3}),[^*$\r\n]*)(?:\*([0-9A-Fa-f]{2}))?")
@@ -163,7 +163,7 @@ class NmeaRewriter:
         if not speeds:
             return
         speed, course = speeds[0][0], _field(fields, layout.course)
-        if _NUMBER.fullmatch(course) and speed > STANDS_MPS:
+        if _NUMBER.fullmatch(course) and speed > STATIONARY_MPS:
             before = speed * np.exp(1j * math.radians(90.0 - float(course)))
             after = before + acting - plain
             faster = abs(after) - abs(before)

@@ -26,8 +26,8 @@ Table = Mapping[str, Any]
 def car_tables(encoded: Encoded, given: Table) -> dict[str, Any]:
     """Return all tables of the configuration: those that are given, and where the encoded signals are."""
     vehicle = dict(given.get("vehicle", {}))
-    if encoded.counts_per_turn is not None:
-        vehicle["teeth_per_rev"] = encoded.counts_per_turn
+    if encoded.counts_per_rev is not None:
+        vehicle["teeth_per_rev"] = encoded.counts_per_rev
     tables = {name: dict(table) for name, table in given.items() if name not in ("vehicle", "can")}
     can = {"channel": CHANNEL, "dbc": DBC_FILE, "signals": dict(encoded.signals)}
     return {"vehicle": vehicle, "can": can, **tables}

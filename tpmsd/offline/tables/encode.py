@@ -20,7 +20,7 @@ from tpmsd.offline.tables.signals import Fixes, SignalReadings, Signals
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
-COUNTS_PER_TURN = 1_000_000
+COUNTS_PER_REV = 1_000_000
 """Counts of an angle's turn: six micrometres of road, and 32 bits last for 4,294 turns."""
 FIRST_WHEEL_ID, FIRST_INERTIAL_ID = 0x100, 0x200
 UTC_BASE_S = 1_700_000_000.0
@@ -41,8 +41,9 @@ class Encoded:
     dbc: str
     signals: dict[str, str]
     """Role -> 'Message.Signal'."""
-    counts_per_turn: float | None
-    """Counts per turn of the angles; None where the table had counts: then the configured teeth hold."""
+    counts_per_rev: float | None
+    """Counts per revolution of the angles; None where the table had counts: then the configured teeth
+    hold."""
 
 
 def encode(signals: Signals) -> Encoded:
@@ -51,8 +52,8 @@ def encode(signals: Signals) -> Encoded:
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     roles: dict[str, str] = {}
     counted = bool(signals.counts)
-    per_turn = None if counted else signals.counts_per_turn or COUNTS_PER_TURN
-    scale = 1.0 if per_turn is None else per_turn / (2.0 * math.pi)
+    counts_per_rev = None if counted else signals.counts_per_rev or COUNTS_PER_REV
+    scale = 1.0 if counts_per_rev is None else counts_per_rev / (2.0 * math.pi)
     wheels = signals.counts if counted else signals.angles
     for k, wheel in enumerate(WHEELS):
         if wheel not in wheels:
@@ -74,7 +75,7 @@ def encode(signals: Signals) -> Encoded:
         items += _sentences(signals.fixes)
     items.sort(key=lambda item: item.time_s)  # stable: what bears one stamp stays in this order
     dbc = "\n".join([*lines, *doubles, ""])
-    return Encoded(tuple(items), dbc, roles, None if per_turn is None else float(per_turn))
+    return Encoded(tuple(items), dbc, roles, None if counts_per_rev is None else float(counts_per_rev))
 
 
 def _counter_frames(series: SignalReadings, identifier: int, scale: float) -> Iterator[CanFrame]:

@@ -90,8 +90,8 @@ def _wheels_of(series: Mapping[str, SignalReadings]) -> tuple[str, dict[str, Sig
 
 
 def _counts_per_turn(series: Mapping[str, SignalReadings]) -> float | None:
-    """Return the counts per turn by the rotations' standard deviations, each quantum / sqrt(6); None where
-    there is none."""
+    """Return the counts per revolution by the rotations' standard deviations, each quantum / sqrt(6); None
+    where there is none."""
     stds = [series[role].finite().value for role in STD_ROLES if role in series]
     std = float(np.median(np.concatenate(stds))) if stds and sum(map(len, stds)) else 0.0
     return None if std < FINEST_RAD else round(2.0 * np.pi / (std * np.sqrt(6.0)), 6)

@@ -356,10 +356,10 @@ class _Guesser:
             doubts.append(f"wheel speeds: {per_mps:.4g} times the positions' m/s, which is no unit")
 
     def _rolling_radius(self, unit: str, per_mps: float) -> None:
-        """Take the rolling radius by the distance per turn, if it is a car's."""
+        """Take the rolling radius by the distance per revolution, if it is a car's."""
         radius = 1.0 / (per_mps * scale_of("wheel_speed_rl", unit)[0])
         if by_value.RADII_M[0] <= radius <= by_value.RADII_M[1]:
-            self._found.measures["wheel_radius_m"] = (radius, "by the way between positions per turn")
+            self._found.measures["wheel_radius_m"] = (radius, "by the distance per wheel revolution")
         else:
             self._found.doubts.append(f"wheel speeds in {unit} need a rolling radius of {radius:.3g} m")
 
@@ -370,7 +370,10 @@ class _Guesser:
             if by_value.RADII_M[0] <= radius <= by_value.RADII_M[1]:
                 for one in wheels.values():
                     one.unit = one.unit or name
-                self._found.measures["wheel_radius_m"] = (radius, "by the way between positions per turn")
+                self._found.measures["wheel_radius_m"] = (
+                    radius,
+                    "by the distance per wheel revolution",
+                )
                 return
         self._found.doubts.append("wheel angles: no unit gives a rolling radius of a car")
 

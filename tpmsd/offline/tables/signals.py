@@ -55,9 +55,9 @@ class Signals:
     """Wheel -> angle turned, rad."""
     counts: dict[str, SignalReadings] = field(default_factory=dict)
     """Wheel -> counts that rise without rolling over. Either these or the angles."""
-    counts_per_turn: float | None = None
-    """Counts per turn of angles that were counted, so that they are weighted as such; None where they are
-    exact."""
+    counts_per_rev: float | None = None
+    """Counts per revolution of angles that were counted, so that they are weighted as such; None where they
+    are exact."""
     inertial: dict[str, SignalReadings] = field(default_factory=dict)
     """Role of an optional signal -> its values."""
     fixes: Fixes | None = None

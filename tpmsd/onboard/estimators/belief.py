@@ -102,7 +102,7 @@ class RolledTick(NamedTuple):
     """(d,) rotation; finite for the rear pair."""
     distance_m: float
     """Distance by nominal radii (`FilterCar.virtual_motion`)."""
-    turn_rad: float
+    heading_change_rad: float
     """Turn by nominal radii."""
     curvature: float | None
     """Curvature by the steering, where it replaces the wheels' turn [Lundquist 2013, eq. 38c]."""

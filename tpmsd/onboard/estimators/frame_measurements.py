@@ -60,7 +60,7 @@ class GyroBias:
         self.bias_radps, self._variance = GYRO_ZERO_RADPS.mean, GYRO_ZERO_RADPS.std**2
         self._anchor: tuple[float, float, float] | None = None
         """Time, course and its variance at which the sum begins."""
-        self._turn_rad = 0.0
+        self._heading_change_rad = 0.0
 
     @property
     def std_radps(self) -> float:
@@ -73,31 +73,31 @@ class GyroBias:
             self._anchor = None
             return
         self._variance += SETTINGS.gyro_drift**2 * tick.dt_s
-        self._turn_rad += tick.yaw_rate_radps * tick.dt_s
+        self._heading_change_rad += tick.yaw_rate_radps * tick.dt_s
         for fix in tick.fixes:
             if not (math.isfinite(fix.heading_rad) and fix.speed_mps > SETTINGS.course_speed_mps):
                 continue
             # What the gyro turns after the fix within its tick is not part of the sum up to the fix.
-            turn = self._turn_rad - (1.0 - fix.fraction) * tick.dt_s * tick.yaw_rate_radps
+            turn = self._heading_change_rad - (1.0 - fix.fraction) * tick.dt_s * tick.yaw_rate_radps
             noise = (fix.speed_noise * SETTINGS.doppler_mps / fix.speed_mps) ** 2
             noise += SETTINGS.course_floor_rad**2 + (SETTINGS.timing_s * tick.yaw_rate_radps) ** 2
             self._take(fix.time_s, fix.heading_rad, noise, turn)
 
-    def _take(self, time_s: float, course_rad: float, noise: float, turn_rad: float) -> None:
+    def _take(self, time_s: float, course_rad: float, noise: float, heading_change_rad: float) -> None:
         if self._anchor is None or time_s - self._anchor[0] > 2.0 * SETTINGS.gyro_span_s:
             self._anchor = time_s, course_rad, noise
-            self._turn_rad -= turn_rad
+            self._heading_change_rad -= heading_change_rad
             return
         since_s, before_rad, before = self._anchor
         span_s = time_s - since_s
         if span_s < SETTINGS.gyro_span_s:
             return
-        residual = math.remainder(turn_rad - (course_rad - before_rad), 2 * math.pi) / span_s
+        residual = math.remainder(heading_change_rad - (course_rad - before_rad), 2 * math.pi) / span_s
         gain = self._variance / (self._variance + (noise + before) / span_s**2)
         self.bias_radps += gain * (residual - self.bias_radps)
         self._variance *= 1.0 - gain
         self._anchor = time_s, course_rad, noise
-        self._turn_rad -= turn_rad
+        self._heading_change_rad -= heading_change_rad
 
 
 class FrameBlocks:
@@ -122,6 +122,6 @@ class FrameBlocks:
         block = self._blocks.add(tick, moment.informative, self._radii, moment.accel_mps2)
         if block is None or not block.informative:
             return None
-        turn = block.gyro_turn_rad - self._gyro.bias_radps * block.duration_s
-        known = replace(block, gyro_turn_rad=turn if moment.gyro_trusted else NAN)
+        turn = block.gyro_heading_change_rad - self._gyro.bias_radps * block.duration_s
+        known = replace(block, gyro_heading_change_rad=turn if moment.gyro_trusted else NAN)
         return known, (self._gyro.std_radps * block.duration_s) ** 2

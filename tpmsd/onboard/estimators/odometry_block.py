@@ -42,7 +42,7 @@ class Block:
     distance_m: float
     doppler_distance_m: float
     """NaN without Doppler speeds."""
-    turn_rad: float
+    heading_change_rad: float
     """Turn over the Doppler span."""
     accel_mps2: float
     """Mean longitudinal acceleration."""
@@ -56,12 +56,12 @@ class Block:
     front: tuple[FrontResidual | None, FrontResidual | None]
     at_radii: FloatArray
     """(d,) radius errors at which turn and front residuals were formed."""
-    gyro_turn_rad: float
+    gyro_heading_change_rad: float
     """Integral of the yaw rate signal over the block; NaN where it was missing."""
     load_per_turn: float
     """Derivative of the wheels' turn by the lateral load transfer (`error_state.ProcessModel.load_turn`), per
     turn."""
-    reading_turn_rad: float
+    reading_heading_change_rad: float
     """Reading error of the counters as a turn."""
     ticks: int
     """Number of ticks in it."""
@@ -150,7 +150,7 @@ class BlockBuilder:
             angle_rad=np.array(angle),
             distance_m=distance_m,
             doppler_distance_m=travel,
-            turn_rad=sum(turns),
+            heading_change_rad=sum(turns),
             accel_mps2=sum(a for _, _, a in self._ticks) / len(self._ticks),
             speed_change_mps=change,
             speed_noise=noise,
@@ -158,9 +158,9 @@ class BlockBuilder:
             reading_distance_m=reading_roll_m / 2,
             front=front,
             at_radii=radii.copy(),
-            gyro_turn_rad=gyro,
+            gyro_heading_change_rad=gyro,
             load_per_turn=-accel_per_turn * (angle[0] + angle[1]) / track_m,
-            reading_turn_rad=reading_roll_m / track_m,
+            reading_heading_change_rad=reading_roll_m / track_m,
             ticks=len(ticks),
         )
 

@@ -190,7 +190,7 @@ class Monitor:
             if changes is None:
                 return []
             judging.observe(estimate, self._judge.nuisance_m2)
-            drive = judging.change_hypotheses(alarm_stands=bool(self._standing))
+            drive = judging.change_hypotheses(alarm_active=bool(self._standing))
             before = judging.before(changes[0]), judging.before(changes[1])
             others = self._sets.other_tyres
             self._judged = self._judge.judge(*changes, self._resonance, others, drive, before)
@@ -199,7 +199,7 @@ class Monitor:
             soft_before, min_hold_s = self._first.standing, self._judged.min_hold_s
             for (kind, wheel), alarm in self._alarms.items():
                 if wheel in soft_before:
-                    alarm.held_s = 0.0
+                    alarm.hold_elapsed_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
                 possible = float(self._judged.possible[wheel]) if kind is AlarmKind.DEFLATION else None
@@ -303,7 +303,7 @@ class Monitor:
         if self._sets.baseline is not before:
             self._judged = Judgement.unknown()
             for alarm in self._alarms.values():
-                alarm.held_s = 0.0
+                alarm.hold_elapsed_s = 0.0
             if self._sets.state == "accepted":
                 self._take_back()
         self._learning = self.learning()
@@ -315,7 +315,7 @@ class Monitor:
         self._questions.forget()
         self._first.stand(())
         for key, alarm in self._alarms.items():
-            alarm.active, alarm.held_s = False, 0.0
+            alarm.active, alarm.hold_elapsed_s = False, 0.0
             if key in self._standing:
                 self._taken_back.append(key)
 
@@ -422,7 +422,7 @@ class Monitor:
         self._standing.clear()
         self._taken_back.clear()
         for alarm in self._alarms.values():
-            alarm.active, alarm.held_s = False, 0.0
+            alarm.active, alarm.hold_elapsed_s = False, 0.0
         for event in standing:
             key = (event.kind, WHEELS.index(event.wheel or ""))
             self._alarms[key].active = not event.since

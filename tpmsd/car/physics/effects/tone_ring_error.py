@@ -66,7 +66,7 @@ class ToneRingError(Effect):
         """No ring runs quite true; speeds that are timed from edge to edge show it."""
         if abs(value) - 2.0 * std > TOLERANCE_RAD:
             return ""
-        return f"uneven by {value:.1e} +- {std:.1e} rad once per turn, as rings are"
+        return f"uneven by {value:.1e} +- {std:.1e} rad once per revolution, as rings are"
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
         """Return the first harmonic on its wheel, zero on the others."""

@@ -89,7 +89,7 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
         indistinguishable_from=(),
         drives=drives,
         identified_by=(
-            f"the ring's ripple, once per turn, comes every {one.per_turn:.0f} counts of"
+            f"the ring's ripple, once per revolution, comes every {one.counts_per_rev:.0f} counts of"
             f" {one.whole_per_turn:.0f}; of a larger radius it would come every {one.whole_per_turn:.0f}"
         ),
         # The probability that a likelihood ratio of this size favours the wrong account is less than its

@@ -51,7 +51,7 @@ class Common:
 
 
 @dataclass(frozen=True)
-class Held:
+class EffectDifference:
     """One difference: who holds the effect, and the values of each."""
 
     by: str
@@ -137,7 +137,7 @@ def differences(
     raise AssertionError("unreachable")
 
 
-def compared(regression: Regression, selection: Selection) -> list[Held]:
+def compared(regression: Regression, selection: Selection) -> list[EffectDifference]:
     """For each difference, who holds the effect; empty where there is no simulation."""
     hypotheses = regression.hypotheses
     if not isinstance(hypotheses, Differences):
@@ -162,7 +162,7 @@ def compared(regression: Regression, selection: Selection) -> list[Held]:
         by = SIMULATION if there > max(here, SETTINGS.assessment.seen_stds) else RECORDING
         if min(there, here) > SETTINGS.assessment.seen_stds:
             by = BOTH
-        out.append(Held(by, recorded, simulated, twin))
+        out.append(EffectDifference(by, recorded, simulated, twin))
     return out
 
 

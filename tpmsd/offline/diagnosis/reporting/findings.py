@@ -27,7 +27,12 @@ from tpmsd.offline.diagnosis.assessment.result import (
     RollingDiagnosis,
     Where,
 )
-from tpmsd.offline.diagnosis.assessment.simulated import Held, compared, simulated_effects, whole_model
+from tpmsd.offline.diagnosis.assessment.simulated import (
+    EffectDifference,
+    compared,
+    simulated_effects,
+    whole_model,
+)
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
@@ -128,7 +133,7 @@ class _Written:
     notes: list[str]
     nonlinear: dict[int, dict[str, float]]
     """Standard deviations by term of what enters nonlinearly."""
-    versus: list[Held]
+    versus: list[EffectDifference]
     """Each term against the user's simulation; empty without one."""
     findings: list[Finding] = field(default_factory=list)
     effects: list[Effect] = field(default_factory=list)

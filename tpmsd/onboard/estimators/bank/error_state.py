@@ -100,7 +100,7 @@ class TickMotion:
     informative: bool
     horizontal: float = 1.0
     """Way over the map per way along the road (`grade`)."""
-    independent_turn_rad: float | None = None
+    independent_heading_change_rad: float | None = None
     """The tick's turn as something smoother than the wheels' reading tells it, for TRK; None: the wheels'."""
     lateral_known: bool = True
     """True if `accel_lat_mps2` is another instrument's; else it is the wheels', smoothed and late by seconds,
@@ -287,7 +287,7 @@ class ProcessModel:
             nan if motion.lateral_known else self.load_gain(motion),
             SETTINGS.min_load_factor,
             track_m,
-            nan if motion.independent_turn_rad is None else motion.independent_turn_rad,
+            nan if motion.independent_heading_change_rad is None else motion.independent_heading_change_rad,
             nan if motion.steered_curvature is None else motion.steered_curvature,
             decay,
             *(self._of_length.gentle if motion.informative else self._of_length.rough),
@@ -321,7 +321,9 @@ class ProcessModel:
         if not by_wheels:
             return _Bend(across, by_radius, by_slip)
         # The wheels' own reading error here would be taken for a track (errors in variables).
-        by_track = turn if motion.independent_turn_rad is None else motion.independent_turn_rad
+        by_track = (
+            turn if motion.independent_heading_change_rad is None else motion.independent_heading_change_rad
+        )
         return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share)
 
     def _set_noise(

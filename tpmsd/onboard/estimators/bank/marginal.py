@@ -59,7 +59,7 @@ class MarginalBelief(MixtureBelief):
         if self._unwalked_s >= SETTINGS.level_step_s:
             self._hypotheses.walk(self.bank, self._unwalked_s, self._rng)
             self._unwalked_s = 0.0
-        by_gyro = gyro_trusted and math.isfinite(block.gyro_turn_rad)
+        by_gyro = gyro_trusted and math.isfinite(block.gyro_heading_change_rad)
         if (
             by_gyro
             or math.isfinite(block.doppler_distance_m)

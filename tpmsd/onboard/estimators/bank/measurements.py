@@ -113,7 +113,7 @@ def doppler_distance(
     slip = mean[:, SLIP] * block.accel_mps2 if driven_rear else np.zeros(mean.shape[0])
     predicted = (nominal[:2] + mean[:, MU : MU + 2]) @ block.angle_rad[:2] / 2
     predicted = predicted * horizontal * (1.0 - slip)
-    predicted -= (mean[:, LAT] + mean[:, LATV]) * block.speed_change_mps + left_m * block.turn_rad
+    predicted -= (mean[:, LAT] + mean[:, LATV]) * block.speed_change_mps + left_m * block.heading_change_rad
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = block.angle_rad[:2] / 2 * horizontal
     row[LAT] = row[LATV] = -block.speed_change_mps
@@ -129,10 +129,10 @@ def front_wheel(
     front: FrontResidual,
     index: int,
     driven_front_minus_rear: float,
-    turn_rad: float,
+    heading_change_rad: float,
 ) -> Scalar:
     """Return one front wheel against the hub path that the rear pair predicts; `index` is 2 (fl) or 3 (fr).
-    `turn_rad` as for `gyro_turn`.
+    `heading_change_rad` as for `gyro_turn`.
 
     A driven rear pair makes the predicted path shorter (omega r = v (1 + slip)), a driven front wheel its
     own. Lateral load transfer acts on both axles alike and cancels, so LOAD does not enter.
@@ -140,7 +140,7 @@ def front_wheel(
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = front.by_rear
     row[MU + index] = -block.angle_rad[index]
-    row[TRK] = front.by_track_m * turn_rad
+    row[TRK] = front.by_track_m * heading_change_rad
     row[SLIP] = driven_front_minus_rear * block.distance_m * block.accel_mps2
     residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
     residual += mean[:, TRK] * row[TRK] + mean[:, SLIP] * row[SLIP]
@@ -148,22 +148,24 @@ def front_wheel(
     return Scalar(-residual, row, rough**2 + front.reading_m**2)
 
 
-def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, turn_rad: float) -> Scalar:
+def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, heading_change_rad: float) -> Scalar:
     """Return the bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being
     states.
 
-    `turn_rad` is the block's turn as something other than these wheels in this second tells it. It is what
-    gain, track and load are multiplied by: with the wheels' own turn there, whose reading error is the
-    innovation's too, that error would be taken for a gain (errors in variables) and on a straight road, where
-    it is all there is, pull gain, track and load away without end.
+    `heading_change_rad` is the block's turn as something other than these wheels in this second tells it. It
+    is what gain, track and load are multiplied by: with the wheels' own turn there, whose reading error is
+    the innovation's too, that error would be taken for a gain (errors in variables) and on a straight road,
+    where it is all there is, pull gain, track and load away without end.
     """
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = np.array([-block.angle_rad[0], block.angle_rad[1]]) / track_rear_m
-    row[TRK] = row[GAIN] = turn_rad
-    row[LOAD] = block.load_per_turn * turn_rad
+    row[TRK] = row[GAIN] = heading_change_rad
+    row[LOAD] = block.load_per_turn * heading_change_rad
     row[GYRO] = block.duration_s
     change = (mean[:, MU:] - block.at_radii) @ row[MU:]
     others = mean[:, [TRK, LOAD, GYRO, GAIN]] @ row[[TRK, LOAD, GYRO, GAIN]]
-    noise = SETTINGS.gyro_noise_radps**2 * block.duration_s + (SETTINGS.gyro_relative * turn_rad) ** 2
-    off = block.gyro_turn_rad - (block.turn_rad + change + others)
-    return Scalar(off, row, noise + block.reading_turn_rad**2)
+    noise = (
+        SETTINGS.gyro_noise_radps**2 * block.duration_s + (SETTINGS.gyro_relative * heading_change_rad) ** 2
+    )
+    off = block.gyro_heading_change_rad - (block.heading_change_rad + change + others)
+    return Scalar(off, row, noise + block.reading_heading_change_rad**2)

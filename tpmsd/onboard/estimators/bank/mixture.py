@@ -134,7 +134,7 @@ class MixtureBelief:
             accel_lat_mps2=moment.speed_mps * yaw_rate,
             informative=moment.informative,
             horizontal=self._grade.horizontal,
-            independent_turn_rad=yaw_rate * tick.dt_s,
+            independent_heading_change_rad=yaw_rate * tick.dt_s,
             lateral_known=by_gyro,
             steered_curvature=rolling.curvature,
         )
@@ -257,9 +257,9 @@ class MixtureBelief:
             )
             self._update(scalar, self._pieces.fix_weights)
         turn = self._slow_yaw_rate * block.duration_s
-        if gyro_trusted and math.isfinite(block.gyro_turn_rad):
+        if gyro_trusted and math.isfinite(block.gyro_heading_change_rad):
             self._gyro_bias = float(self.bank.weights() @ mean[:, GYRO])
-            turn = block.gyro_turn_rad - self._gyro_bias * block.duration_s
+            turn = block.gyro_heading_change_rad - self._gyro_bias * block.duration_s
             self._update(measurements.gyro_turn(mean, block, car.geometry.track_rear_m, turn))
         driven = float(car.driven_front) - float(car.driven_rear)
         for index, front in enumerate(block.front, start=2):

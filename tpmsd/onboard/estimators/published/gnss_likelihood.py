@@ -100,10 +100,12 @@ def block_measurements(
         late_m = (FIX_AGE_S.mean + SPEED_AGE_S.mean) * block.speed_change_mps
         residual = block.doppler_distance_m + late_m - float(angle @ nominal_m) / 2
         yield BlockMeasurement(residual, angle / 2, variance, max(variance, SETTINGS.distance_floor_m**2))
-    if math.isfinite(block.gyro_turn_rad):
-        variance = SETTINGS.gyro_noise_radps**2 * block.duration_s + block.reading_turn_rad**2 + bias_rad2
-        variance += ((SETTINGS.gyro_relative + GYRO_SCALE.std) * block.gyro_turn_rad) ** 2
+    if math.isfinite(block.gyro_heading_change_rad):
+        variance = (
+            SETTINGS.gyro_noise_radps**2 * block.duration_s + block.reading_heading_change_rad**2 + bias_rad2
+        )
+        variance += ((SETTINGS.gyro_relative + GYRO_SCALE.std) * block.gyro_heading_change_rad) ** 2
         turn = float(angle[1] * nominal_m[1] - angle[0] * nominal_m[0]) / track_m
         by_radius = np.array([-angle[0], angle[1]]) / track_m
-        residual = block.gyro_turn_rad - turn
+        residual = block.gyro_heading_change_rad - turn
         yield BlockMeasurement(residual, by_radius, variance, max(variance, SETTINGS.turn_floor_rad**2))

@@ -171,7 +171,7 @@ class WheelsMeasured:
             walk = np.array([[self.yaw_accel_std_radps2], [self.accel_std_mps2]])
             particles.motion += kick * (walk * dt)
         else:
-            rolled, turned = rolling.distance_m, rolling.turn_rad
+            rolled, turned = rolling.distance_m, rolling.heading_change_rad
             spread = np.array(SETTINGS.start_motion)[:, None]
             particles.motion = np.array([[turned / dt], [rolled / dt]]) + kick * spread
         yaw_rate, speed = particles.motion

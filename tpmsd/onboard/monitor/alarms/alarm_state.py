@@ -19,7 +19,7 @@ class Hysteresis:
     raise_hold_s: float
     clear_hold_s: float
     active: bool = False
-    held_s: float = 0.0
+    hold_elapsed_s: float = 0.0
 
     def update(
         self,
@@ -35,18 +35,18 @@ class Hysteresis:
 
         Never on a single reading: the first reading beyond a threshold only starts the hold.
         """
-        stands = probability if possible is None else possible
-        beyond = stands <= self.clear_at if self.active else probability >= self.raise_at
+        retained = probability if possible is None else possible
+        beyond = retained <= self.clear_at if self.active else probability >= self.raise_at
         if not beyond:
-            self.held_s = 0.0
+            self.hold_elapsed_s = 0.0
             return None
         hold = self.clear_hold_s if self.active else max(self.raise_hold_s, min_hold_s)
-        if self.held_s == 0.0:
-            self.held_s = 1e-9
+        if self.hold_elapsed_s == 0.0:
+            self.hold_elapsed_s = 1e-9
             return None
-        self.held_s += elapsed_s
-        if self.held_s < hold:
+        self.hold_elapsed_s += elapsed_s
+        if self.hold_elapsed_s < hold:
             return None
         self.active = not self.active
-        self.held_s = 0.0
+        self.hold_elapsed_s = 0.0
         return "raised" if self.active else "cleared"

@@ -124,7 +124,7 @@ class Questions:
     def forget(self) -> None:
         """Nothing is asked: an alarm says it, or other tyres are on the car."""
         for asked in (self._of_tyres, self._of_load, self._of_first):
-            asked.active, asked.held_s = False, 0.0
+            asked.active, asked.hold_elapsed_s = False, 0.0
         self.standing = ()
 
     def _of_axle(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:

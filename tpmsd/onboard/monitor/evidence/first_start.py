@@ -199,7 +199,7 @@ class FirstStart:
         """Set what stands after a restart or a reset; nothing else does."""
         wanted = set(keys)
         for key, alarm in self._alarms.items():
-            alarm.active, alarm.held_s = key in wanted, 0.0
+            alarm.active, alarm.hold_elapsed_s = key in wanted, 0.0
         self.verdict = self.suspected = None
 
     def changed(self, change_m: FloatArray, ordinary: set[int]) -> set[int]:

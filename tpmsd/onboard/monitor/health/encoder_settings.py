@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class EncoderSettings:
-    """The ripple of a ring, once per turn (`encoder_watch`)."""
+    """The ripple of a ring, once per revolution (`encoder_watch`)."""
 
     min_counts: float = 2000.0
-    """Counts per turn at least: a usual ripple of a few tenths of a milliradian is a tenth of a count there,
-    and seen.
+    """Counts per revolution at least: a usual ripple of a few tenths of a milliradian is a tenth of a count
+    there, and seen.
     """
     from_hz: float = 8.0
     """Turns per second of both wheels: two and more in `high_pass_s`."""

@@ -16,7 +16,7 @@ from collections import deque
 import numpy as np
 
 from tpmsd.car.config.model import VehicleConfig
-from tpmsd.car.rings.ring import TURN_RAD
+from tpmsd.car.rings.ring import REVOLUTION_RAD
 from tpmsd.car.rings.ripple import LOST_SHARES, OUTLIER_STDS, of_one_size, ripple_gain, robust_std
 from tpmsd.foundation.median import median
 from tpmsd.foundation.wheels import AXLES, FloatArray
@@ -58,7 +58,7 @@ class _Axle:
         """Take one tick; whether a minute is over."""
         turned = tick.rotation_rad.tolist()
         left, right = turned[self.wheels[0]], turned[self.wheels[1]]
-        if not min(left, right) >= TURN_RAD * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
+        if not min(left, right) >= REVOLUTION_RAD * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
             self._angles.clear()
             self._lasted_s = 0.0
             return False

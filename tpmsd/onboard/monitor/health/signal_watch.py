@@ -170,7 +170,7 @@ class SignalWatch:
         """That outlast a restart, by name."""
         self._blinding = (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
         """Those by which no wheel at all is watched."""
-        self._stood = False
+        self._stationary = False
         self._bus_down = False
         self._last_valid_s = dict.fromkeys(wheels, -math.inf)
 
@@ -226,7 +226,7 @@ class SignalWatch:
         receiver_mps = self._receiver.update(tick)
         car = self.car.update(tick.time_s, estimate.speed_mps if rear else math.nan, receiver_mps)
         # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
-        parked = self._stood and car.min_mps < SIGNALS.moving_mps
+        parked = self._stationary and car.min_mps < SIGNALS.moving_mps
         asleep = True not in valid and parked and not self._bus_down
         limit_s = self._settings.malfunction_s
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
@@ -243,13 +243,13 @@ class SignalWatch:
         events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
         return events + self._each_wheel(turned, valid, watching.losing, tick)
 
-    def _update_signals(self, tick: Tick, valid: list[bool], stands: bool, rear: bool) -> None:
-        """Note which wheels were heard, whether the car stands, and whether the bus is gone."""
+    def _update_signals(self, tick: Tick, valid: list[bool], stationary: bool, rear: bool) -> None:
+        """Note which wheels were heard, whether the car is stationary, and whether the bus is gone."""
         for wheel in self._wheels:
             if valid[wheel]:
                 self._last_valid_s[wheel] = tick.time_s
         if rear:
-            self._stood = stands
+            self._stationary = stationary
         if True in valid:
             self._bus_down = False
         elif any(fault.kind == "down" and fault.source == "can" for fault in tick.faults):
