@@ -138,15 +138,16 @@ def _lower(what: int, value: int) -> None:
 
 
 def serve(worker: str, path: str) -> None:
-    """Read as the child: all that the worker sends, then the end or what failed."""
+    """Run a worker in the child process: write all that it sends, then the end or the error, to the
+    parent."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no message
 
-    def message(kind: bytes, body: bytes) -> None:
+    def write_message(kind: bytes, body: bytes) -> None:
         out.write(_HEADER.pack(kind, len(body)) + body)
 
     def send(body: bytes) -> None:
-        message(_DATA, body)
+        write_message(_DATA, body)
 
     def requests() -> Iterator[str]:
         while True:
@@ -164,9 +165,9 @@ def serve(worker: str, path: str) -> None:
         return
     except Exception as error:
         # The libraries raise dozens of types on damaged files.
-        message(_FAILED, _reason(error).encode())
+        write_message(_FAILED, _reason(error).encode())
     else:
-        message(_END, b"")
+        write_message(_END, b"")
     out.flush()
     os._exit(0)  # destructors of half-made objects may fail
 

@@ -123,7 +123,7 @@ def _no_message(database: Database, name: str, homes: list[Message], taken: Coll
     other = nearest(message_name, of_homes) or next(iter(of_homes), None) or nearest(message_name, names)
     if other is None:
         return BadValueError(what, show(name), _listed(names))
-    suggestion = f"{other}.{_same_or_nearest(database, other, signal_name, taken)}"
+    suggestion = f"{other}.{_same_or_nearest_signal(database, other, signal_name, taken)}"
     return BadValueError(what, show(name), suggestion=suggestion)
 
 
@@ -143,7 +143,10 @@ def counter_modulus(signal: Signal) -> int:
     return int(greatest) + 1
 
 
-def _same_or_nearest(database: Database, message_name: str, signal_name: str, taken: Collection[str]) -> str:
+def _same_or_nearest_signal(
+    database: Database, message_name: str, signal_name: str, taken: Collection[str]
+) -> str:
+    """Return the signal's name if the message has it, else the most similar name that is not taken."""
     message = next(m for m in database.messages if m.name == message_name)
     if any(signal.name == signal_name for signal in message.signals):
         return signal_name

@@ -73,7 +73,7 @@ def run_dynamics(args: argparse.Namespace) -> int:
         }
     )
     if args.propose is not None and known:
-        _propose(args.propose, diagnosis, drive.name)
+        _write_proposal(args.propose, diagnosis, drive.name)
     return code
 
 
@@ -107,9 +107,8 @@ def _check_options(args: argparse.Namespace) -> None:
         raise ConfigError(f"--propose: {args.propose} is a file")
 
 
-def _propose(folder: Path, diagnosis: DynamicsDiagnosis, source: str) -> None:
-    """Write the file of the best closed form, or say that there is none; TpmsdError if it cannot be
-    written."""
+def _write_proposal(folder: Path, diagnosis: DynamicsDiagnosis, source: str) -> None:
+    """Write the module that defines the best closed form as an effect; TpmsdError if it cannot be written."""
     from tpmsd.offline.dynamics.proposals import dynamics_effect_file
 
     if not diagnosis.proposals:

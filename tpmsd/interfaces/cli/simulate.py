@@ -168,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
     spec = spec_of(args)
     if args.out is not None:
         check_drive_folder(args.out, args.force)
-    motion = _motion(args, spec)
+    motion = _route_motion(args, spec)
     if motion is not None:
         spec = dataclasses.replace(
             spec, route=args.route_file.name, duration_s=float(motion.time_s[-1]), flat=False
@@ -186,8 +186,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _motion(args: argparse.Namespace, spec: DriveSpec) -> Motion | None:
-    """That of a route file; None where the route is made up."""
+def _route_motion(args: argparse.Namespace, spec: DriveSpec) -> Motion | None:
+    """Return the motion along the route file of the command line; None where the route is drawn at random."""
     if args.route_file is None:
         return None
     from tpmsd.offline.simulator.manoeuvres import load_route, motion_of

@@ -164,7 +164,7 @@ def fit(
             )
             noises[at], inflates[at] = noise, inflate
             rows.append(drive)
-            progress(_share_done(iteration, (at + 1) / len(recordings)))
+            progress(_fraction_done(iteration, (at + 1) / len(recordings)))
         linearised = moved
         new, covariance = solve(rows, names, mean, steady, moved)
         if iteration <= LAST_OUTLIERS:
@@ -193,8 +193,8 @@ def fit(
     )
 
 
-def _share_done(iteration: int, drives: float) -> float:
-    """Return the share of the work that is done, by the shares that the iterations have; most of them fit no
+def _fraction_done(iteration: int, drives: float) -> float:
+    """Return the fraction of the calibration's work that is done, for a progress bar; most iterations fit no
     noise and are short."""
     before = [0.0, 0.02, 0.42, 0.67, 0.69, 0.94]
     begin = before[min(iteration - 1, len(before) - 1)]

@@ -40,7 +40,7 @@ def summary(found: FittedGeometry) -> str:
         lines.append(f"track front: {found.track_front_m:.3f} +- {found.track_front_std_m:.3f} m")
     if found.effects:
         lines += ["", "also estimated:"]
-        names = {name: _of_effect(name, found.drives) for name in found.effects}
+        names = {name: _effect_label(name, found.drives) for name in found.effects}
         width = max(map(len, names.values()))
         lines += [
             f"  {names[name]:<{width}}  " + with_unit(f"{effect.value:+.3g} +- {effect.std:.2g}", effect.unit)
@@ -55,9 +55,8 @@ def summary(found: FittedGeometry) -> str:
     return "\n".join(lines)
 
 
-def _of_effect(name: str, drives: Sequence[str]) -> str:
-    """Return the effect and parameter, as `tpmsd effects` has them, of a column such as `latency@0`; and
-    which drive."""
+def _effect_label(name: str, drives: Sequence[str]) -> str:
+    """Return the label of a column such as `latency@0`: effect and parameter as in `tpmsd effects`, drive."""
     base, _, drive = name.partition("@")
     known = {
         row[0]: f"{effect.name}, {row[1]}" for effect in EFFECTS.values() for row in effect.in_calibration

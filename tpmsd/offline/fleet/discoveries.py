@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit, fit_with, sampled, shrunken, spreads
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit, fit_with, sample_cars, shrunken, spreads
 from tpmsd.offline.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
@@ -63,7 +63,7 @@ def robust_fit(stack: FleetStatistics) -> tuple[ModelFit, NDArray[np.bool_]]:
     """
     similar = np.ones(stack.cars, dtype=np.bool_)
     for _ in range(SETTINGS.outlier_rounds):
-        cars, drives = spreads(sampled(stack.of(similar)))
+        cars, drives = spreads(sample_cars(stack.of(similar)))
         fit = _with_population(stack, similar, cars, drives)
         p_values = differences(fit, similar)[2]
         level = SETTINGS.outlier_p / max(p_values.shape[1], 1)
@@ -106,7 +106,7 @@ def differences(fit: ModelFit, similar: NDArray[np.bool_]) -> tuple[FloatArray, 
 def cars_that_differ(
     model: str, cars: Sequence[str], fit: ModelFit, similar: NDArray[np.bool_]
 ) -> list[FleetHypothesis]:
-    """Tests of every car's every parameter against the other cars of the model."""
+    """Test each parameter of each car against the other cars of its model."""
     if len(cars) < 3:
         return []
     value, std, p_value = differences(fit, similar)

@@ -90,7 +90,7 @@ def fit_model(stack: FleetStatistics) -> ModelFit:
     """Fit one model; ValueError if there is no drive."""
     if not len(stack.car):
         raise ValueError("no drive")
-    cars, drives = spreads(sampled(stack))
+    cars, drives = spreads(sample_cars(stack))
     return fit_with(stack, cars, drives)
 
 
@@ -212,8 +212,8 @@ def _freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArr
     return np.asarray(np.maximum(effective - 1.0, 1.0) / np.maximum(share, 1e-3) ** 2)
 
 
-def sampled(stack: FleetStatistics) -> FleetStatistics:
-    """Whole cars, evenly chosen, with at most about `spread_drives` drives."""
+def sample_cars(stack: FleetStatistics) -> FleetStatistics:
+    """Return all drives of evenly chosen cars, about `spread_drives` drives at most."""
     if len(stack.car) <= SETTINGS.spread_drives:
         return stack
     wanted = max(2, round(stack.cars * SETTINGS.spread_drives / len(stack.car)))

@@ -156,7 +156,7 @@ class Evidence:
         """
         small = [one.small(design) for one in self.parts]
         if len(small) >= DRIVES:
-            return np.concatenate(_by_drive(small))
+            return np.concatenate(_predicted_by_other_drives(small))
         by_block = np.concatenate(small)
         total = by_block.sum(axis=0)
         scale = _scale(total)
@@ -216,8 +216,9 @@ def _solved(gram: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray
     return values, scipy.linalg.cho_solve(factor, np.eye(len(b))), 0.5 * float(b @ values)
 
 
-def _by_drive(small: list[FloatArray]) -> list[FloatArray]:
-    """Per drive (its blocks,) the predictive log-likelihood, evenly shared among its blocks.
+def _predicted_by_other_drives(small: list[FloatArray]) -> list[FloatArray]:
+    """Return the cross-validated log-likelihood of each drive, predicted by the others, as equal shares of
+    its blocks.
 
     Values that the drive shares with others come from the others, with their uncertainty (a drive that
     alone can tell an effect must not be judged by the noise of those that cannot; where nobody knows

@@ -60,7 +60,7 @@ class Noise:
 
     @classmethod
     def first(cls, quantum_rad: FloatArray, radius_m: FloatArray) -> Noise:
-        """Return where an estimate starts: the known quantisation of a tick's reading (4,), typical
+        """Return the initial values of a noise fit: quantisation of a tick's reading (4,), typical
         instruments.
         """
         fl, fr, rl, rr = np.maximum(quantum_rad / np.sqrt(2.0) * radius_m, MIN_READING_M).tolist()

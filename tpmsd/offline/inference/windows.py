@@ -268,7 +268,8 @@ class Reader:
         mean = np.divide(total, number, out=np.full(self._count, np.nan), where=number > 0)
         return np.asarray(mean[self._kept])
 
-    def _number(self, known: np.ndarray) -> FloatArray:
+    def _fixes_per_window(self, known: np.ndarray) -> FloatArray:
+        """(w,) number of the known fixes in each window that is kept."""
         inside = known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count)
         number = np.bincount(self._window_of_fix[inside], minlength=self._count)
         return np.asarray(number[self._kept], dtype=np.float64)
@@ -290,7 +291,9 @@ class Reader:
             (NORTH, recording.north_m),
         ):
             measured[:, channel] = self._mean_fixes(values, np.isfinite(values))
-        numbers = [self._number(np.isfinite(v)) for v in (recording.speed_mps, course, recording.east_m)]
+        numbers = [
+            self._fixes_per_window(np.isfinite(v)) for v in (recording.speed_mps, course, recording.east_m)
+        ]
         return Windows(
             index=kept,
             fixes=np.stack(numbers, axis=1),

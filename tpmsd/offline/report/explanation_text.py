@@ -26,7 +26,7 @@ def explanation_text(document: Mapping[str, Any], zone: tzinfo | None = None) ->
     start_s = document.get("start_time")
     raised = [alarm for alarm in document["alarms"] if alarm["state"] == "raised"]
     for alarm in document["alarms"]:
-        lines += _alarm(alarm, start_s, zone)
+        lines += _alarm_lines(alarm, start_s, zone)
     if not raised:
         lines += ["No alarm was raised.", ""]
     lines.append("Each wheel now:")
@@ -47,7 +47,8 @@ def explanation_text(document: Mapping[str, Any], zone: tzinfo | None = None) ->
     return "\n".join(lines) + "\n"
 
 
-def _alarm(alarm: Mapping[str, Any], start_s: float | None, zone: tzinfo | None) -> list[str]:
+def _alarm_lines(alarm: Mapping[str, Any], start_s: float | None, zone: tzinfo | None) -> list[str]:
+    """Return an alarm as text: when and why, its evidence, its alternatives, and when it clears."""
     when = _when(alarm["time"], start_s, zone)
     wheel = f" {alarm['wheel']}" if alarm["wheel"] else ""
     since = f" (since {alarm['since']})" if alarm.get("since") else ""

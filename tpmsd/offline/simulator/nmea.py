@@ -77,6 +77,7 @@ def _course(epoch: Epoch) -> str:
 
 
 def _rmc(epoch: Epoch) -> str:
+    """Return the NMEA sentence RMC: position, speed and course, with the date."""
     clock, date = _clock(epoch.utc_s)
     status, mode = ("A", "A") if epoch.valid else ("V", "N")
     speed = _number(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
@@ -85,6 +86,7 @@ def _rmc(epoch: Epoch) -> str:
 
 
 def _gga(epoch: Epoch) -> str:
+    """Return the NMEA sentence GGA: position, number of satellites and height."""
     clock, _ = _clock(epoch.utc_s)
     if not epoch.valid:
         return f"GGA,{clock},,,,,0,{epoch.satellites:02d},,,M,,M,,"
@@ -96,12 +98,14 @@ def _gga(epoch: Epoch) -> str:
 
 
 def _vtg(epoch: Epoch) -> str:
+    """Return the NMEA sentence VTG: course and speed over ground."""
     knots = _number(epoch.speed_mps / _KNOT_MPS, 3, epoch.valid)
     kmh = _number(epoch.speed_mps * 3.6, 3, epoch.valid)
     return f"VTG,{_course(epoch)},T,,M,{knots},N,{kmh},K,{'A' if epoch.valid else 'N'}"
 
 
 def _gst(epoch: Epoch) -> str:
+    """Return the NMEA sentence GST: standard deviations of the position."""
     clock, _ = _clock(epoch.utc_s)
     if not epoch.valid:
         return f"GST,{clock},,,,,,,"
@@ -110,6 +114,7 @@ def _gst(epoch: Epoch) -> str:
 
 
 def _zda(epoch: Epoch) -> str:
+    """Return the NMEA sentence ZDA: date and time."""
     clock, date = _clock(epoch.utc_s)
     return f"ZDA,{clock},{date.tm_mday:02d},{date.tm_mon:02d},{date.tm_year:04d},00,00"
 

@@ -35,7 +35,7 @@ def mcap_bytes(table: TickTable) -> bytes:
     writer = need("mcap.writer", "tables", "MCAP files").Writer(out)
     writer.start(profile="", library="tpmsd")
     channels, schemas = {}, {}
-    states = {STATE_TOPIC: STATE} if _has_state(table) else {}
+    states = {STATE_TOPIC: STATE} if _has_vehicle_state(table) else {}
     for topic, schema in {**TOPICS, **states}.items():
         name = schema["title"]
         if name not in schemas:
@@ -92,7 +92,7 @@ def _state(row: dict[str, float], time_s: float) -> Iterator[Message]:
         yield time_s, STATE_TOPIC, {column.name: row[column.name] for column in VEHICLE_STATE}
 
 
-def _has_state(table: TickTable) -> bool:
+def _has_vehicle_state(table: TickTable) -> bool:
     return VEHICLE_STATE[0].name in table.numbers
 
 

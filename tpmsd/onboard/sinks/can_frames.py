@@ -50,7 +50,7 @@ class Cycle:
         self._next_s = now_s + self._period_s
 
     def due(self, now_s: float) -> bool:
-        """Return whether it is due now; if so the next period begins."""
+        """Return whether the frame has to be sent now; if so the next period begins."""
         stepped_back = now_s < self._next_s - self._period_s - _SLACK_S
         if not stepped_back and now_s < self._next_s - _SLACK_S:
             return False

@@ -208,7 +208,7 @@ class Baseline(ABC):
         """Return a frame with the tyres' forces, all other forces and rates added."""
         for effect in theta:
             effect.add_forces(frame)
-        _air_and_rolling(frame)
+        _add_drag_and_rolling_resistance(frame)
         frame.rates["v"] = frame.force_y / frame.mass - frame.u * frame.r + frame.gravity_y
         frame.rates["r"] = np.asarray(frame.moment / frame.inertia)
         frame.rates["u"] = np.asarray(frame.force_x / frame.mass + frame.v * frame.r + frame.gravity_x)
@@ -319,7 +319,7 @@ class Baseline(ABC):
         """Fill in `side` and `along`, and add them up to forces and moment."""
 
 
-def _air_and_rolling(frame: Frame) -> None:
+def _add_drag_and_rolling_resistance(frame: Frame) -> None:
     """Add drag and rolling resistance, where the car has them and speed is an output."""
     if frame.speed_is_state:
         frame.force_x = frame.force_x - resistance(frame)

@@ -54,5 +54,5 @@ class YawRateBias(Effect):
         return f"the gyro reads {value:.1e} +- {std:.1e} rad/s on the straight, as they do"
 
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
-        """Truth plus bias."""
+        """Return the true yaw rate plus the bias."""
         return true_radps + self.bias

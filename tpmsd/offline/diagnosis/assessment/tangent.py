@@ -148,13 +148,15 @@ def _of_grid(
     best[0] = 0 if gains[0, 0] >= gains[0, best[0]] - SETTINGS.preparation.moved_nats else best[0]
     along = np.arange(len(firsts))
     fall = SETTINGS.assessment.interval_nats * one.overdispersion
-    reach, spread = _reach(firsts, gains[along, best], sizes[:, along, best], fall)
+    reach, spread = _profile_interval(firsts, gains[along, best], sizes[:, along, best], fall)
     scale = float(np.min(one.stds / np.maximum(np.abs(one.values), 1e-12)))
     out = {grid.parameter: max(reach / 1.96, scale * tau)}
     stds = np.hypot(one.stds, spread / 1.96)
     if grid.second is not None and len(seconds) > 1:
-        stds = np.hypot(stds, _reach(seconds, gains[0], sizes[:, 0], fall)[1] / 1.96)
-        out[grid.second.parameter] = _reach(seconds, gains.max(axis=0), sizes[:, 0], fall)[0] / 1.96
+        stds = np.hypot(stds, _profile_interval(seconds, gains[0], sizes[:, 0], fall)[1] / 1.96)
+        out[grid.second.parameter] = (
+            _profile_interval(seconds, gains.max(axis=0), sizes[:, 0], fall)[0] / 1.96
+        )
     return {**out, **dict(zip(one.term.parameters, stds.tolist(), strict=True))}
 
 
@@ -195,9 +197,14 @@ def _profiled(
     return gains, sizes
 
 
-def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray, fall: float) -> tuple[float, FloatArray]:
-    """Return how far from the first of the trials the interval of a nonlinear parameter ends, in which the
-    gains (nats) fall by `fall`, and by how much the sizes (k, t) change on the way.
+def _profile_interval(
+    trials: FloatArray, gains: FloatArray, sizes: FloatArray, fall: float
+) -> tuple[float, FloatArray]:
+    """Return the half-width of a nonlinear parameter's profile-likelihood interval, and the changes of the
+    other sizes (k, t) within it.
+
+    The interval ends where the gains (nats) have fallen by `fall`; its half-width counts from the first
+    trial.
     """
     lowest = min(float(gains.max()) - fall, float(gains[0]))
     order = np.argsort(trials, kind="stable")

@@ -58,7 +58,7 @@ def drifting(found: Found) -> Found:
         ):
             judged = selector.judged([*others, shape])
             if any(one.term is shape for one in judged.chosen):
-                return Found(tried, _with_confidence(judged, shape, margin), calm)
+                return Found(tried, _with_spline_confidence(judged, shape, margin), calm)
     return found
 
 
@@ -79,9 +79,11 @@ def _peak_to_peak(selector: Selector, others: list[Term], shape: Term) -> float:
     return float(np.ptp(heights))
 
 
-def _with_confidence(selection: Selection, shape: Term, margin: float) -> Selection:
-    """Return the selection with its shape's own certainty: knots leave some of the bend between them, so the
-    scatter from block to block is its own: how sure it is, is told by what it predicts.
+def _with_spline_confidence(selection: Selection, shape: Term, margin: float) -> Selection:
+    """Return the selection with the confidence of its spline term computed from `margin`, nats.
+
+    Knots leave some of the bend between them, so the scatter from block to block is the term's own and says
+    nothing about its confidence.
     """
     confidence = 1.0 / (1.0 + math.exp(-min(margin, 50.0)))
     chosen = tuple(

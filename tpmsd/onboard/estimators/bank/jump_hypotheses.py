@@ -124,7 +124,7 @@ class JumpHypotheses:
         The share makes the bank quick; what is stated takes of a kind what the evidence has left of it, or
         the probability that the level has changed to it within `duration_s`: `raised` is the difference.
         """
-        kinds = _kinds(self, bank.level.shape[1])
+        kinds = _cached_kinds(self, bank.level.shape[1])
         if bank.log_weights.size < 4 * len(kinds):
             return
         least = float(np.maximum.reduce(bank.log_weights)) + math.log(self.level_floor)
@@ -188,7 +188,8 @@ def stated(bank: Bank, kernel: BankKernel) -> Stated:
 
 
 @functools.cache
-def _kinds(changes: JumpHypotheses, wheels: int) -> list[tuple[FloatArray, float]]:
+def _cached_kinds(changes: JumpHypotheses, wheels: int) -> list[tuple[FloatArray, float]]:
+    """Return `JumpHypotheses.kinds`, computed once per number of wheels."""
     return changes.kinds(wheels)
 
 

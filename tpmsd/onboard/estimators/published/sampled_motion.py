@@ -64,8 +64,8 @@ class Particles:
         weights = np.exp(self.log_weights)
         self.weights = weights / weights.sum()
 
-    def level(self) -> None:
-        """Set all weights alike."""
+    def reset_weights(self) -> None:
+        """Set the weights of all particles to 1 / N."""
         self.log_weights[:] = 0.0
         self.weights = np.full(self.count, 1.0 / self.count)
 
@@ -76,7 +76,7 @@ class Particles:
             self.motion = self.motion[:, index]
         if self.position_noise is not None:
             self.position_noise = self.position_noise.select(index)
-        self.level()
+        self.reset_weights()
 
 
 MID_STEP = 0.5

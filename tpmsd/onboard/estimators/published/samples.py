@@ -214,7 +214,7 @@ class SampledBelief:
         particles.pose[2] = heading
         particles.moved[:] = 0.0
         particles.motion = None
-        particles.level()
+        particles.reset_weights()
 
     def forget_pose(self) -> None:
         """Nothing belongs to the pose but the poses themselves, which are placed again."""

@@ -207,7 +207,7 @@ class Judge:
         `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
         then no loss, but one wheel that stands out is.
         """
-        nuisance_m2 = self.nuisance_m2 + self._tolerance_m2(other_tyres)
+        nuisance_m2 = self.nuisance_m2 + self._other_tyres_m2(other_tyres)
         ratios = self._ratios(resonance)
         averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_of_mean_m2(mean.samples)
         against = [self._against(ratios, other_tyres, one) for one in before]
@@ -383,7 +383,7 @@ class Judge:
             and log_ratios is None
         ):
             return cached[2:]
-        nuisance_m2 = self._lasting_m2 + self._tolerance_m2(other_tyres)
+        nuisance_m2 = self._lasting_m2 + self._other_tyres_m2(other_tyres)
         covariance_m2, log_weight = change_hypotheses.allowing(nuisance_m2)
         against = self._against(log_ratios, other_tyres)
         kept = change_hypotheses.likely(log_weight)
@@ -424,7 +424,7 @@ class Judge:
         The change is that against the baseline before. Other tyres may be larger or smaller all together, or
         by axle; a soft one among them still stands out.
         """
-        nuisance_m2 = self.nuisance_m2 + self._tolerance_m2(other_tyres)
+        nuisance_m2 = self.nuisance_m2 + self._other_tyres_m2(other_tyres)
         covariance_m2 = change.covariance_m2 + nuisance_m2
         if other_tyres:
             against = Comparison(self._radius, self._threshold)
@@ -440,7 +440,9 @@ class Judge:
             self._of_mean_m2[samples] = averaged.covariance(self._wheels, self._radius)
         return self._of_mean_m2[samples]
 
-    def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
+    def _other_tyres_m2(self, other_tyres: bool) -> FloatArray:
+        """Return the covariance (d, d) of radii between tyre models; zero where the tyres are the learned
+        ones."""
         d = len(self._wheels)
         return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
 
