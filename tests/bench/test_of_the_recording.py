@@ -12,18 +12,18 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.recording import Recording
 
 
-def found(recording: Recording, names: tuple[str, ...]) -> Found:
+def found(recording: Recording, names: tuple[str, ...]) -> FoundTerms:
     """These effects, judged on a recording."""
     regression = Regression(admitted([recording])[0])
     evidence = regression.evidence()
     single = [one for one in regression.hypotheses.catalogue if len(one.parameters) == 1]
     terms = [next(one for one in single if one.effect == name) for name in names]
-    return Found(regression, Selector(evidence, regression.hypotheses).judged(terms), evidence)
+    return FoundTerms(regression, Selector(evidence, regression.hypotheses).judged(terms), evidence)
 
 
 def test_a_load_of_the_recording_is_its_own_and_one_that_was_added_is_not() -> None:

@@ -20,7 +20,7 @@ from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
 
-class _LeftOut(importlib.abc.MetaPathFinder):
+class _ImportBlocker(importlib.abc.MetaPathFinder):
     """Lets asammdf look as if it were not installed."""
 
     def find_spec(
@@ -33,8 +33,8 @@ class _LeftOut(importlib.abc.MetaPathFinder):
 
 def leave_out_mf4() -> None:
     """Import python-can without its reader of MF4 files from now on; one call is enough."""
-    if not any(isinstance(finder, _LeftOut) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _LeftOut())
+    if not any(isinstance(finder, _ImportBlocker) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _ImportBlocker())
 
 
 class _WithoutOpenSsl(importlib.abc.MetaPathFinder):
@@ -102,7 +102,7 @@ def import_on_demand() -> None:
 
 def bring_in_mf4() -> None:
     """Import asammdf after all, and python-can's reader with it; ImportError where it is not installed."""
-    left_out = [finder for finder in sys.meta_path if isinstance(finder, _LeftOut)]
+    left_out = [finder for finder in sys.meta_path if isinstance(finder, _ImportBlocker)]
     for finder in left_out:
         sys.meta_path.remove(finder)
     importlib.import_module("asammdf")

@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.stages import examine
 from tpmsd.offline.inference.least_squares import fitted
 from tpmsd.offline.inference.recording import Recording
@@ -52,12 +52,12 @@ class Paired:
         return beyond and bool((apart <= SIGMAS).all())
 
 
-def examined(recording: Recording) -> Found:
+def examined(recording: Recording) -> FoundTerms:
     """Diagnose one recording."""
     return examine(Regression(admitted([recording])[0]), lambda done: None)
 
 
-def paired(untouched: Found, found: Found, concealed: str, wheel: str = "") -> list[Paired]:
+def paired(untouched: FoundTerms, found: FoundTerms, concealed: str, wheel: str = "") -> list[Paired]:
     """Fit the terms of a recording with a concealed effect (on a wheel, if it has one), less this, to the
     untouched recording."""
     drive, other = untouched.regression.drives[0], found.regression.drives[0]

@@ -13,12 +13,12 @@ import pytest
 from tpmsd.offline.diagnosis.assessment import lost_counts
 from tpmsd.offline.diagnosis.assessment import teeth as of_teeth
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost
-from tpmsd.offline.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
+from tpmsd.offline.diagnosis.assessment.simulated import CommonEffect, Differences, floored, key_of, widened
 from tpmsd.offline.diagnosis.assessment.teeth import ordinary_ring_note, teeth
 from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
-from tpmsd.offline.rings.low_speed import Lost
+from tpmsd.offline.rings.low_speed import LowSpeedLosses
 from tpmsd.offline.rings.uneven_teeth import Ripple
 
 QUIET = Noise((1e-3,) * 4)
@@ -134,8 +134,8 @@ def test_counts_lost_at_walking_pace_are_identified_by_the_drive_that_tells_them
 ) -> None:
     """Its gain less what is asked of it is the log odds of the finding; drives that lose none say nothing."""
     asked = SETTINGS.counters.lost_admit_nats
-    reported = [None, Lost(("rl",), 2.0, 0.1, 0.3, 0.02, asked + 2.0, (0.5, 2.0)), None]
-    reported.append(Lost(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
+    reported = [None, LowSpeedLosses(("rl",), 2.0, 0.1, 0.3, 0.02, asked + 2.0, (0.5, 2.0)), None]
+    reported.append(LowSpeedLosses(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
     monkeypatch.setattr(lost_counts, "lost_counts", lambda recording, radii_m: reported[recording.number])
 
     (found,) = lost(regression_of(4), SECONDS)
@@ -169,7 +169,7 @@ def test_what_both_hold_is_fitted_behind_the_calibration_and_differences_are_the
         names = tuple(f"p{k}" for k in range(width))
         return Term(effect, np.ones((20, width)), names, 0.0, drive=drive)
 
-    common = [Common(term("longitudinal_slip", 2)), Common(term("centrifugal_growth", 1))]
+    common = [CommonEffect(term("longitudinal_slip", 2)), CommonEffect(term("centrifugal_growth", 1))]
     catalogue = [term("wear", 1, 0), term("wear", 1, 1), term("wear", 1)]
     joint: Any = SimpleNamespace(
         width=20,

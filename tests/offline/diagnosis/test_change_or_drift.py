@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness import change_or_drift
 from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.noise_fit import VELOCITY, refit, refit_radius_drift
 from tpmsd.offline.inference.recording import Recording
@@ -40,7 +40,7 @@ def drifting(changed_m: float, last_m: float = 0.0) -> Recording:
     return replace(recording, rotation_rad=recording.rotation_rad / (1.0 + drift + change))
 
 
-def drift_alone(recording: Recording) -> Found:
+def drift_alone(recording: Recording) -> FoundTerms:
     """A recording under the drift that is likeliest without a change, with nothing chosen."""
     readers, _ = admitted([recording])
     regression = Regression(readers)
@@ -50,10 +50,10 @@ def drift_alone(recording: Recording) -> Found:
     return nothing_chosen(regression)
 
 
-def nothing_chosen(regression: Regression) -> Found:
+def nothing_chosen(regression: Regression) -> FoundTerms:
     """A regression with nothing chosen."""
     evidence = regression.evidence()
-    return Found(regression, Selector(evidence, regression.hypotheses, last=True).judged([]), evidence)
+    return FoundTerms(regression, Selector(evidence, regression.hypotheses, last=True).judged([]), evidence)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_a_constant_velocity_error_is_distinguished_from_slow_noise_of_the_speed
     evidence = regression.evidence()
     selector = Selector(evidence, regression.hypotheses, last=True)
 
-    found = erring(Found(regression, selector.judged([]), evidence)).selection.chosen
+    found = erring(FoundTerms(regression, selector.judged([]), evidence)).selection.chosen
 
     assert (["doppler_heading_error"] if north_mps else []) == [one.term.effect for one in found]
     for one in found:

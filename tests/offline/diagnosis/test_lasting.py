@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.robustness.outlying import jump_evidence, lasting
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
@@ -76,7 +76,7 @@ def test_slip_that_only_the_receiver_shows_must_last(
     regression, evidence, event = looked_at(happens)
     selector = Selector(evidence, regression.hypotheses, last=True)
 
-    found = lasting(Found(regression, selector.judged([event]), evidence))
+    found = lasting(FoundTerms(regression, selector.judged([event]), evidence))
 
     assert stands == (len(found.selection.chosen) == 1)
 
@@ -92,7 +92,7 @@ def test_where_an_event_goes_the_rest_is_chosen_again() -> None:
     evidence = regression.evidence()
     before = Selector(evidence, regression.hypotheses, last=True).judged([event])
 
-    found = lasting(Found(regression, before, evidence))
+    found = lasting(FoundTerms(regression, before, evidence))
 
     assert [event.effect] == [one.term.effect for one in before.chosen]
     assert ["gnss_latency"] == [one.term.effect for one in found.selection.chosen]

@@ -23,11 +23,11 @@ from tpmsd.offline.diagnosis.reporting.findings import evidence_gain, report
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
 from tpmsd.offline.diagnosis.reporting.where import location_of, where_of, whole_range
 from tpmsd.offline.diagnosis.robustness.drifting import DRIFTS, drifting
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.windows import CHANNEL_NAMES, GYRO, NORTH
 
 SECONDS = 300.0
@@ -46,7 +46,7 @@ def injected(base: Regression, columns: FloatArray) -> Regression:
     regression = base.copied()
     (one,) = regression.drives
     every = list(np.moveaxis(one.columns.whole(), 2, 0))
-    one.columns = Stack(every[0] + columns, *every[1:])
+    one.columns = ColumnStack(every[0] + columns, *every[1:])
     one._kept = []
     return regression
 
@@ -268,7 +268,7 @@ def test_a_gyro_that_walks_as_usual_is_not_asked_and_another_gets_its_noise_back
     nothing, evidence = chosen(regression), regression.evidence()
     for walk in (0.9 * DRIFTS, 1.1 * DRIFTS):
         walking = regression.under({0: replace(one.noise, gyro_drift_radps=walk)})
-        before = Found(walking, nothing, evidence)
+        before = FoundTerms(walking, nothing, evidence)
         assert before is drifting(before)
 
 

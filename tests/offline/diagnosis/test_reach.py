@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.reach import Reach, Seen, reach
+from tpmsd.offline.diagnosis.assessment.reach import Reach, WhitenedColumns, reach
 from tpmsd.offline.diagnosis.hypotheses.terms import Name
 
 WINDOWS, FREE = 900, 30
@@ -15,10 +15,10 @@ NAMES: list[Name] = [("data",), ("radius", "rl"), ("lateral_slip", "coefficient"
 NAMES += [("smooth", "rl", "speed", str(k)) for k in range(FREE)]
 
 
-def seen(white: FloatArray, found: bool) -> Seen:
+def seen(white: FloatArray, found: bool) -> WhitenedColumns:
     """A drive whose calibration is the constant, and whose model holds the effect if it was found."""
     unit = np.eye(len(NAMES))
-    return Seen(
+    return WhitenedColumns(
         white=white,
         measured=np.ones((WINDOWS, 9), dtype=bool),
         blocks=BLOCKS,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.offline.inference.gram import Grams
-from tpmsd.offline.inference.least_squares import Evidence, Part, part
+from tpmsd.offline.inference.least_squares import DriveGrams, Evidence, part
 
 BLOCKS = np.repeat(np.arange(7), 20)
 
@@ -53,4 +53,4 @@ def test_what_is_taken_from_the_data_is_gone_from_all_that_is_asked() -> None:
 
     assert np.allclose(expected.total, evidence.total)
     assert np.allclose(expected.heldout(design), evidence.heldout(design))
-    assert isinstance(evidence.parts[0], Part)
+    assert isinstance(evidence.parts[0], DriveGrams)

@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.inference.stack import WINDOWS_AT_ONCE, Stack
+from tpmsd.offline.inference.stack import WINDOWS_AT_ONCE, ColumnStack
 from tpmsd.offline.inference.windows import CHANNELS, SPEED
 
 WINDOWS = 2 * WINDOWS_AT_ONCE + 7
 
 
-def columns(seed: int = 3) -> tuple[Stack, FloatArray]:
+def columns(seed: int = 3) -> tuple[ColumnStack, FloatArray]:
     """A stack of dense columns, of one channel's, and of a dense one behind; the same written out."""
     rng = np.random.default_rng(seed)
     dense, of_speed = rng.standard_normal((3, WINDOWS, CHANNELS)), rng.standard_normal((WINDOWS, 2))
-    more = Stack()
+    more = ColumnStack()
     more.add_of_channel(SPEED, of_speed)
     expected = np.zeros((WINDOWS, CHANNELS, 5))
     expected[:, :, [0, 1, 4]] = np.moveaxis(dense, 0, 2)
     expected[:, SPEED, 2:4] = of_speed
-    return Stack(dense[0], dense[1]) + more + Stack(dense[2]), expected
+    return ColumnStack(dense[0], dense[1]) + more + ColumnStack(dense[2]), expected
 
 
 def test_columns_of_one_channel_stand_in_order_among_others() -> None:
@@ -45,7 +45,7 @@ def test_parts_are_all_windows_of_the_columns_from_one_on(first: int) -> None:
 def test_a_sum_leaves_both_as_they_were() -> None:
     """Columns that are added to one stack are in no other one."""
     one, expected = columns()
-    other = one + Stack(np.ones((WINDOWS, CHANNELS)))
+    other = one + ColumnStack(np.ones((WINDOWS, CHANNELS)))
     other.add(np.zeros((WINDOWS, CHANNELS)))
     assert ((WINDOWS, CHANNELS, 5), (WINDOWS, CHANNELS, 7)) == (one.shape, other.shape)
     assert np.array_equal(expected, one.whole())

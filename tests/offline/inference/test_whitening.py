@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.diagnose import first_noise
-from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import Whitener, whiten
 from tpmsd.offline.inference.windows import EAST, GYRO, SPEED, Reader
@@ -84,7 +84,7 @@ def test_a_stack_is_whitened_as_an_array_of_its_columns(reader: Reader, width: i
     here = np.isfinite(reader.windows.measured)
     made = Whitener.of(reader.windows, first_noise(reader), here)
     expected = made.apply(np.moveaxis(arrays, 0, 2))
-    stack = Stack(*arrays)
+    stack = ColumnStack(*arrays)
     assert np.allclose(expected, made.apply_all(stack), rtol=0.0, atol=1e-9 * np.abs(expected).max())
     assert np.allclose(
         expected[:, :, 2:], made.apply_all(stack, 2), rtol=0.0, atol=1e-9 * np.abs(expected).max()

@@ -15,19 +15,19 @@ from tpmsd.car.physics.effect import Parameter
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.planning.conceal import LIMITS, LOSS_M, MOST, Showing, draw
+from tpmsd.offline.planning.conceal import LIMITS, LOSS_M, MOST, RecordingInformation, draw
 
 LATE = {"gnss_latency": {"latency_s": 0.2}}
 
 
 @pytest.fixture(scope="module")
-def showing() -> Showing:
+def showing() -> RecordingInformation:
     """A drive with a latency of its own."""
     spec = Spec(duration_s=300.0, road="rural", doppler_mps=0.03, position_slow_m=0.6, physics=LATE)
-    return Showing(recording_of(drive(spec, 5)), lambda share: None)
+    return RecordingInformation(recording_of(drive(spec, 5)), lambda share: None)
 
 
-def test_the_limit_is_that_of_the_diagnosis(showing: Showing) -> None:
+def test_the_limit_is_that_of_the_diagnosis(showing: RecordingInformation) -> None:
     """`not_detectable` of the untouched recording says the same numbers."""
     regression, selection, evidence = showing.found
 
@@ -39,7 +39,7 @@ def test_the_limit_is_that_of_the_diagnosis(showing: Showing) -> None:
             assert showing.limit(one.effect, name) == (math.inf if size is None else size)
 
 
-def test_sizes_are_twice_the_limit_and_plausible(showing: Showing) -> None:
+def test_sizes_are_twice_the_limit_and_plausible(showing: RecordingInformation) -> None:
     """Each of twelve is at least twice the limit and at most thrice the usual size."""
     names = set()
     for seed in range(12):
@@ -60,7 +60,7 @@ def test_sizes_are_twice_the_limit_and_plausible(showing: Showing) -> None:
 
 
 def test_what_the_recording_holds_is_known_and_not_drawn(
-    showing: Showing, monkeypatch: pytest.MonkeyPatch
+    showing: RecordingInformation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The drive's own latency is found; of two effects that are drawn most, none is where it holds them."""
     assert showing.present_effects == {"gnss_latency"}
@@ -71,11 +71,11 @@ def test_what_the_recording_holds_is_known_and_not_drawn(
         return {draw(showing, 1, np.random.default_rng(seed))[0].name for seed in range(12)}
 
     assert often & drawn()
-    monkeypatch.setattr(Showing, "present_effects", often)
+    monkeypatch.setattr(RecordingInformation, "present_effects", often)
     assert not often & drawn()
 
 
-def test_a_late_or_long_loss_is_harder_to_show(showing: Showing) -> None:
+def test_a_late_or_long_loss_is_harder_to_show(showing: RecordingInformation) -> None:
     """The limit falls with the time that a lost radius is there; beyond the end nothing shows."""
     duration_s = showing.duration_s
 

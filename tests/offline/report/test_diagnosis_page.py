@@ -15,10 +15,10 @@ from tests.offline.report.test_alarms_compared import LEAK
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.reach import ChannelReach, Reach
 from tpmsd.offline.diagnosis.assessment.result import (
+    DriveMap,
     Finding,
-    Ground,
-    Inner,
     NotDetectable,
+    PictureData,
     Quantity,
     RadiusDrift,
     RollingDiagnosis,
@@ -65,13 +65,13 @@ FOUND = RollingDiagnosis(
     evidence=(("gnss_latency", 400.0), ("lateral_slip", 3.0), ("road_grade", -1.0)),
     notes=("tuesday: left out, for the drive is shorter than 90 s",),
     reach=REACH,
-    inner=Inner(
+    inner=PictureData(
         rms_by_channel={"gnss_speed": (1.8, 0.9)},
         traces=(
             Trace("unknown", "speed", BENDS + 20.0, 10.0 * BENDS, 0.1 * BENDS),
             Trace("gnss_latency", "accel_long", BENDS, 10.0 * BENDS, 0.1 * BENDS),
         ),
-        ground=Ground(BENDS * 100.0, BENDS * 10.0, BENDS),
+        ground=DriveMap(BENDS * 100.0, BENDS * 10.0, BENDS),
     ),
 )
 

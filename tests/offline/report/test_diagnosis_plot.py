@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
     MISMATCH,
     SUSPICION,
     Finding,
-    Inner,
+    PictureData,
     Quantity,
     RollingDiagnosis,
     Trace,
@@ -47,7 +47,7 @@ def diagnosis(*findings: Finding, baseline: tuple[str, ...] = ("rolling",)) -> R
         None,
         ExtendedModel(),
         baseline=baseline,
-        inner=Inner({}, traces, None),
+        inner=PictureData({}, traces, None),
     )
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.onboard.daemon.fakes import HandClock
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.onboard.daemon.clock import Clock
-from tpmsd.onboard.daemon.deadlines import Deadlines, Every
+from tpmsd.onboard.daemon.deadlines import Deadlines, PeriodicTask
 
 
 def test_at_scale_1_the_clock_is_the_hosts_with_its_steps() -> None:
@@ -108,7 +108,7 @@ def test_every_deadline_is_either_taken_or_missed(period_s: float, waits: list[f
 
 def test_something_now_and_then_makes_no_bursts() -> None:
     """What is due once a second is done once after a pause, then a second later."""
-    every = Every(1.0)
+    every = PeriodicTask(1.0)
 
     assert [True, False, True, False, True] == [every.due(t) for t in (0.0, 0.9, 7.5, 8.4, 8.5)]
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.onboard.monitor.test_signal_watch import Watched, fix
-from tpmsd.onboard.monitor.health.signal_watch import Watching
+from tpmsd.onboard.monitor.health.signal_watch import WatchState
 from tpmsd.onboard.monitor.sampling.car_speed import CarSpeed, SpeedAgreement, stated_range
 
 NO_WHEELS = math.nan
@@ -93,7 +93,7 @@ def test_wheels_that_are_silent_while_the_car_drives_are_a_malfunction() -> None
 def test_ten_minutes_of_blind_driving_are_counted_by_the_car_too() -> None:
     """While no soft tyre would be seen, the car's own speed counts the driving where wheels and receiver do
     not: from 45 km/h on, which is 40 km/h at the least."""
-    blind = Watching(can_detect=False, undecided=False)
+    blind = WatchState(can_detect=False, undecided=False)
     reported = {kmh: Asked(watching=blind).states(700.0, kmh, wheels_mps=0.0, age_s=1e3) for kmh in (44, 45)}
 
     of_blindness = {

@@ -11,7 +11,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.detectable import JointLoss, LossDetectability, detectable
 from tpmsd.onboard.monitor.evidence.hypotheses import Comparison
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
-from tpmsd.onboard.monitor.evidence.sizes import Sized
+from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses
 
 RADIUS = np.full(4, 0.316)
 THRESHOLD, ASKED = 0.0025, 0.99
@@ -66,7 +66,7 @@ def test_what_a_load_may_do_makes_all_four_harder_to_see(chance: float, lost_m: 
         changes = scatter - times * min_m
         verdicts = [
             Comparison(RADIUS, THRESHOLD).of_change_hypotheses(
-                Sized.plain(np.tile(change, (2, 1)), both, weights(change))
+                SizeHypotheses.plain(np.tile(change, (2, 1)), both, weights(change))
             )
             for change in changes
         ]

@@ -15,7 +15,7 @@ from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Table, Verdict
 from tpmsd.onboard.monitor.evidence.nuisance import squares_by_arrays, squares_by_compiled
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, by_arrays, by_compiled
 from tpmsd.onboard.monitor.evidence.sizes import (
-    Sized,
+    SizeHypotheses,
     Sizes,
     array_sizes,
     compiled_sizes,
@@ -48,9 +48,9 @@ def some_changes(
     return change, covariance, rng.uniform(-20.0, 0.0, count), rng.uniform(0.3, 0.33, d)
 
 
-def assert_sized_alike(one: Sized, other: Sized) -> None:
+def assert_sized_alike(one: SizeHypotheses, other: SizeHypotheses) -> None:
     """Equal but for rounding."""
-    for part in fields(Sized):
+    for part in fields(SizeHypotheses):
         np.testing.assert_allclose(getattr(other, part.name), getattr(one, part.name), rtol=SAME, atol=1e-12)
 
 
@@ -89,7 +89,7 @@ def test_verdicts_are_alike(wheels: tuple[int, ...], seed: int) -> None:
     ratios = np.random.default_rng(seed).standard_normal(2 ** len(wheels) - 1)
     options = (None, ratios)[seed % 2], seed == 3
     if seed == 5:
-        sizes, given = None, Sized.plain(change, covariance, weight)
+        sizes, given = None, SizeHypotheses.plain(change, covariance, weight)
         given = replace(given, log_weight=np.where(np.arange(weight.size) == 2, -np.inf, weight))
     for limit in (math.inf, 0.02):
         against = Comparison(radius, 0.006, *options, sizes, limit)
@@ -103,13 +103,13 @@ def test_a_covariance_that_is_none_is_left_to_arrays() -> None:
     change, covariance, weight, radius = some_changes((0, 1, 2, 3), 2, 1)
     covariance[1, 2, 2] = -1.0
     assert compiled_sizes(change, covariance, weight, radius, no_sizes(4)) is None
-    assert Comparison(radius, 0.006).by_compiled(Sized.plain(change, covariance, weight)) is None
+    assert Comparison(radius, 0.006).by_compiled(SizeHypotheses.plain(change, covariance, weight)) is None
 
 
 def test_arrays_that_do_not_belong_together_are_declined() -> None:
     """A row that is not among the sizes would be read from beyond the table."""
     change, covariance, weight, radius = some_changes((0, 1, 2, 3), 2, 1)
-    given = replace(Sized.plain(change, covariance, weight), row=np.array([0, 9]))
+    given = replace(SizeHypotheses.plain(change, covariance, weight), row=np.array([0, 9]))
     with pytest.raises(ValueError, match="belong together"):
         Comparison(radius, 0.006).by_compiled(given)
     with pytest.raises(ValueError, match="belong together"):

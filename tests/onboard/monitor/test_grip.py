@@ -16,7 +16,7 @@ from tpmsd.onboard.monitor.baseline.baseline import Change, TyreSetBaseline, typ
 from tpmsd.onboard.monitor.baseline.reference import RadiusReference
 from tpmsd.onboard.monitor.evidence.grip import Grip
 from tpmsd.onboard.monitor.evidence.nuisance import log_normal
-from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning
+from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeSinceStart
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 from tpmsd.onboard.timeline.tick import Tick
 
@@ -112,7 +112,7 @@ def test_minutes_say_which_tyre_of_an_axle_has_changed(level_m: float, raised: b
     before = change + np.array([level_m, level_m, 0.0, 0.0])
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
     changes = Change(change, own_m2, 1, own_m2, True), Change(before, own_m2, 9, own_m2, True)
-    known = Beginning(before[None], own_m2[None], np.zeros(1), np.zeros(1) > 0.0)
+    known = ChangeSinceStart(before[None], own_m2[None], np.zeros(1), np.zeros(1) > 0.0)
     found = judge.judge(*changes, before=(known, None))
     assert raised == (found.deflated[0] > ASKED)
     assert np.all(found.deflated[1:] < 0.5)

@@ -14,7 +14,7 @@ from tpmsd.car.config.model import MonitorConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
 from tpmsd.onboard.monitor.alarms.saved_alarms import alarm_from_json, alarm_to_json
-from tpmsd.onboard.monitor.health.signal_watch import ReceiverSpeed, SignalWatch, Watching
+from tpmsd.onboard.monitor.health.signal_watch import ReceiverSpeed, SignalWatch, WatchState
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.onboard.sources.events import SourceFault
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -22,7 +22,7 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 NAN4 = np.full(4, math.nan)
 DT_S = 0.5
 WITHHELD, UNSTEADY = Agreement(True, False, False), Agreement(False, True, False)
-SEES = Watching(can_detect=True, undecided=False)
+SEES = WatchState(can_detect=True, undecided=False)
 
 
 class Ticks:
@@ -40,7 +40,7 @@ class Ticks:
         age_s: float = 0.1,
         kinds: tuple[str, ...] = (),
         agreement: Agreement = AGREED,
-        watching: Watching = SEES,
+        watching: WatchState = SEES,
         source: str = "gnss",
         max_s: float = 700.0,
     ) -> list[tuple[float, str]]:
@@ -71,9 +71,9 @@ def wrong(kind: str) -> dict[str, object]:
         "spoofed": {"kinds": ("spoofed",), "source": "can"},
         "disagree": {"agreement": WITHHELD},
         "unsteady": {"agreement": UNSTEADY},
-        "blind": {"watching": Watching(can_detect=False, undecided=False)},
-        "undecided": {"watching": Watching(can_detect=True, undecided=True)},
-        "contradicted": {"watching": Watching(True, False, "left and right")},
+        "blind": {"watching": WatchState(can_detect=False, undecided=False)},
+        "undecided": {"watching": WatchState(can_detect=True, undecided=True)},
+        "contradicted": {"watching": WatchState(True, False, "left and right")},
         "restarted": {"kinds": ("restarted",)},
     }[kind]  # type: ignore[return-value]
 
@@ -196,7 +196,7 @@ def test_a_slow_car_without_fixes_is_in_order() -> None:
 
 def test_blind_time_is_that_above_forty_kilometres_an_hour() -> None:
     """At 40 km/h it does not count, above it does."""
-    blind = Watching(can_detect=False, undecided=False)
+    blind = WatchState(can_detect=False, undecided=False)
     for mps, raised in ((40.0 / 3.6, []), (40.1 / 3.6, [600.0])):
         assert raised == [after for after, _ in Ticks().until("raised", mps=mps, watching=blind)]
 

@@ -12,14 +12,14 @@ from tests.onboard.monitor.drives import ALL, RADIUS_M
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import AgreementWatch
-from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching
+from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, WatchState
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 DT_S, SPEED_MPS = 0.1, 20.0
 RADII_M = np.full(4, RADIUS_M)
 RADIUS_STD_M = 0.2e-3
-SEES = Watching(can_detect=True, undecided=False)
+SEES = WatchState(can_detect=True, undecided=False)
 NINE_MINUTES_S = 540.0
 
 Profile = Callable[[float], float]

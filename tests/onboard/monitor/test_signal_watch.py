@@ -11,11 +11,11 @@ import pytest
 from tests.onboard.monitor.drives import ALL, RADIUS_M
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.onboard.estimators.base import RadiusEstimate
-from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching, _Malfunction
+from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, WatchState, _Malfunction
 from tpmsd.onboard.monitor.records import AlarmEvent
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
-SEES = Watching(can_detect=True, undecided=False)
+SEES = WatchState(can_detect=True, undecided=False)
 NAN4 = np.full(4, math.nan)
 
 
@@ -26,7 +26,7 @@ class Watched:
     settings: MonitorConfig = field(default_factory=MonitorConfig)
     reported: list[tuple[str, str, float]] = field(default_factory=list)
     time_s: float = 0.0
-    watching: Watching = SEES
+    watching: WatchState = SEES
 
     def __post_init__(self) -> None:
         self._watch = SignalWatch(self.settings, ALL)

@@ -13,7 +13,7 @@ from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict, severity
-from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, no_sizes, sizes_of, subsets, with_sizes
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 SIZES = sizes_of((0, 1, 2, 3))
@@ -116,7 +116,7 @@ def test_without_another_size_it_is_the_comparison_of_losses(seed: int) -> None:
     both = [
         Comparison(RADIUS, THRESHOLD).of(change[0], covariance[0]),
         against.of_change_hypotheses(
-            Sized.plain(change, covariance, bank.log_likelihood + found.log_weight[0, :1])
+            SizeHypotheses.plain(change, covariance, bank.log_likelihood + found.log_weight[0, :1])
         ),
     ]
     for name in ("deflated", "loss_m", "none"):

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from tpmsd import __version__
 from tpmsd.interfaces.cli.status import colour_wanted, show, watch
 from tpmsd.interfaces.cli.status_table import render_status
-from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
+from tpmsd.onboard.estimators.base import RadiusEstimate, RadiusStatement
 from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
@@ -76,7 +76,9 @@ ESTIMATE = RadiusEstimate(
     effective_particles=31.5,
     ancestors=17.0,
     between_std_m=2.5e-4,
-    stated=Stated(np.array([np.nan, np.nan, 1e-3, -2e-3]), 1e-8 * np.diag([np.nan, np.nan, 1.0, 4.0]), 0.125),
+    stated=RadiusStatement(
+        np.array([np.nan, np.nan, 1e-3, -2e-3]), 1e-8 * np.diag([np.nan, np.nan, 1.0, 4.0]), 0.125
+    ),
 )
 LOOP = LoopHealth(uptime_s=3725.0, ticks=37250, missed_deadlines=2)
 CAN = SourceHealth(SourceState.OK, "can0", 1234567, {"lost": 3, "checksum": 1}, 0.004, "", {"lost": 1})

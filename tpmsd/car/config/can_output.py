@@ -14,7 +14,7 @@ from typing import Any
 from tpmsd.car.config.model import OutputConfig, OutputSignal
 from tpmsd.car.config.output_names import NAMES
 from tpmsd.car.config.problems import BadValueError, is_file, show, show_key
-from tpmsd.car.config.rules import Choice, FilePath, Number, Text, Whole
+from tpmsd.car.config.rules import Choice, FilePath, Number, Text, WholeNumber
 from tpmsd.car.config.suggest import nearest
 
 WHEN = ("cyclic", "change", "both")
@@ -32,7 +32,7 @@ class Identifiers:
         """Return the identifiers."""
         if not isinstance(value, list) or len(value) > MAX_IDENTIFIERS:
             raise BadValueError("not a list", show(value), f"up to {MAX_IDENTIFIERS} identifiers, [0x3A0]")
-        return tuple(Whole(0, LONGEST_ID, base=16).read(one) for one in value)
+        return tuple(WholeNumber(0, LONGEST_ID, base=16).read(one) for one in value)
 
 
 def read_output(raw: object, folder: Path) -> OutputConfig:
@@ -46,7 +46,7 @@ def read_output(raw: object, folder: Path) -> OutputConfig:
         "when": Choice(WHEN),
         "period_s": Number(0.01, 60.0, "s"),
         "j1939": Choice(J1939),
-        "source_address": Whole(0, 253, base=16),
+        "source_address": WholeNumber(0, 253, base=16),
     }
     read: dict[str, Any] = {}
     for key, value in raw.items():
@@ -124,8 +124,10 @@ def _options(name: str, value: Mapping[str, Any]) -> OutputSignal:
         algorithm=_read_key("algorithm", Choice(ALGORITHM_NAMES).read, value["algorithm"])
         if "algorithm" in value
         else None,
-        data_id=tuple(_read_key("data_id", Whole(0, 255, base=16).read, one) for one in data_id),
-        modulo=_read_key("modulo", Whole(2, 1 << 32).read, value["modulo"]) if "modulo" in value else None,
+        data_id=tuple(_read_key("data_id", WholeNumber(0, 255, base=16).read, one) for one in data_id),
+        modulo=_read_key("modulo", WholeNumber(2, 1 << 32).read, value["modulo"])
+        if "modulo" in value
+        else None,
     )
 
 

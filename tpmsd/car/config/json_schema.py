@@ -28,11 +28,11 @@ from tpmsd.car.config.rules import (
     Choice,
     FilePath,
     Flag,
+    IncreasingNumbers,
     Number,
-    Rising,
     Text,
     TyreSize,
-    Whole,
+    WholeNumber,
     Words,
 )
 from tpmsd.car.config.schema import tables
@@ -59,7 +59,7 @@ def _(rule: Number) -> Schema:
 
 
 @of_rule.register
-def _(rule: Whole) -> Schema:
+def _(rule: WholeNumber) -> Schema:
     return {"type": "integer", "minimum": rule.low, "maximum": rule.high}
 
 
@@ -108,7 +108,7 @@ def _(rule: TyreSize) -> Schema:
 
 
 @of_rule.register
-def _(rule: Rising) -> Schema:
+def _(rule: IncreasingNumbers) -> Schema:
     return {"type": "array", "items": of_rule(rule.each), "minItems": 2, "maxItems": 50}
 
 
@@ -120,7 +120,7 @@ def _(rule: Words) -> Schema:
 
 @of_rule.register
 def _(rule: Identifiers) -> Schema:
-    return {"type": "array", "items": of_rule(Whole(0, LONGEST_ID)), "maxItems": MAX_IDENTIFIERS}
+    return {"type": "array", "items": of_rule(WholeNumber(0, LONGEST_ID)), "maxItems": MAX_IDENTIFIERS}
 
 
 @of_rule.register
@@ -177,7 +177,7 @@ def _output(can: dict[str, Schema]) -> Schema:
         "when": {"enum": list(WHEN)},
         "period_s": of_rule(Number(0.01, 60.0, "s")),
         "j1939": {"enum": list(J1939)},
-        "source_address": of_rule(Whole(0, 253)),
+        "source_address": of_rule(WholeNumber(0, 253)),
         "signals": {"type": "object", "additionalProperties": signal},
     }
     return {"type": "array", "items": _table(keys), "maxItems": 16}

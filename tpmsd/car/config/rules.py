@@ -78,7 +78,7 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Whole:
+class WholeNumber:
     """A whole number from `low` to `high`; `base` 16 or 8 shows the range as such files write it."""
 
     low: int
@@ -145,7 +145,7 @@ class Text:
 
 
 @dataclass(frozen=True, slots=True)
-class Rising:
+class IncreasingNumbers:
     """List of at least two numbers, each greater than the one before."""
 
     each: Number

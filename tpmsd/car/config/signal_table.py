@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from tpmsd.car.config.model import BusConfig, Condition, SignalOptions
 from tpmsd.car.config.problems import BadValueError, is_file, show, show_key
-from tpmsd.car.config.rules import ChannelName, FilePath, Flag, Number, SignalName, Text, Whole
+from tpmsd.car.config.rules import ChannelName, FilePath, Flag, Number, SignalName, Text, WholeNumber
 from tpmsd.car.config.suggest import nearest
 from tpmsd.car.config.units import canonical_unit
 from tpmsd.foundation.wheels import WHEELS
@@ -59,7 +59,7 @@ class _RawValues:
         allowed = f"a list of up to {_MAX_INVALID} raw values"
         if not isinstance(value, list) or len(value) > _MAX_INVALID:
             raise BadValueError("not a list", show(value), allowed)
-        return tuple(Whole(-(1 << 63), _WIDEST).read(one) for one in value)
+        return tuple(WholeNumber(-(1 << 63), _WIDEST).read(one) for one in value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class SignalEntry:
             "bus": Text(),
         }
         if self.role.startswith("wheel_count_"):
-            keys["modulus"] = Whole(2, 1 << 63)
+            keys["modulus"] = WholeNumber(2, 1 << 63)
             del keys["unit"], keys["offset"]
         read = _read_keys(value, keys)
         if "signal" not in read:
@@ -138,7 +138,7 @@ class BusEntry:
             "interface": Text(),
             "dbc": FilePath(self.folder),
             "fd": Flag(),
-            "bitrate": Whole(5_000, 8_000_000),
+            "bitrate": WholeNumber(5_000, 8_000_000),
         }
         if not isinstance(value, dict):
             value = {"channel": value}

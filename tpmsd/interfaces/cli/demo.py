@@ -81,7 +81,7 @@ def demonstrate(
     for line in introduction:
         print(_wrapped(line, out), file=out)
     print(file=out, flush=True)
-    show = _Show(drive, out)
+    show = _DemoDisplay(drive, out)
     with tempfile.TemporaryDirectory(prefix="tpmsd-demo-") as folder, show.listening():
         daemon = watch_live(
             drive,
@@ -99,7 +99,7 @@ def demonstrate(
     return show.judge(wheel)
 
 
-class _Show:
+class _DemoDisplay:
     """The panel and its listener."""
 
     def __init__(self, drive: SimulatedDrive, out: IO[str]) -> None:

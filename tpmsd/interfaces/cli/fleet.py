@@ -184,7 +184,7 @@ def _run(args: argparse.Namespace) -> int:
     stages = tuple(stage for stage in STAGES if stage not in args.without)
     if args.scheduler is not None:
         print(f"tpmsd: {_trust(args.scheduler)}", file=sys.stderr)
-    shown = _Shown()
+    shown = _ProgressDisplay()
     tally = fleet_run.run(store, args.scheduler, args.jobs, args.memory, stages, args.recompute, shown.update)
     shown.close()
     rows = write_tables(store)
@@ -306,7 +306,7 @@ def _summary(status: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-class _Shown:
+class _ProgressDisplay:
     """Progress with rate and time left: on a terminal one line, elsewhere a line now and then."""
 
     def __init__(self) -> None:

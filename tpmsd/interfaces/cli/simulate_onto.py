@@ -18,7 +18,7 @@ from tpmsd.interfaces.cli.outputs import Outputs
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.interfaces.cli.parser import Parser
-    from tpmsd.offline.simulator.onto import Onto
+    from tpmsd.offline.simulator.onto import InjectionTarget
 
 SCHEMA = "tpmsd.injection/1"
 MAX_CONCEALED = 10
@@ -56,14 +56,14 @@ def run_onto(args: argparse.Namespace) -> int:
     from tpmsd.car.config.load import load_config
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.cli.drive_reading import open_drive, read_ticks
-    from tpmsd.offline.simulator.onto import Onto, check_target, effects_of, inject, write_truth
+    from tpmsd.offline.simulator.onto import InjectionTarget, check_target, effects_of, inject, write_truth
 
     _check(args)
     outputs = Outputs(("--json", args.json))
     check_target(args.out, args.onto, args.force)
     config = load_config(args.onto)
     drive, _ = open_drive(args.onto, config)
-    onto = Onto.of(drive, config, read_ticks(args.onto, config))
+    onto = InjectionTarget.of(drive, config, read_ticks(args.onto, config))
     document: dict[str, Any] = {"folder": str(args.out), "onto": str(args.onto)}
     if args.conceal is None:
         model = model_of(args)
@@ -100,18 +100,18 @@ def summary(document: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _conceal(args: argparse.Namespace, onto: Onto) -> tuple[list[str], str]:
+def _conceal(args: argparse.Namespace, onto: InjectionTarget) -> tuple[list[str], str]:
     """Draw, inject and seal; the changed files and the seal's SHA-256."""
     import numpy as np
 
     from tpmsd.car.physics.model import ExtendedModel
-    from tpmsd.offline.planning.conceal import Showing, draw
+    from tpmsd.offline.planning.conceal import RecordingInformation, draw
     from tpmsd.offline.simulator.onto import effects_of, inject
     from tpmsd.offline.simulator.sealed import SEALED, seal
 
     seed = secrets.randbits(63) if args.seed is None else args.seed
     with Progress(1.0, "examine") as progress:
-        showing = Showing(onto.recording, progress.update)
+        showing = RecordingInformation(onto.recording, progress.update)
         model = ExtendedModel(draw(showing, args.conceal, np.random.default_rng(seed)))
     changed = inject(onto, model, args.out, showing.latency_s)
     truth = {"onto": onto.drive.folder.resolve().name, "seed": seed, "effects": effects_of(model)}

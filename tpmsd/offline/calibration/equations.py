@@ -1,8 +1,8 @@
 """Measurements of a drive, in windows of a second, as linear equations about the nominal motion.
 
-In: `Recording`, `Nominal`, `Vehicle`. Out: `Equations`: residuals y, what they see of the windows' unknown
-motion, and what they see of the parameters (X), such that y = H s + X theta + noise with the states s of
-`LEANING_CAR`.
+In: `Recording`, `NominalMotion`, `Vehicle`. Out: `Equations`: residuals y, what they see of the windows'
+unknown motion, and what they see of the parameters (X), such that y = H s + X theta + noise with the states s
+of `LEANING_CAR`.
 
 The motion (speed and yaw rate of each window, heading, position) is as unknown as the parameters: each
 wheel, the gyro and the receiver merely measure it, and none of them is trusted alone. What the channels see
@@ -21,7 +21,7 @@ from tpmsd.car.physics.effect import Parameter
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import Motion, integrate
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.calibration.nominal import Nominal, Vehicle, calibrated_wheels
+from tpmsd.offline.calibration.nominal import NominalMotion, Vehicle, calibrated_wheels
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import WINDOW_S, ReferenceTrajectory
 from tpmsd.offline.inference.windows import CHANNELS, EAST, GYRO, Linearised, Reader
@@ -96,7 +96,7 @@ def probes() -> dict[str, FittedParameter]:
 
 
 def make_equations(
-    recording: Recording, motion: Nominal, car: Vehicle, reference_speed_mps: float = 0.0
+    recording: Recording, motion: NominalMotion, car: Vehicle, reference_speed_mps: float = 0.0
 ) -> Equations:
     """Linearise a drive. Ticks beyond the last whole window are left out.
 
@@ -132,7 +132,7 @@ def make_equations(
     )
 
 
-def _where_moving(recording: Recording, motion: Nominal) -> Recording:
+def _where_moving(recording: Recording, motion: NominalMotion) -> Recording:
     """Return the recording without the receiver's speeds and courses where the car is slow."""
     moving = np.interp(recording.fix_time_s, motion.time_s, motion.speed_mps) > MOVING_MPS
     return replace(
@@ -142,7 +142,7 @@ def _where_moving(recording: Recording, motion: Nominal) -> Recording:
     )
 
 
-def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> ReferenceTrajectory:
+def _reference(recording: Recording, motion: NominalMotion, car: Vehicle) -> ReferenceTrajectory:
     """Return the nominal motion as the reference of a `Reader`."""
     speed, yaw = motion.speed_mps, motion.yaw_rate_radps
     curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
@@ -199,7 +199,7 @@ def _after_fixes(recording: Recording, count: int) -> FloatArray:
 
 
 def _position_rows(
-    design: FloatArray, windows: Linearised, recording: Recording, motion: Nominal, after: FloatArray
+    design: FloatArray, windows: Linearised, recording: Recording, motion: NominalMotion, after: FloatArray
 ) -> None:
     """Fill the rows of positions with the effect of yaw rate and heading at their own instant: by the
     antenna's arm and by the distance that follows them in the window. `Reader` takes them in the middle."""

@@ -1,6 +1,6 @@
 """The motion about which the calibration linearises: what rear wheels and receiver show, smoothed.
 
-In: `Recording`, `Vehicle` (present radii and geometry). Out: `Nominal`, arrays at the ticks' edges.
+In: `Recording`, `Vehicle` (present radii and geometry). Out: `NominalMotion`, arrays at the ticks' edges.
 It need only be near the truth: its errors in speed, yaw rate, heading and position are estimated too.
 """
 
@@ -76,7 +76,7 @@ def calibrated_wheels(recording: Recording) -> list[int]:
 
 
 @dataclass(frozen=True)
-class Nominal:
+class NominalMotion:
     """Arrays (n + 1,) at the ticks' edges."""
 
     time_s: FloatArray
@@ -89,7 +89,7 @@ class Nominal:
     accel_mps2: FloatArray
 
 
-def nominal(recording: Recording, car: Vehicle) -> Nominal:
+def nominal(recording: Recording, car: Vehicle) -> NominalMotion:
     """Smooth the recording's motion."""
     edges, dt = recording.edges_s, recording.dt_s
     rate = recording.rotation_rad / dt * car.radius_m
@@ -104,7 +104,7 @@ def nominal(recording: Recording, car: Vehicle) -> Nominal:
         for _ in range(2):
             heading = heading + _turned_to_positions(recording, edges, heading, forward)
     yaw = np.gradient(heading, dt)
-    return Nominal(
+    return NominalMotion(
         time_s=edges,
         speed_mps=speed,
         yaw_rate_radps=yaw,

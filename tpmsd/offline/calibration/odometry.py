@@ -22,7 +22,7 @@ _FEWEST = 8
 
 
 @dataclass(frozen=True)
-class Piece:
+class OdometryStretch:
     """One stretch of un-fused odometry, laid onto the positions; arrays (f, 2) of east, north in metres."""
 
     odometry_m: FloatArray
@@ -34,7 +34,7 @@ class Piece:
         return np.asarray(np.hypot(*(self.odometry_m - self.position_m).T), dtype=np.float64)
 
 
-def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
+def pieces(recording: Recording, car: Vehicle) -> list[OdometryStretch]:
     """Return Un-fused odometry of the antenna beside the receiver's positions."""
     roll = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) * car.radius_m[[RL, RR]]
     distance, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
@@ -59,7 +59,7 @@ def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
     for index in np.unique(number):
         at = number == index
         if at.sum() >= _FEWEST:
-            out.append(Piece(_laid(odometry[at], position[at]), position[at]))
+            out.append(OdometryStretch(_laid(odometry[at], position[at]), position[at]))
     return out
 
 

@@ -15,7 +15,7 @@ from tpmsd.car.config.model import VehicleConfig
 from tpmsd.foundation.palette import STYLES, line_style
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.offline.calibration.odometry import Piece, pieces
+from tpmsd.offline.calibration.odometry import OdometryStretch, pieces
 from tpmsd.offline.calibration.result import FittedGeometry
 from tpmsd.offline.inference.recording import Recording
 
@@ -59,7 +59,7 @@ def draw_calibration(
 
 
 def _draw_tracks(
-    axes: Axes, found: FittedGeometry, positions: list[FloatArray], paths: dict[str, list[Piece]]
+    axes: Axes, found: FittedGeometry, positions: list[FloatArray], paths: dict[str, list[OdometryStretch]]
 ) -> None:
     for k, position_m in enumerate(positions):
         axes.plot(*position_m.T, color=STYLES["line"].colour, lw=5, label=None if k else "receiver")

@@ -1,6 +1,6 @@
 """The order of the diagnosis: the only place where it stands.
 
-In: a `Regression`. Out: what is `Found`. Each stage takes a `State` and gives the next one; states are
+In: a `Regression`. Out: `FoundTerms`. Each stage takes a `State` and gives the next one; states are
 frozen. The regression holds the columns and each drive's noise: a stage that gives other ones gives another
 regression, and the one that it was given stays what it is.
 """
@@ -21,7 +21,7 @@ from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
 from tpmsd.offline.diagnosis.robustness.drifting import drifting
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.robustness.outlying import lasting
 from tpmsd.offline.diagnosis.robustness.together import together
 from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
@@ -50,13 +50,13 @@ class State:
         return self.selection
 
     @property
-    def found(self) -> Found:
+    def found(self) -> FoundTerms:
         """Return the findings with the regression and the evidence of which it was chosen; ValueError without
         them.
         """
         if self.evidence is None:
             raise ValueError("there is no evidence")
-        return Found(self.regression, self.chosen, self.evidence)
+        return FoundTerms(self.regression, self.chosen, self.evidence)
 
 
 def first_noise(state: State) -> State:
@@ -153,7 +153,7 @@ def other_noise(state: State) -> State:
     return replace(state, regression=found.regression, selection=found.selection, evidence=found.evidence)
 
 
-Alternative = Callable[[Found, Selection], Found]
+Alternative = Callable[[FoundTerms, Selection], FoundTerms]
 """Findings, and what was chosen before any alternative; the first again."""
 
 ALTERNATIVES: tuple[Alternative, ...] = (
@@ -178,7 +178,7 @@ STAGES: tuple[Callable[[State], State], ...] = (
 )
 
 
-def examine(regression: Regression, progress: Callable[[float], None]) -> Found:
+def examine(regression: Regression, progress: Callable[[float], None]) -> FoundTerms:
     """Run all stages; `progress` is told the share that is done, from 0.2 to 0.9."""
     progress(0.2)
     state = State(regression, regression.hypotheses.everything)

@@ -18,7 +18,7 @@ from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
 from tpmsd.offline.discovery.library import CarPlatform, Match, match_car
-from tpmsd.offline.discovery.material import Material, dbc_fields, prepare
+from tpmsd.offline.discovery.material import PreparedLog, dbc_fields, prepare
 from tpmsd.offline.discovery.other_roles import other_roles
 from tpmsd.offline.discovery.result import BusDiscovery, Estimate, FoundRole, Undecided
 from tpmsd.offline.discovery.series import MessageField, unwrap
@@ -68,7 +68,7 @@ def discover(
 
 
 def decide(
-    material: Material,
+    material: PreparedLog,
     tyre: str | None = None,
     cars: Sequence[CarPlatform] = (),
     database: Database | None = None,
@@ -124,7 +124,7 @@ def decide(
 def _ring_and_radius(
     found: BusDiscovery,
     assignment: Assignment,
-    material: Material,
+    material: PreparedLog,
     tyre: str | None,
     car: CarPlatform | None,
     undecided: list[Undecided],
@@ -151,7 +151,11 @@ def _ring_and_radius(
 
 
 def _teeth(
-    assignment: Assignment, material: Material, tyre: str | None, car: CarPlatform | None, settings: Settings
+    assignment: Assignment,
+    material: PreparedLog,
+    tyre: str | None,
+    car: CarPlatform | None,
+    settings: Settings,
 ) -> ToothCount:
     """Return counts per revolution; those of a known car are taken as they are."""
     followers_found = [role.follower for role in assignment.roles]
@@ -207,7 +211,7 @@ def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
     return Undecided("vehicle.teeth_per_rev", why, drive)
 
 
-def _best_assignment(material: Material, match: Match | None, settings: Settings) -> Assignment | None:
+def _best_assignment(material: PreparedLog, match: Match | None, settings: Settings) -> Assignment | None:
     """Return the assignment of the best cluster: one with four wheels, counts before speeds, then the most
     probable."""
     reference = material.reference
@@ -231,7 +235,7 @@ def _best_assignment(material: Material, match: Match | None, settings: Settings
     return max(ranked, key=lambda entry: entry[0])[1]
 
 
-def _with_candidates(nothing: BusDiscovery, material: Material, settings: Settings) -> BusDiscovery:
+def _with_candidates(nothing: BusDiscovery, material: PreparedLog, settings: Settings) -> BusDiscovery:
     """Return what is left where no wheels were found: signals that may be one."""
     why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
     likely = candidates(_followers(material, settings), material.reference, settings)
@@ -240,7 +244,7 @@ def _with_candidates(nothing: BusDiscovery, material: Material, settings: Settin
     return replace(nothing, undecided=undecided, candidates=likely)
 
 
-def _followers(material: Material, settings: Settings) -> list[Follower]:
+def _followers(material: PreparedLog, settings: Settings) -> list[Follower]:
     """Signals that follow the receiver's speed; of readings of raw frames that share bits the best one."""
     reference = material.reference
     found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]

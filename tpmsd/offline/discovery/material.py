@@ -1,6 +1,6 @@
 """A drive prepared for questions: the receiver's reference, and every field read as it could be meant.
 
-In: frames, fixes, a DBC where there is one. Out: `Material`.
+In: frames, fixes, a DBC where there is one. Out: `PreparedLog`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tpmsd.onboard.sources.events import GnssFix
 
 
 @dataclass(frozen=True, slots=True)
-class Material:
+class PreparedLog:
     """A drive, prepared; `check --drive` asks it more than one question."""
 
     reference: ReceiverMotion
@@ -42,7 +42,7 @@ class Material:
 
 def prepare(
     log: BusLog, fixes: Sequence[GnssFix], database: Database | None, settings: Settings = SETTINGS
-) -> Material:
+) -> PreparedLog:
     """Read every field as it could be meant."""
     reference = make_reference(fixes, settings)
     logs = log.messages()
@@ -65,7 +65,7 @@ def prepare(
             if counted is not None:
                 series.append(counted)
     gyro = find_gyro(series, reference, settings) if database is not None else None
-    return Material(reference, logs, series, log.frames, database is not None, gyro, tuple(log.channels))
+    return PreparedLog(reference, logs, series, log.frames, database is not None, gyro, tuple(log.channels))
 
 
 def _may_follow(log: MessageLog, raw: RawArray, reference: ReceiverMotion) -> bool:

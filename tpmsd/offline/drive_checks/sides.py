@@ -14,7 +14,7 @@ from tpmsd.car.config.model import Config
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.discovery.assign import Assignment, Role
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle
-from tpmsd.offline.discovery.material import Material
+from tpmsd.offline.discovery.material import PreparedLog
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower
@@ -46,7 +46,7 @@ def of_car(
     by_wheel: dict[str, str],
     by_position: dict[str, Follower],
     read: Mapping[str, Series],
-    material: Material,
+    material: PreparedLog,
     settings: Settings,
 ) -> list[Suspicion]:
     """Return what speaks against axles, driven axle, antenna and signs; both rear wheels are read."""

@@ -17,7 +17,7 @@ from cantools.database.can import Database
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import BusLog, MessageLog
-from tpmsd.offline.discovery.material import Material, prepare
+from tpmsd.offline.discovery.material import PreparedLog, prepare
 from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import followers, placed
@@ -75,7 +75,7 @@ def _read(
 
 
 def _wheels(
-    config: Config, read: Mapping[str, Series], material: Material, settings: Settings
+    config: Config, read: Mapping[str, Series], material: PreparedLog, settings: Settings
 ) -> list[Suspicion]:
     series = {role: made for role, made in read.items() if role.startswith("wheel_")}
     found = wrong_moduli(series)

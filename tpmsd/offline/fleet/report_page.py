@@ -19,7 +19,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.report.figures import Chart, Curve
-from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
 from tpmsd.offline.report.wording import parameter_name, plain_name, wheel_name
 
 Row = dict[str, Any]
@@ -44,7 +44,7 @@ class CarView:
     anchor: str
     title: str
     note: str
-    figure: Drawn | None
+    figure: RenderedFigure | None
     drives: HtmlTable
     is_open: bool
     """True where its drives are shown at once: cars that need attention."""

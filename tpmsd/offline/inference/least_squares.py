@@ -49,7 +49,7 @@ class LeastSquaresFit:
 
 
 @dataclass(frozen=True)
-class Part:
+class DriveGrams:
     """One drive's Gram matrices, and where its columns stand in the common index."""
 
     grams: Grams
@@ -94,18 +94,20 @@ class Part:
 
 def part(
     white: FloatArray, blocks: np.ndarray, here: np.ndarray | None = None, local: np.ndarray | None = None
-) -> Part:
-    """Return the `Part` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block from
-    0.
+) -> DriveGrams:
+    """Return the `DriveGrams` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block
+    from 0.
     """
     every = np.arange(white.shape[2])
-    return Part(Grams(white, blocks), every if here is None else here, every if local is None else local)
+    return DriveGrams(
+        Grams(white, blocks), every if here is None else here, every if local is None else local
+    )
 
 
 class Evidence:
     """Gram matrices of whitened columns by drive and block."""
 
-    def __init__(self, parts: Sequence[Part], width: int) -> None:
+    def __init__(self, parts: Sequence[DriveGrams], width: int) -> None:
         """`width` is 1 + p, the length of the common index."""
         self.parts = list(parts)
         self.total = np.zeros((width, width))

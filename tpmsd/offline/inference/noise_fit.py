@@ -152,12 +152,12 @@ def maximised(data: Data, start: Noise, names: Sequence[str], near_nats: float =
         method="L-BFGS-B",
         bounds=bounds,
         options={"ftol": 0.0, "maxiter": MAX_STEPS, "maxfun": 2 * MAX_STEPS},
-        callback=_Still(near_nats),
+        callback=_Convergence(near_nats),
     )
     return _noise(start, names, found.x)
 
 
-class _Still:
+class _Convergence:
     """Ends a maximisation when a step gains next to nothing."""
 
     def __init__(self, least: float) -> None:

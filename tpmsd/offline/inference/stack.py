@@ -1,8 +1,8 @@
 """Many columns of a drive side by side, most of which show in one channel alone.
 
-In: columns one by one. Out: `Stack`, which holds each once and as small as it is, and lays them side by side,
-all channels of some windows at a time: written out, hundreds of columns take three times the memory, and to
-touch memory for the first time takes as long as to whiten it.
+In: columns one by one. Out: `ColumnStack`, which holds each once and as small as it is, and lays them side by
+side, all channels of some windows at a time: written out, hundreds of columns take three times the memory,
+and to touch memory for the first time takes as long as to whiten it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class _Run:
         return len(self.arrays) if self.channel is None else int(self.arrays[0].shape[1])
 
 
-class Stack:
+class ColumnStack:
     """Columns (w, 9) in order. Arrays are taken as they are and never changed."""
 
     def __init__(self, *columns: FloatArray) -> None:
@@ -52,9 +52,9 @@ class Stack:
         """Append several that are zero but in one channel: their values (w, k) there."""
         self._runs.append(_Run(channel, [values]))
 
-    def __add__(self, other: Stack) -> Stack:
+    def __add__(self, other: ColumnStack) -> ColumnStack:
         """Those of both."""
-        out = Stack()
+        out = ColumnStack()
         for run in (*self._runs, *other._runs):
             if run.channel is None:
                 for array in run.arrays:

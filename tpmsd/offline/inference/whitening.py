@@ -37,7 +37,7 @@ from tpmsd.offline.inference.gains import (
 from tpmsd.offline.inference.layouts import DRIFTING_RADII
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.scores import Derivatives, System, adjoints, informations, scores
-from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.state_space import Diagonals, Geometry, diagonals, geometry
 from tpmsd.offline.inference.windows import CHANNELS, Linearised
 
@@ -94,7 +94,7 @@ class Whitener:
             return compiled_whitened(columns, self._space.here, self._moved, self._found)
         return array_whitened(columns, self._space.here, self._step)
 
-    def apply_all(self, columns: Stack, first: int = 0) -> FloatArray:
+    def apply_all(self, columns: ColumnStack, first: int = 0) -> FloatArray:
         """Return it of a stack's columns from the first on."""
         windows, channels, every = columns.shape
         width = every - first

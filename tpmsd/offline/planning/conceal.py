@@ -53,7 +53,7 @@ TRIES = 20
 """Draws of place and time of a change of radius, until one is large enough."""
 
 
-class Showing:
+class RecordingInformation:
     """Information that a recording can give."""
 
     def __init__(self, recording: Recording, progress: Callable[[float], None]) -> None:
@@ -125,7 +125,7 @@ class Showing:
         return smallest_size(regression, selector, terms, gram, ramps[0])
 
 
-def draw(showing: Showing, count: int, rng: np.random.Generator) -> tuple[Effect, ...]:
+def draw(showing: RecordingInformation, count: int, rng: np.random.Generator) -> tuple[Effect, ...]:
     """Return `count` different effects that are not confounded; ConfigError where the drive cannot show as
     many."""
     similar = {
@@ -182,7 +182,7 @@ def _probes(name: str) -> list[FittedParameter]:
     ]
 
 
-def _large_enough(showing: Showing, name: str, rng: np.random.Generator) -> Effect | None:
+def _large_enough(showing: RecordingInformation, name: str, rng: np.random.Generator) -> Effect | None:
     """Return one draw of an effect that the drive shows; None where no plausible size is large enough."""
     if name != FAULT.name:
         return _drawn(showing, name, rng)
@@ -193,7 +193,7 @@ def _large_enough(showing: Showing, name: str, rng: np.random.Generator) -> Effe
     return None
 
 
-def _fault(showing: Showing, rng: np.random.Generator) -> Effect | None:
+def _fault(showing: RecordingInformation, rng: np.random.Generator) -> Effect | None:
     """Return a tyre that loses air at once or within minutes, in the middle half of the drive; None where
     that cannot be shown."""
     wheel, long_s = WHEELS[int(rng.choice(showing.wheels))], float(rng.choice([0.0, 30.0, 120.0]))
@@ -204,7 +204,7 @@ def _fault(showing: Showing, rng: np.random.Generator) -> Effect | None:
     return make_effect(FAULT.name, wheel=wheel, deviation_m=_short(-size), onset_s=onset_s, duration_s=long_s)
 
 
-def _drawn(showing: Showing, name: str, rng: np.random.Generator) -> Effect | None:
+def _drawn(showing: RecordingInformation, name: str, rng: np.random.Generator) -> Effect | None:
     """Return an effect with its first number at a size that is shown, on wheels that are read; None where
     there is none."""
     known = _probes(name)

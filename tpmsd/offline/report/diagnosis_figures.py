@@ -29,7 +29,7 @@ READINGS = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}
 """Channels whose nonparametric terms are a reading minus the truth; of the others they are a radius."""
 
 
-class Traced(Protocol):
+class ResidualTrace(Protocol):
     """Means of residuals over a covariate, in standard deviations, of any baseline."""
 
     @property
@@ -87,7 +87,7 @@ def trace_chart(trace: Trace) -> Chart:
     return before_after_chart(title, "residual (standard deviations)", trace)
 
 
-def before_after_chart(title: str, label: str, trace: Traced) -> Chart:
+def before_after_chart(title: str, label: str, trace: ResidualTrace) -> Chart:
     """Return the means of residuals over a covariate without an effect and with it, noise as a band."""
     return Chart(
         title,

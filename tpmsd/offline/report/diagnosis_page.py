@@ -39,7 +39,7 @@ from tpmsd.offline.report.diagnosis_summary import (
     p_text,
     quantity_text,
 )
-from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.simulation_text import agreement, baseline_name, difference_lines
 from tpmsd.offline.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
@@ -53,7 +53,7 @@ class FindingView:
     effect: str
     sentences: tuple[str, ...]
     values: HtmlTable
-    figures: tuple[Drawn, ...]
+    figures: tuple[RenderedFigure, ...]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class AlarmsView:
     sentences: tuple[str, ...]
     alarms: HtmlTable
     radii: HtmlTable
-    figures: tuple[Drawn, ...]
+    figures: tuple[RenderedFigure, ...]
 
 
 def diagnosis_page(

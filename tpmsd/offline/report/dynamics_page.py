@@ -23,7 +23,7 @@ from tpmsd.offline.dynamics.summary import (
 from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.report.diagnosis_figures import before_after_chart, covariate_label
 from tpmsd.offline.report.figures import Bars, Chart, Curve
-from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
 from tpmsd.offline.report.replay_charts import TIME_LABEL
 from tpmsd.offline.report.wording import covariate_name, parameter_name
 
@@ -39,7 +39,7 @@ class DynamicsFindingView:
     effect: str
     sentences: tuple[str, ...]
     values: HtmlTable
-    figures: tuple[Drawn, ...]
+    figures: tuple[RenderedFigure, ...]
 
 
 def dynamics_page(diagnosis: DynamicsDiagnosis, name: str, origin: Origin, standalone: bool = True) -> str:

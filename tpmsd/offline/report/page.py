@@ -64,7 +64,7 @@ class HtmlTable:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class RenderedFigure:
     """A figure as a picture and as data."""
 
     key: str
@@ -120,7 +120,7 @@ def check_report_packages() -> None:
             )
 
 
-def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> Drawn:  # noqa: A002
+def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> RenderedFigure:  # noqa: A002
     """Return a figure for a page; `key` is unique on it. `static`: with a picture for readers without
     JavaScript.
     """
@@ -129,7 +129,7 @@ def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> Draw
 
     picture = draw_static(figure, key) if static else None
     svg = "" if picture is None else picture.svg
-    return Drawn(key, figure.title, help, svg, figure_json(figure, picture))
+    return RenderedFigure(key, figure.title, help, svg, figure_json(figure, picture))
 
 
 def render(template: str, origin: Origin, standalone: bool, **content: object) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.figures import Track
-from tpmsd.offline.report.page import Cell, Drawn, HtmlTable, Origin, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
 from tpmsd.offline.report.replay_charts import replay_charts
 from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_summary import verdict
@@ -61,7 +61,7 @@ def replay_page(
     )
 
 
-def _drawn(title: str, number: int, chart: object) -> Drawn:
+def _drawn(title: str, number: int, chart: object) -> RenderedFigure:
     return drawn(chart, f"plot-{number}", _HELP[title.split(" (")[0]])  # type: ignore[arg-type]
 
 

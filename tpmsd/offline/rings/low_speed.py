@@ -1,10 +1,10 @@
 """Looks for counts that are lost at walking pace, below the speeds of the windows.
 
-In: `Recording`. Out: `Lost` per drive: the wheels, the speed below which they lose counts, the share, and
-what the receiver's speeds say for it. At every fix each wheel's speed about that instant is compared with the
-receiver's: what differs is regressed on the speed (a radius), the acceleration (the age of the fix) and the
-speed where it is below a limit (lost counts). Where the receiver is slow itself its speed is mostly noise, so
-that the least speed looked at is several times its error.
+In: `Recording`. Out: `LowSpeedLosses` per drive: the wheels, the speed below which they lose counts, the
+share, and what the receiver's speeds say for it. At every fix each wheel's speed about that instant is
+compared with the receiver's: what differs is regressed on the speed (a radius), the acceleration (the age of
+the fix) and the speed where it is below a limit (lost counts). Where the receiver is slow itself its speed is
+mostly noise, so that the least speed looked at is several times its error.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tpmsd.offline.rings.settings import COUNTERS
 
 
 @dataclass(frozen=True)
-class Lost:
+class LowSpeedLosses:
     """Counts lost by some wheels of a drive."""
 
     wheels: tuple[str, ...]
@@ -32,7 +32,7 @@ class Lost:
     """Least speed that was looked at, and the limit."""
 
 
-def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
+def lost_counts(recording: Recording, radii_m: FloatArray) -> LowSpeedLosses | None:
     """Return what is lost; None where nothing is, or where the drive does not tell. `radii_m` (4,) are the
     car's.
     """
@@ -64,7 +64,7 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
     gains = np.array([gain for *_, gain in found])
     _, below, below_std, share, share_std, _ = found[int(np.argmax(gains))]
     similar = [one for one in found if abs(one[1] - below) <= 0.5]
-    return Lost(
+    return LowSpeedLosses(
         wheels=tuple(WHEELS[one[0]] for one in similar),
         below_mps=float(np.mean([one[1] for one in similar])),
         below_std_mps=below_std,

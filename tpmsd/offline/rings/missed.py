@@ -1,6 +1,6 @@
 """Counts that a wheel loses while it turns, told from a larger radius by the wheel's own ripple.
 
-In: `Recording`, `ReferenceTrajectory`. Out: `Missed` per wheel that loses counts.
+In: `Recording`, `ReferenceTrajectory`. Out: `MissedCounts` per wheel that loses counts.
 
 Fewer counts per distance are a larger radius or counts that are lost. The ripple that every ring has once per
 turn (`car.rings.ripple`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as
@@ -38,7 +38,7 @@ from tpmsd.offline.rings.settings import COUNTERS
 
 
 @dataclass(frozen=True)
-class Missed:
+class MissedCounts:
     """Counts that one wheel loses."""
 
     wheel: str
@@ -82,7 +82,7 @@ class _Pair:
         return turns * recording.car.teeth_per_rev / (len(self.angle) * recording.dt_s)
 
 
-def missed_counts(recording: Recording, reference: ReferenceTrajectory) -> list[Missed]:
+def missed_counts(recording: Recording, reference: ReferenceTrajectory) -> list[MissedCounts]:
     """Return the wheels that lose counts; empty too where no usual ripple would show."""
     out = []
     for axle, pair in _pairs(recording, reference):
@@ -158,7 +158,7 @@ def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int,
     return _Pair(angle[use], np.stack([-slow, slow], axis=1)[use], rapid[use], block[use])
 
 
-def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed | None:
+def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> MissedCounts | None:
     shares = LOST_SHARES.values
     as_counted = _power(pair, side, False)
     ring_error = LOST_SHARES.ring_error
@@ -181,7 +181,7 @@ def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed 
         return None
     ring = recording.car.teeth_per_rev * (1.0 - of_ring)
     per_s = pair.counts_per_s(recording, side) * (1.0 - of_ring)
-    return Missed(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
+    return MissedCounts(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
 
 
 def _whole(other: FloatArray) -> np.ndarray:

@@ -35,7 +35,7 @@ CLOCK_STEP_S = 1e-3
 
 
 @dataclass(frozen=True)
-class Onto:
+class InjectionTarget:
     """A recorded drive that effects are injected into."""
 
     drive: FolderStream
@@ -44,7 +44,7 @@ class Onto:
     recording: Recording
 
     @classmethod
-    def of(cls, drive: FolderStream, config: Config, ticks: Sequence[Tick]) -> Onto:
+    def of(cls, drive: FolderStream, config: Config, ticks: Sequence[Tick]) -> InjectionTarget:
         """Return the drive and what was read of it; InputError where its clock steps or nothing usable is in
         it."""
         steps = [tick.host_time_s - tick.time_s for tick in ticks]
@@ -83,7 +83,7 @@ def check_target(out: Path, onto: Path, force: bool) -> None:
         raise ConfigError(f"{out}: holds a recording with effects already; --force replaces it")
 
 
-def inject(onto: Onto, model: ExtendedModel, out: Path, latency_s: float = 0.0) -> list[str]:
+def inject(onto: InjectionTarget, model: ExtendedModel, out: Path, latency_s: float = 0.0) -> list[str]:
     """Write the folder; the names of the files in which something changed.
 
     `latency_s` is the recording's GNSS latency beyond the configured one.
@@ -123,7 +123,7 @@ def inject(onto: Onto, model: ExtendedModel, out: Path, latency_s: float = 0.0) 
     return changed
 
 
-def write_truth(out: Path, onto: Onto, model: ExtendedModel) -> None:
+def write_truth(out: Path, onto: InjectionTarget, model: ExtendedModel) -> None:
     """Write `truth.json`: the recording's name and what was injected."""
     document = {"program": MAKER, "onto": onto.drive.folder.resolve().name, "effects": effects_of(model)}
     lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]

@@ -1,6 +1,7 @@
 """Meaning of a column's name: its words, its unit, and the roles it may have.
 
-In: the names of a table's columns. Out: name -> `Spelled` (words and unit), and (role, weight) pairs. Pure.
+In: the names of a table's columns. Out: name -> `ParsedName` (words and unit), and (role, weight) pairs.
+Pure.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ _PAIRS: tuple[tuple[str, frozenset[str], frozenset[str]], ...] = tuple(
 
 
 @dataclass(frozen=True)
-class Spelled:
+class ParsedName:
     """A column's name taken apart."""
 
     words: tuple[str, ...]
@@ -96,7 +97,7 @@ class Spelled:
     """Unit that the name has: `km/h` of `v [km/h]` and of `v_kmh`."""
 
 
-def spelled(name: str) -> Spelled:
+def spelled(name: str) -> ParsedName:
     """Words of a name in lower case, and the unit in brackets or as its last part; None where it has none."""
     unit = None
     bracket = _UNIT.search(name)
@@ -109,14 +110,14 @@ def spelled(name: str) -> Spelled:
             unit, words = SUFFIXES[suffix], words[:-size]
     if unit is None and len(words) > 1 and name.endswith(("_s", "_m", "_g", "_k")):
         unit, words = SUFFIXES[words[-1]], words[:-1]
-    return Spelled(tuple(words), unit)
+    return ParsedName(tuple(words), unit)
 
 
 def _known_unit(text: str) -> str | None:
     return text if text in (*TIME_UNITS, "kn") else canonical_unit(text)
 
 
-def time_weight(one: Spelled) -> int:
+def time_weight(one: ParsedName) -> int:
     """Return how well a name fits a table's time: 3 the word alone, 2 the word among others, 0 not at all."""
     times = {"time", "t", "timestamp", "timestamps", "zeit", "ts", "stamp"}
     if not times & set(one.words):
@@ -148,7 +149,7 @@ def roles_by_name(names: Sequence[str]) -> dict[str, list[tuple[str, float]]]:
     return found
 
 
-def _wheel(one: Spelled) -> str | None:
+def _wheel(one: ParsedName) -> str | None:
     """Return the wheel that a name states by letters or words; None if it states none."""
     words = list(one.words)
     if set(words) & _NO_WHEEL_MOTION:

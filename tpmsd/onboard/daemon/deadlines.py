@@ -35,8 +35,8 @@ class Deadlines:
         return late_s
 
 
-class Every:
-    """Something to do now and then: due at once, then once per period, without bursts after a pause."""
+class PeriodicTask:
+    """Schedule of a periodic task: due at once, then once per period, without bursts after a pause."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s

@@ -10,7 +10,7 @@ import selectors
 from typing import Any, Protocol
 
 
-class Fickle(Protocol):
+class ChangingDescriptor(Protocol):
     """Something whose descriptor changes, as `Link`."""
 
     generation: int
@@ -31,7 +31,7 @@ class Descriptors:
         """Watch a descriptor that stays."""
         self._selector.register(descriptor, selectors.EVENT_READ, owner)
 
-    def follow(self, link: Fickle) -> None:
+    def follow(self, link: ChangingDescriptor) -> None:
         """Watch a link's present descriptor, and no more the one before; call before every wait."""
         generation, watched = self._followed.get(id(link), (None, None))
         if generation == link.generation:

@@ -28,7 +28,7 @@ from tpmsd.car.config.model import BusConfig, Config
 from tpmsd.foundation.provenance import provenance
 from tpmsd.onboard.daemon.bus_link import BusInterface, BusLink, OpenBus, open_can, own_filters, reset_filters
 from tpmsd.onboard.daemon.clock import Clock
-from tpmsd.onboard.daemon.deadlines import Deadlines, Every
+from tpmsd.onboard.daemon.deadlines import Deadlines, PeriodicTask
 from tpmsd.onboard.daemon.descriptors import Descriptors
 from tpmsd.onboard.daemon.feeder import Feeder
 from tpmsd.onboard.daemon.frame_stamps import TOLERANCE_S, WINDOW_S, FrameStamps
@@ -151,9 +151,9 @@ class Daemon:
         self._descriptors = Descriptors()
         self._stopping = ""
         self._reset_s = -math.inf
-        self._second = Every(clock.scale * SECOND_S)
-        self._verbose = Every(clock.scale * VERBOSE_S)
-        self._lag = Every(clock.scale * LAG_AGAIN_S)
+        self._second = PeriodicTask(clock.scale * SECOND_S)
+        self._verbose = PeriodicTask(clock.scale * VERBOSE_S)
+        self._lag = PeriodicTask(clock.scale * LAG_AGAIN_S)
         self._manager = ServiceManager(notifier, clock.scale)
 
     def _open_other(self, open_bus: OpenBus, bus: BusConfig, number: int, database: Database) -> BusInterface:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tpmsd.onboard.daemon.deadlines import Every
+from tpmsd.onboard.daemon.deadlines import PeriodicTask
 from tpmsd.onboard.sinks.sd_notify import Notifier
 
 STATUS_S = 5.0
@@ -20,9 +20,9 @@ class ServiceManager:
 
     def __init__(self, notifier: Notifier, scale: float = 1.0) -> None:
         self._notifier = notifier
-        self._status = Every(scale * STATUS_S)
+        self._status = PeriodicTask(scale * STATUS_S)
         period_s = notifier.watchdog_period_s
-        self._watchdog = None if period_s is None else Every(scale * period_s)
+        self._watchdog = None if period_s is None else PeriodicTask(scale * period_s)
         self._fed_ticks = 0
         self.is_ready = False
 

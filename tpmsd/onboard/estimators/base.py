@@ -13,7 +13,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.timeline.tick import Tick
 
 
-class Stated(NamedTuple):
+class RadiusStatement(NamedTuple):
     """Statement of the radii, apart from the chance that one of them has just changed: p(x) = rho p(x |
     change) + (1 - rho) p(x | none), with a change within `SETTINGS.recent_change_s`.
     """
@@ -57,7 +57,7 @@ class RadiusEstimate(NamedTuple):
     between_std_m: float = math.nan
     """Standard deviation of the mean radii between the particles, root mean square over the wheels; NaN where
     nothing is drawn."""
-    stated: Stated | None = None
+    stated: RadiusStatement | None = None
     """Statement after the last block of odometry; None before the first, and of filters that assume no
     changes of single wheels. Judgements take `deviation_m` and `covariance_m2`, which hold both answers.
     """

@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.car.physics.kinematics import WheelPositions
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.base import NIGHT_S, Stated
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusStatement
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -77,7 +77,7 @@ class Moments(NamedTuple):
     """Value of `RadiusEstimate`."""
     between_std_m: float = math.nan
     """Value of `RadiusEstimate`."""
-    stated: Stated | None = None
+    stated: RadiusStatement | None = None
     """Value of `RadiusEstimate`."""
 
 
@@ -111,12 +111,12 @@ class RolledTick(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class Standstill:
     """The rear wheels did not turn."""
 
 
 @dataclass(frozen=True, slots=True)
-class Coasting:
+class DeadReckoning:
     """Rear rotation is missing: dead reckoning by the last speed and yaw rate."""
 
     dt_s: float
@@ -124,7 +124,7 @@ class Coasting:
     yaw_rate_radps: float
 
 
-Movement = RolledTick | Standing | Coasting
+Movement = RolledTick | Standstill | DeadReckoning
 
 
 class FixMeasurement(NamedTuple):

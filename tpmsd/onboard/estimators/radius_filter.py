@@ -14,16 +14,16 @@ import numpy as np
 
 from tpmsd.car.config.model import FilterConfig, VehicleConfig
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, Stated
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, RadiusStatement
 from tpmsd.onboard.estimators.belief import (
     Belief,
-    Coasting,
+    DeadReckoning,
     FilterCar,
     FixMeasurement,
     Moment,
     Moments,
     RolledTick,
-    Standing,
+    Standstill,
     numbers,
 )
 from tpmsd.onboard.estimators.frame_measurements import FrameBlocks, NamedMeasurements
@@ -98,7 +98,7 @@ class RadiusFilter:
         self._speed, self._yaw_rate = 0.0, 0.0
         self._steady_yaw_rate = 0.0
         """Yaw rate by the present radii, smoothed."""
-        self._stated: tuple[Stated | None, Stated | None] = (None, None)
+        self._stated: tuple[RadiusStatement | None, RadiusStatement | None] = (None, None)
         """Last statement of the belief, and that of four wheels."""
         self.counts: dict[str, int] = {"fixes": 0, "rejected_fixes": 0, "lost_pose": 0}
 
@@ -135,7 +135,7 @@ class RadiusFilter:
         moment = self._moment(tick, gentle or not self._gates.ticks)
         if travel == 0.0 and self._gates.ticks:
             self._stop()
-            self.belief.predict(Standing())
+            self.belief.predict(Standstill())
             return self._moment(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
         curvature = self._steered_curvature(tick, travel, moment.informative)
@@ -173,7 +173,7 @@ class RadiusFilter:
         """No rear rotation: dead reckoning, ever less sure; give the pose up after a while."""
         self._coasting_s += dt_s
         if self._coasting_s <= SETTINGS.coast_limit_s:
-            self.belief.predict(Coasting(dt_s, self._speed, self._steady_yaw_rate))
+            self.belief.predict(DeadReckoning(dt_s, self._speed, self._steady_yaw_rate))
             return
         if self._located:
             self._lose_pose()
@@ -258,12 +258,12 @@ class RadiusFilter:
             stated=self._of_four(said.stated),
         )
 
-    def _of_four(self, stated: Stated | None) -> Stated | None:
+    def _of_four(self, stated: RadiusStatement | None) -> RadiusStatement | None:
         """In the order of all wheels; made once of each."""
         if stated is not self._stated[0]:
             assert stated is not None
             mean_m, covariance_m2 = self._on_all(stated.mean_m), self._between_all(stated.covariance_m2)
-            self._stated = stated, Stated(mean_m, covariance_m2, stated.change_probability)
+            self._stated = stated, RadiusStatement(mean_m, covariance_m2, stated.change_probability)
         return self._stated[1]
 
     def _on_all(self, values: FloatArray) -> FloatArray:

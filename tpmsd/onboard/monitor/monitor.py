@@ -28,7 +28,7 @@ from tpmsd.onboard.monitor.baseline.tyre_sets import TyreSets
 from tpmsd.onboard.monitor.evidence.first_start import BEFORE, FirstStart
 from tpmsd.onboard.monitor.health.configuration_watch import ConfigurationWatch
 from tpmsd.onboard.monitor.health.encoder_watch import EncoderWatch
-from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, Watching
+from tpmsd.onboard.monitor.health.signal_watch import SignalWatch, WatchState
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
@@ -173,10 +173,10 @@ class Monitor:
         received = self._signals.car.received
         return {"wheels_agree": received.wheels, "receiver_agrees": received.receiver}
 
-    def _watching(self) -> Watching:
+    def _watching(self) -> WatchState:
         """Return the state of the monitor that malfunctions depend on."""
         can_detect = self._since_seen_s <= JUDGE.seen_fresh_s
-        return Watching(
+        return WatchState(
             can_detect, self._sets.undecided, self._configuration.contradiction, self._encoders.losing
         )
 

@@ -299,7 +299,7 @@ class TyreSetSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class StatedSettings:
+class StatedStdSettings:
     """Standard deviations of radii in reports and alarms."""
 
     receiver_scale: float = 0.001
@@ -320,7 +320,7 @@ class MonitorSettings:
     slip_slope: SlipSlopeSettings = field(default_factory=SlipSlopeSettings)
     level: LevelSettings = field(default_factory=LevelSettings)
     judge: JudgeSettings = JudgeSettings()
-    stated: StatedSettings = StatedSettings()
+    stated: StatedStdSettings = StatedStdSettings()
     first_start: FirstStartSettings = FirstStartSettings()
     signals: SignalSettings = SignalSettings()
     configuration: ConfigurationSettings = ConfigurationSettings()

@@ -54,7 +54,7 @@ EXPLANATION = ExplanationSettings()
 
 
 @dataclass(frozen=True, slots=True)
-class _Judged:
+class _JudgementRecord:
     """A judgement and what it was made from; put into words only when somebody asks."""
 
     time_s: float
@@ -75,8 +75,8 @@ class Explanation:
         self._moments: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept)
         self._alarms: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept_alarms)
         self._latest: Judgement | None = None
-        self._judged: _Judged | None = None
-        self._cached: tuple[_Judged, dict[str, Any]] | None = None
+        self._judged: _JudgementRecord | None = None
+        self._cached: tuple[_JudgementRecord, dict[str, Any]] | None = None
         """The last judgement that was put into words."""
         self._kept_s = -math.inf
         self._time_s = math.nan
@@ -112,7 +112,9 @@ class Explanation:
         """Keep a judgement of the wheels, in words from time to time."""
         if judgement.now is None or judgement.finding is None:
             return
-        self._judged = _Judged(self._time_s, estimate, judgement.now, judgement.finding, judgement, resonance)
+        self._judged = _JudgementRecord(
+            self._time_s, estimate, judgement.now, judgement.finding, judgement, resonance
+        )
         if abs(self._time_s - self._kept_s) >= EXPLANATION.keep_every_s:
             self._kept_s = self._time_s
             self._moments.append(self._in_words(self._judged))
@@ -246,13 +248,13 @@ class Explanation:
             ),
         }
 
-    def _in_words(self, judged: _Judged) -> dict[str, Any]:
+    def _in_words(self, judged: _JudgementRecord) -> dict[str, Any]:
         """Return one moment of the evidence."""
         if self._cached is None or self._cached[0] is not judged:
             self._cached = (judged, self._moment(judged))
         return self._cached[1]
 
-    def _moment(self, judged: _Judged) -> dict[str, Any]:
+    def _moment(self, judged: _JudgementRecord) -> dict[str, Any]:
         estimate, judgement, change, resonance = (
             judged.estimate,
             judged.judgement,

@@ -17,7 +17,7 @@ from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.plain import finite, millimetres
 from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.onboard.estimators.base import RadiusEstimate, Stated
+from tpmsd.onboard.estimators.base import RadiusEstimate, RadiusStatement
 from tpmsd.onboard.monitor.evidence.detectable import DetectableLoss
 from tpmsd.onboard.monitor.records import (
     AlarmKind,
@@ -248,7 +248,7 @@ def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
     }
 
 
-def _stated(stated: Stated | None) -> dict[str, Any]:
+def _stated(stated: RadiusStatement | None) -> dict[str, Any]:
     """Return the radii without the chance that one has just changed, and that chance."""
     if stated is None:
         return {}

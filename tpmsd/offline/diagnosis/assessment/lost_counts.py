@@ -20,8 +20,8 @@ from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
-from tpmsd.offline.rings.low_speed import Lost, lost_counts
-from tpmsd.offline.rings.missed import Missed, missed_counts
+from tpmsd.offline.rings.low_speed import LowSpeedLosses, lost_counts
+from tpmsd.offline.rings.missed import MissedCounts, missed_counts
 from tpmsd.offline.rings.single_losses import SingleLosses, single_losses
 
 LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
@@ -34,13 +34,13 @@ def lost(regression: Regression, seconds: float) -> list[Finding]:
     return [] if not found else [_lost_finding(max(found, key=lambda one: one.gain), seconds)]
 
 
-def lost_in(drives: Sequence[DriveRegression]) -> list[Lost]:
+def lost_in(drives: Sequence[DriveRegression]) -> list[LowSpeedLosses]:
     """Return the counts lost at low speed, of each drive that shows it."""
     found = (lost_counts(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives)
     return [one for one in found if one is not None]
 
 
-def _lost_finding(one: Lost, seconds: float) -> Finding:
+def _lost_finding(one: LowSpeedLosses, seconds: float) -> Finding:
     margin = one.gain - SETTINGS.counters.lost_admit_nats
     return Finding(
         effect=LOST.name,
@@ -73,7 +73,7 @@ def missed(regression: Regression, seconds: float) -> list[Finding]:
     return out
 
 
-def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Finding:
+def _missed_finding(one: MissedCounts, drives: tuple[str, ...], seconds: float) -> Finding:
     return Finding(
         effect=MISSED.name,
         confidence=1.0 / (1.0 + math.exp(-min(one.gain - math.log(len(WHEELS)), 50.0))),

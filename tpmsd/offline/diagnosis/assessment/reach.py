@@ -69,7 +69,7 @@ class Reach:
 
 
 @dataclass(frozen=True)
-class Seen:
+class WhitenedColumns:
     """One drive's whitened columns; designs are in its own n columns, the data's first."""
 
     white: FloatArray
@@ -86,7 +86,7 @@ class Seen:
     model: FloatArray
 
 
-def reach(drives: Sequence[Seen]) -> Reach:
+def reach(drives: Sequence[WhitenedColumns]) -> Reach:
     """Compare three models on held-out blocks (every fifth, of each drive)."""
     gains = [np.zeros((2, *one.measured.shape)) for one in drives]
     residuals = [np.zeros(one.measured.shape) for one in drives]
@@ -119,7 +119,7 @@ def reach(drives: Sequence[Seen]) -> Reach:
     )
 
 
-def _fitted(drives: Sequence[Seen], trained: Sequence[FloatArray], which: str) -> FloatArray:
+def _fitted(drives: Sequence[WhitenedColumns], trained: Sequence[FloatArray], which: str) -> FloatArray:
     """(k,) values of a design, fitted to Gram matrices (n, n) of all drives' trained blocks."""
     gram: FloatArray = np.zeros(0)
     for one, whole in zip(drives, trained, strict=True):
@@ -132,14 +132,14 @@ def _fitted(drives: Sequence[Seen], trained: Sequence[FloatArray], which: str) -
     return np.asarray(np.linalg.solve(A, gram[1:, 0] * scale) * scale)
 
 
-def _weights(one: Seen, which: str, values: FloatArray) -> FloatArray:
+def _weights(one: WhitenedColumns, which: str, values: FloatArray) -> FloatArray:
     """(n,) weights of the columns in the residual of a design with these values."""
     weights: FloatArray = -getattr(one, which) @ values
     weights[0] += 1.0
     return weights
 
 
-def _flexible(one: Seen, found: FloatArray, gram: FloatArray) -> FloatArray:
+def _flexible(one: WhitenedColumns, found: FloatArray, gram: FloatArray) -> FloatArray:
     """(n,) weights of what the flexible model takes out of the found model's residual, by the Gram matrix
     (n, n) of the trained blocks.
 

@@ -217,7 +217,7 @@ class RollingDiagnosis:
     """The best first; empty if not asked for, or if all has a name."""
     not_detectable: tuple[NotDetectable, ...] = ()
     """The nearest to its typical value first."""
-    inner: Inner | None = field(default=None, repr=False)
+    inner: PictureData | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ class Trace:
 
 @brief
 @dataclass(frozen=True)
-class Ground:
+class DriveMap:
     """The drive's map."""
 
     east_m: FloatArray
@@ -246,10 +246,10 @@ class Ground:
 
 @brief
 @dataclass(frozen=True)
-class Inner:
+class PictureData:
     """Data that the pictures are drawn from."""
 
     rms_by_channel: dict[str, tuple[float, float]]
     """Root mean square of the whitened residual, before and after."""
     traces: tuple[Trace, ...]
-    ground: Ground | None
+    ground: DriveMap | None

@@ -38,7 +38,7 @@ MEMORIES = {
 
 
 @dataclass(frozen=True)
-class Common:
+class CommonEffect:
     """An effect that recording and simulation share."""
 
     term: Term
@@ -57,13 +57,13 @@ class EffectDifference:
     by: str
     recorded: Chosen
     simulated: Chosen
-    twin: Common | None
+    twin: CommonEffect | None
 
 
 class Differences(Hypotheses):
     """Terms that act in the recording alone; calibration and what both hold in common is the baseline."""
 
-    def __init__(self, joint: JointHypotheses, common: Sequence[Common]) -> None:
+    def __init__(self, joint: JointHypotheses, common: Sequence[CommonEffect]) -> None:
         """A difference may have either sign, so that the limits of an effect's values do not hold for it."""
         self.joint = joint
         self.common = list(common)
@@ -82,7 +82,7 @@ class Differences(Hypotheses):
         """Return the gain of each pulse that acts in the recording, with its term."""
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
 
-    def first(self, which: Common) -> int:
+    def first(self, which: CommonEffect) -> int:
         """Return where the values of a common effect begin in a fit."""
         before = self.common[: [one.key for one in self.common].index(which.key)]
         return int(self.joint.nuisance.shape[1] + sum(one.term.design.shape[1] for one in before))
@@ -119,7 +119,7 @@ def differences(
     """
     joint = regression.hypotheses
     assert isinstance(joint, JointHypotheses)
-    common: list[Common] = []
+    common: list[CommonEffect] = []
     silent: set[tuple[str, ...]] = set()
     evidence = _take(regression, joint, evidence, [one.term for one in selection.chosen], common, silent)
     for last in (*[False] * SETTINGS.assessment.simulation_rounds, True):
@@ -229,7 +229,7 @@ def _size(values: FloatArray, covariance: FloatArray) -> float:
     return float(np.sqrt(max(square - (len(values) - 1), 0.0)))
 
 
-def _settled(term: Term, common: Sequence[Common], silent: set[tuple[str, ...]]) -> bool:
+def _settled(term: Term, common: Sequence[CommonEffect], silent: set[tuple[str, ...]]) -> bool:
     return key_of(term) in silent or any(
         one.key == key_of(term) and set(term.parameters) <= set(one.term.parameters) for one in common
     )
@@ -240,7 +240,7 @@ def _take(
     joint: JointHypotheses,
     evidence: Evidence,
     terms: Sequence[Term],
-    common: list[Common],
+    common: list[CommonEffect],
     silent: set[tuple[str, ...]],
 ) -> Evidence:
     """Make these terms part of what both hold (or note that the simulation is silent about them)."""
@@ -254,7 +254,7 @@ def _take(
     if columns:
         evidence = regression.evidence()
         for k, one in enumerate(common):
-            common[k] = Common(replace(one.term, design=widened(one.term.design, regression.width)))
+            common[k] = CommonEffect(replace(one.term, design=widened(one.term.design, regression.width)))
     for term in wanted:
         design = _shared(
             term,
@@ -269,7 +269,7 @@ def _take(
             silent.add(key_of(term))
             continue
         common[:] = [one for one in common if one.key != key_of(term)]
-        common.append(Common(replace(term, design=design, drive=None)))
+        common.append(CommonEffect(replace(term, design=design, drive=None)))
     return evidence
 
 

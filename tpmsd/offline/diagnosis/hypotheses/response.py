@@ -20,7 +20,7 @@ from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import slip_columns
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import expected
-from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.trajectory import WINDOW_S
 from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 
@@ -35,7 +35,7 @@ class Columns:
 
     def __init__(self) -> None:
         self.names: list[tuple[str, ...]] = []
-        self.stack = Stack()
+        self.stack = ColumnStack()
 
     def add(self, name: tuple[str, ...], array: FloatArray) -> None:
         """Append one (w, 9); what is not finite (not measured) counts as no response."""

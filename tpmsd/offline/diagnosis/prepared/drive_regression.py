@@ -35,17 +35,17 @@ from tpmsd.offline.diagnosis.hypotheses.terms import (
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import expected
 from tpmsd.offline.inference.gram import Grams
-from tpmsd.offline.inference.least_squares import Part
+from tpmsd.offline.inference.least_squares import DriveGrams
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import Recording
-from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.stack import ColumnStack
 from tpmsd.offline.inference.trajectory import reference
 from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import Reader
 
 
 @dataclass(frozen=True)
-class Hat:
+class HatFunction:
     """One of the hat functions of a smooth term."""
 
     pattern: str
@@ -78,7 +78,7 @@ class Refined:
     course: str = ""
     """Course of a ramp; empty: the plainest."""
     pulse: bool = False
-    hat: Hat | None = None
+    hat: HatFunction | None = None
     like: Term | None = None
     """The term of a nonlinear effect."""
     parameter: str = ""
@@ -150,7 +150,7 @@ class DriveRegression:
         residual = windows.measured - reader.predict(self.base)
         columns = linear_columns(reader, knots, stds)
         self.names: list[Name] = [("data",), *columns.names]
-        self.columns = Stack(residual) + columns.stack
+        self.columns = ColumnStack(residual) + columns.stack
         self.noise = first_noise(reader)
         self.inflate: FloatArray | None = None
         count = max(SETTINGS.preparation.fewest_blocks, round(len(windows) / block_s))
@@ -198,7 +198,7 @@ class DriveRegression:
         residual = self.reader.windows.measured - self.reader.predict(base)
         for k in np.flatnonzero(values):
             residual += values[k] * columns.stack[int(k)]
-        self.columns = Stack(residual) + columns.stack
+        self.columns = ColumnStack(residual) + columns.stack
         self._kept = []
 
     def repeated(self, recording: Recording, model: ExtendedModel) -> DriveRegression:
@@ -231,7 +231,7 @@ class DriveRegression:
         that was left before."""
         windows = self.reader.windows
         residual = windows.measured - self.reader.predict(model)
-        both = (Stack(residual) + radius_columns(self.reader).stack).whole()
+        both = (ColumnStack(residual) + radius_columns(self.reader).stack).whole()
         made = Whitener.of(windows, self.noise, np.isfinite(residual))
         white = made.apply(both).reshape(-1, both.shape[2])
         fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
@@ -262,7 +262,7 @@ class DriveRegression:
 
     def append(self, columns: FloatArray) -> None:
         """Further columns (w, 9, k) at the end."""
-        self.columns += Stack(*np.moveaxis(columns, 2, 0))
+        self.columns += ColumnStack(*np.moveaxis(columns, 2, 0))
 
     def own(self, design: FloatArray) -> FloatArray:
         """(n, k) a common design in this drive's columns."""
@@ -293,9 +293,9 @@ class DriveRegression:
         """Sum of the innovations' log variances under the present noise."""
         return self.present.whitener.logdet
 
-    def part(self) -> Part:
+    def part(self) -> DriveGrams:
         """Gram matrices of the columns under the present noise."""
-        return Part(self.present.grams, self.here, self.local)
+        return DriveGrams(self.present.grams, self.here, self.local)
 
     def residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
         """(w, 9) whitened residual of a fit."""

@@ -64,7 +64,9 @@ def beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Te
     linear = selector.evidence.fit(design)
     values, exact = linear.values, -math.inf
     for _ in range(SETTINGS.refinement.exact_rounds):
-        gram = _exact_gram(regression, _Null(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting)
+        gram = _exact_gram(
+            regression, _OtherTerms(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting
+        )
         values, gain = fitted(gram)
         exact = gain - 0.5 * float(gram[0, 0])
     return exact - linear.gain + 0.5 * float(selector.evidence.total[0, 0])
@@ -78,13 +80,13 @@ def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term
     values = selector.evidence.fit(before).values
     gram = np.zeros((0, 0))
     for _ in range(SETTINGS.refinement.exact_rounds):
-        null = _Null(others, values[len(values) - sum(one.design.shape[1] for one in others) :])
+        null = _OtherTerms(others, values[len(values) - sum(one.design.shape[1] for one in others) :])
         gram = _exact_gram(regression, null, acting)
         values, without = fitted(gram[: 1 + before.shape[1], : 1 + before.shape[1]])
     return gain_of(gram) - without
 
 
-def _exact_gram(regression: Regression, null: _Null, acting: Sequence[FloatArray]) -> FloatArray:
+def _exact_gram(regression: Regression, null: _OtherTerms, acting: Sequence[FloatArray]) -> FloatArray:
     """Gram matrix (1 + k, 1 + k) of the data less the linearisation error of terms, and of columns, (w, 9, k)
     of each drive."""
     size = 1 + acting[0].shape[2]
@@ -97,7 +99,7 @@ def _exact_gram(regression: Regression, null: _Null, acting: Sequence[FloatArray
 
 
 @dataclass(frozen=True)
-class _Null:
+class _OtherTerms:
     """The other terms and their values."""
 
     terms: Sequence[Term]

@@ -15,7 +15,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.penalties import spline_penalty
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term
-from tpmsd.offline.diagnosis.prepared.drive_regression import Hat, Refined
+from tpmsd.offline.diagnosis.prepared.drive_regression import HatFunction, Refined
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -79,7 +79,7 @@ def best_knots(regression: Regression, design: FloatArray, term: Term) -> Knots:
     fine = _finest(regression, term)
     first = _first(term)
     std = _std(regression, term)
-    hats = [Hat(term.pattern, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
+    hats = [HatFunction(term.pattern, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
     gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
     for number, drive in enumerate(regression.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
@@ -131,7 +131,7 @@ def _shape(regression: Regression, term: Term, knots: FloatArray) -> Shape:
     columns: Columns = []
     for pattern in patterns:
         for k in range(first_hat(pattern), len(at)):
-            hat = Hat(pattern, term.covariate, at, k, _std(regression, term))
+            hat = HatFunction(pattern, term.covariate, at, k, _std(regression, term))
             response = {n: np.nan_to_num(hat.column(regression.drives[n].reader)) for n in acting}
             columns.append((Refined(hat=hat), response))
     return Shape(term, at, columns, patterns)

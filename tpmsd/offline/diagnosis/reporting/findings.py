@@ -18,10 +18,10 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
 from tpmsd.offline.diagnosis.assessment.identifiability import advice
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
-from tpmsd.offline.diagnosis.assessment.reach import Seen, reach
+from tpmsd.offline.diagnosis.assessment.reach import WhitenedColumns, reach
 from tpmsd.offline.diagnosis.assessment.result import (
     Finding,
-    Inner,
+    PictureData,
     Quantity,
     RadiusDrift,
     RollingDiagnosis,
@@ -65,7 +65,9 @@ def report(
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, regression.hypotheses)
     whole = float(selection.heldout[blocks].sum())
-    written = _Written(list(notes), nonlinear_stds(regression, selection), compared(regression, selection))
+    written = _ReportParts(
+        list(notes), nonlinear_stds(regression, selection), compared(regression, selection)
+    )
     for k, one in enumerate(selection.chosen):
         if note := tolerance_note(one, regression.speeds):
             written.notes.append(note)
@@ -107,7 +109,7 @@ def report(
         not_detectable=not_detectable(regression, selection, selector),
         reach=reach(
             [
-                Seen(
+                WhitenedColumns(
                     drive.white,
                     np.isfinite(drive.reader.windows.measured),
                     drive.blocks,
@@ -118,7 +120,7 @@ def report(
                 for drive in regression.drives
             ]
         ),
-        inner=Inner(
+        inner=PictureData(
             _by_channel(regression, selection, evidence),
             tuple(traces(regression, selection, evidence)),
             ground(regression, selection, evidence),
@@ -127,7 +129,7 @@ def report(
 
 
 @dataclass
-class _Written:
+class _ReportParts:
     """The parts of the report that are written so far."""
 
     notes: list[str]

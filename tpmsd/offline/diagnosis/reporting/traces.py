@@ -1,7 +1,7 @@
 """Numbers that the pictures of a diagnosis show.
 
 In: a `Regression` and its `Selection`. Out: `Trace`s (a finding's mismatch over its covariate, before and
-after) and `Ground` (the drive's map with the mismatch at every place).
+after) and `DriveMap` (the drive's map with the mismatch at every place).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.result import Ground, Trace
+from tpmsd.offline.diagnosis.assessment.result import DriveMap, Trace
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.where import values_of, where_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
@@ -71,7 +71,7 @@ def _edges(values: FloatArray) -> FloatArray:
     return np.array(edges)
 
 
-def ground(regression: Regression, selection: Selection, evidence: Evidence) -> Ground | None:
+def ground(regression: Regression, selection: Selection, evidence: Evidence) -> DriveMap | None:
     """Return the map, several drives side by side; None without positions."""
     rolling = evidence.fit(regression.hypotheses.nuisance)
     parts: list[FloatArray] = []
@@ -93,4 +93,4 @@ def ground(regression: Regression, selection: Selection, evidence: Evidence) -> 
     if not parts:
         return None
     east, north, mismatch = np.concatenate(parts, axis=1)
-    return Ground(east, north, mismatch)
+    return DriveMap(east, north, mismatch)

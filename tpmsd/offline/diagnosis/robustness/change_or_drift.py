@@ -1,6 +1,6 @@
 """Names what the noise model took for slow noise: a change of a radius, an event, a constant velocity error.
 
-In: what was `Found`. Out: the same with the term that a drive demands, and the noise fitted jointly.
+In: `FoundTerms`. Out: the same with the term that a drive demands, and the noise fitted jointly.
 
 How much radii drift is estimated from the drive, and a change that stays raises that estimate, the more the
 larger it is: a step of 2 mm makes a drift of 0.7 mm, in which it is nothing unusual. Gains under one noise
@@ -25,7 +25,7 @@ from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.robustness.with_drift import as_wide_as
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -42,7 +42,7 @@ class NoiseFit:
     noise: Noise
 
 
-def changed(found: Found, earlier: Selection) -> Found:
+def changed(found: FoundTerms, earlier: Selection) -> FoundTerms:
     """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
     radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
     with the values that it had."""
@@ -76,10 +76,12 @@ def changed(found: Found, earlier: Selection) -> Found:
             terms, noise = [*terms, term], jointly.noise
     regression = regression.under({0: noise})
     evidence = regression.evidence()
-    return Found(regression, Selector(evidence, regression.hypotheses, last=True).judged(terms), evidence)
+    return FoundTerms(
+        regression, Selector(evidence, regression.hypotheses, last=True).judged(terms), evidence
+    )
 
 
-def erring(found: Found) -> Found:
+def erring(found: FoundTerms) -> FoundTerms:
     """Add the constant error of the receiver's velocity that is likelier than slow noise of its speed; asked
     of single drives."""
     regression, drive = found.regression, found.regression.drives[0]
@@ -108,7 +110,9 @@ def erring(found: Found) -> Found:
     regression = regression.under({0: jointly.noise})
     evidence = regression.evidence()
     judged = Selector(evidence, regression.hypotheses, last=True).judged([*terms, term])
-    return Found(regression, judged, evidence) if any(one.term is term for one in judged.chosen) else found
+    return (
+        FoundTerms(regression, judged, evidence) if any(one.term is term for one in judged.chosen) else found
+    )
 
 
 def _with_likeliest_noise(

@@ -1,6 +1,6 @@
 """Confirms faint effects against slow noise that could make them.
 
-In: what was `Found`. Out: the same without the terms that do not stand, under the noise without them.
+In: `FoundTerms`. Out: the same without the terms that do not stand, under the noise without them.
 
 Warm-up, growth with speed and slopes act on all wheels alike, so that only the receiver shows them, as a
 slow drift. With such a term in the model the receiver's slow error is estimated smaller than it is, and
@@ -25,7 +25,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -43,7 +43,7 @@ from tpmsd.offline.inference.whitening import whiten
 from tpmsd.offline.inference.windows import EAST
 
 
-def confirmed(found: Found) -> Found:
+def confirmed(found: FoundTerms) -> FoundTerms:
     """Take out the terms that slow noise explains as well."""
     regression, selection, evidence = found
     for one in selection.chosen:
@@ -67,8 +67,10 @@ def confirmed(found: Found) -> Found:
         if min(under_other_noise(regression, with_it, without.shape[1], other) for other in asked) < least:
             slower = regression.under({number: drive.noise for number, drive in null.items()})
             evidence = slower.evidence()
-            return confirmed(Found(slower, Selector(evidence, regression.hypotheses).judged(terms), evidence))
-    return Found(regression, _receivers_own(regression, selection, evidence), evidence)
+            return confirmed(
+                FoundTerms(slower, Selector(evidence, regression.hypotheses).judged(terms), evidence)
+            )
+    return FoundTerms(regression, _receivers_own(regression, selection, evidence), evidence)
 
 
 def of_all_read(regression: Regression, term: Term) -> bool:

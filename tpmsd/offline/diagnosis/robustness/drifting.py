@@ -1,7 +1,7 @@
 """Names what the noise model took for a gyro that drifts, where it drifts far and smoothly.
 
-In: what was `Found`. Out: the same, with a spline term of the yaw rate over time instead of a constant bias,
-if there is one to tell, and the noise fitted jointly.
+In: `FoundTerms`. Out: the same, with a spline term of the yaw rate over time instead of a constant
+bias, if there is one to tell, and the noise fitted jointly.
 
 A gyro's bias walks at random, and how fast is estimated from the drive. A bias that fades as the sensor warms
 raises that estimate, and beside so fast a walk its shape is not sure: what was left of it got the name of a
@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -32,7 +32,7 @@ GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
 READING = "yaw_rate"
 
 
-def drifting(found: Found) -> Found:
+def drifting(found: FoundTerms) -> FoundTerms:
     """Put the shape of the gyro's bias over time instead of a constant one, for single drives."""
     regression, selection = found.regression, found.selection
     drive = regression.drives[0]
@@ -58,7 +58,7 @@ def drifting(found: Found) -> Found:
         ):
             judged = selector.judged([*others, shape])
             if any(one.term is shape for one in judged.chosen):
-                return Found(tried, _with_spline_confidence(judged, shape, margin), calm)
+                return FoundTerms(tried, _with_spline_confidence(judged, shape, margin), calm)
     return found
 
 

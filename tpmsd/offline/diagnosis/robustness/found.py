@@ -1,6 +1,6 @@
 """Findings under the noise so far: input and output of each alternative noise.
 
-In: nothing (a plain record). Out: `Found`.
+In: nothing (a plain record). Out: `FoundTerms`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.inference.least_squares import Evidence
 
 
-class Found(NamedTuple):
+class FoundTerms(NamedTuple):
     """Chosen terms, with the regression that they belong to."""
 
     regression: Regression

@@ -1,6 +1,6 @@
 """Tells events of wheels from errors of the receiver, where the receiver alone shows them.
 
-In: what was `Found`. Out: the same without the events that a few readings make, which weigh less then.
+In: `FoundTerms`. Out: the same without the events that a few readings make, which weigh less then.
 
 An axle that slips is an event of its own while all others roll. Where the car has no other wheels, or all of
 them slip alike, what is left to compare with is the receiver, and a receiver that errs for two seconds shows
@@ -27,7 +27,7 @@ from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -35,7 +35,7 @@ from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise_fit import single_outliers
 
 
-def lasting(found: Found) -> Found:
+def lasting(found: FoundTerms) -> FoundTerms:
     """Take out the events of all wheels that are read which a few readings of the receiver make."""
     regression, selection, evidence = found
     selector = Selector(evidence, regression.hypotheses, last=True)
@@ -49,7 +49,7 @@ def lasting(found: Found) -> Found:
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
         gain += sum(jump_evidence(regression.drives[number], one) for number in regression.acting(one.term))
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
-            return lasting(Found(lighter, _chosen_again(lighter, calm, one.term), calm))
+            return lasting(FoundTerms(lighter, _chosen_again(lighter, calm, one.term), calm))
     return found
 
 

@@ -1,7 +1,7 @@
 """Names what the noise model took for radius drift, where wheels drift together.
 
-In: what was `Found`, and what was chosen before slow noise was asked. Out: the same, with a spline term over
-time if there is one to tell, or the change of a wheel's radius, and the noise fitted jointly.
+In: `FoundTerms`, and what was chosen before slow noise was asked. Out: the same, with a spline term
+over time if there is one to tell, or the change of a wheel's radius, and the noise fitted jointly.
 
 Every wheel's radius drifts for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
@@ -19,14 +19,14 @@ import numpy as np
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.found import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import PRIORS
 
 
-def together(found: Found, before: Selection) -> Found:
+def together(found: FoundTerms, before: Selection) -> FoundTerms:
     """Add the shape over time that a group of wheels has in common.
 
     Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
@@ -52,7 +52,7 @@ def together(found: Found, before: Selection) -> Found:
         shape = _changed_radius(selector, terms, shape, [one.term for one in before.chosen]) or shape
         judged = selector.judged([*terms, shape])
         if any(one.term is shape for one in judged.chosen):
-            return Found(tried, judged, calm)
+            return FoundTerms(tried, judged, calm)
     return found
 
 

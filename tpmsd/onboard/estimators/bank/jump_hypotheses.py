@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, initial_state
-from tpmsd.onboard.estimators.base import Stated
+from tpmsd.onboard.estimators.base import RadiusStatement
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def normalised(log_weights: FloatArray) -> FloatArray:
     return np.asarray(weights / np.add.reduce(weights))
 
 
-def stated(bank: Bank, kernel: BankKernel) -> Stated:
+def stated(bank: Bank, kernel: BankKernel) -> RadiusStatement:
     """Return the statement of the radii: moments of the hypotheses that assume no change within
     `recent_change_s`, or of the others where these are more probable, by weights of prior and evidence
     (`Bank.raised`).
@@ -184,7 +184,7 @@ def stated(bank: Bank, kernel: BankKernel) -> Stated:
     probability = float(normalised(log_weights) @ recent)
     counted = recent if probability > 0.5 else ~recent
     said = kernel.summary(bank, np.where(counted, log_weights, -np.inf))
-    return Stated(said.mean[MU:], said.radii_m2, probability)
+    return RadiusStatement(said.mean[MU:], said.radii_m2, probability)
 
 
 @functools.cache

@@ -46,9 +46,9 @@ from tpmsd.onboard.estimators.bank.error_state import (
 )
 from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses, stated
 from tpmsd.onboard.estimators.bank.kernel import KERNEL, BankKernel
-from tpmsd.onboard.estimators.base import NIGHT_S, Stated
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusStatement
 from tpmsd.onboard.estimators.belief import (
-    Coasting,
+    DeadReckoning,
     FilterCar,
     FixMeasurement,
     Moment,
@@ -104,7 +104,7 @@ class MixtureBelief:
         self._slow_yaw_rate = 0.0
         """The wheels' by the present radii, smoothed over `SETTINGS.slow_yaw_s`."""
         self._gyro_bias = 0.0
-        self._stated: Stated | None = None
+        self._stated: RadiusStatement | None = None
         self._expected: tuple[Fix, FloatArray, FloatArray, FloatArray, FloatArray] | None = None
         """A fix with the antenna's position and its rows, between its judgement and its use."""
 
@@ -116,7 +116,7 @@ class MixtureBelief:
             self._informative = movement.moment.informative
             return self._roll(movement)
         self._informative = False
-        if isinstance(movement, Coasting):
+        if isinstance(movement, DeadReckoning):
             return self._coast(movement)
         return 0.0, 0.0
 
@@ -146,7 +146,7 @@ class MixtureBelief:
         self._slow_yaw_rate += slow * (turn / tick.dt_s - self._slow_yaw_rate)
         return travel, turn
 
-    def _coast(self, coasting: Coasting) -> tuple[float, float]:
+    def _coast(self, coasting: DeadReckoning) -> tuple[float, float]:
         self._blocks.reset()
         dt_s, mean, covariance = coasting.dt_s, self.bank.mean, self.bank.covariance
         travel, turn = coasting.speed_mps * dt_s, coasting.yaw_rate_radps * dt_s

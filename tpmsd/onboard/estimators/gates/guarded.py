@@ -24,7 +24,7 @@ KEEP_EVERY_S, KEPT = 10.0, 8
 """Snapshots are kept for 80 s: readings are unsteady for 20 s, fixes off for 5 s, before that shows."""
 
 
-class _Kept(NamedTuple):
+class _Snapshot(NamedTuple):
     """Knowledge at an instant."""
 
     at_s: float
@@ -46,7 +46,7 @@ class GuardedEstimator:
         self._nominal = radius_m
         self.inner = make()
         self._watch = AgreementWatch()
-        self._kept: deque[_Kept] = deque(maxlen=KEPT)
+        self._kept: deque[_Snapshot] = deque(maxlen=KEPT)
         self._saved: dict[str, Any] | None = None
         """State that an earlier start has left."""
         self._clock_s = self._last_kept_s = 0.0
@@ -107,7 +107,7 @@ class GuardedEstimator:
         radius = self._nominal + np.nan_to_num(estimate.deviation_m)
         wheels = np.ix_(self._wheels, self._wheels)
         std = float(np.sqrt(max(float(np.mean(estimate.covariance_m2[wheels])), 0.0)))
-        self._kept.append(_Kept(self._clock_s, self.inner.snapshot(), radius, std))
+        self._kept.append(_Snapshot(self._clock_s, self.inner.snapshot(), radius, std))
         # The radii of half a minute ago: those of now may have followed a lie already.
         past = self._kept[max(len(self._kept) - 4, 0)]
         self._trusted_radii = (past.radius_m, past.std_m)

@@ -26,7 +26,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
 
 
-class _Passed(NamedTuple):
+class _FixWithSums(NamedTuple):
     """A fix, and the sums up to it."""
 
     fix: Fix
@@ -40,7 +40,7 @@ class PositionAccuracy:
     """Follows one receiver."""
 
     def __init__(self) -> None:
-        self._passed: deque[_Passed] = deque()
+        self._passed: deque[_FixWithSums] = deque()
         """Fixes of the window, `SETTINGS.slide_step_s` apart."""
         self._last: Fix | None = None
         self._integral_m = 0.0
@@ -65,7 +65,7 @@ class PositionAccuracy:
     def _begin(self, fix: Fix) -> None:
         """Begin the window with this fix, for the distance to it is not known."""
         self._passed.clear()
-        self._passed.append(_Passed(fix, 0.0, 0.0))
+        self._passed.append(_FixWithSums(fix, 0.0, 0.0))
         self._integral_m, self._direction_rad = 0.0, math.nan
 
     def _add(self, fix: Fix) -> None:
@@ -81,7 +81,7 @@ class PositionAccuracy:
         turn = math.remainder(direction_rad - self._direction_rad, math.tau)
         arc = 1.0 + turn * turn / 24.0 if abs(turn) < SETTINGS.slide_max_turn_rad else 1.0  # false for NaN
         self._direction_rad = direction_rad
-        passed.append(_Passed(fix, before.path_m + chord_m * arc, self._integral_m))
+        passed.append(_FixWithSums(fix, before.path_m + chord_m * arc, self._integral_m))
         while passed[1].fix.time_s <= fix.time_s - SETTINGS.slide_window_s:
             passed.popleft()
         if fix.time_s - passed[0].fix.time_s >= SETTINGS.slide_window_s:
@@ -103,7 +103,7 @@ def _follows(before: Fix, fix: Fix) -> bool:
     return known and fast and 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s
 
 
-def _excess_m2(first: _Passed, last: _Passed) -> float:
+def _excess_m2(first: _FixWithSums, last: _FixWithSums) -> float:
     """Variance of the slow error that the way between two fixes shows beyond the stated one."""
     span_s = last.fix.time_s - first.fix.time_s
     path_m = last.path_m - first.path_m

@@ -24,7 +24,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.bank.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
-    Coasting,
+    DeadReckoning,
     FilterCar,
     FixMeasurement,
     Moment,
@@ -173,7 +173,7 @@ class GaussianBelief:
         if isinstance(movement, RolledTick):
             return self._roll(movement)
         self._last = (0.0, 0.0)
-        if isinstance(movement, Coasting):
+        if isinstance(movement, DeadReckoning):
             dt_s, mean, covariance = movement.dt_s, self.mean, self.covariance
             travel, turn = self._last = (movement.speed_mps * dt_s, movement.yaw_rate_radps * dt_s)
             mean[E] += travel * math.cos(mean[PSI])

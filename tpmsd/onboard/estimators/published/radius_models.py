@@ -199,7 +199,7 @@ def keep_apart(state: NormalInverseWishart, floor: float) -> None:
 
 
 @dataclass(slots=True)
-class Walkers:
+class WalkingRadiiState:
     """Mean and variance (m, m2) of both rear radii in each of N particles of `WalkingRadii`."""
 
     mu: FloatArray
@@ -235,65 +235,67 @@ class WalkingRadii:
         """Return this model: these radii forget by their random walk."""
         return self
 
-    def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> Walkers:
+    def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> WalkingRadiiState:
         """mu spread by the prior."""
         mu = rng.standard_normal((2, count)) * (SETTINGS.radius_prior * nominal_m[:, None])
-        return Walkers(mu, np.full((2, count), self.noise_std_m**2))
+        return WalkingRadiiState(mu, np.full((2, count), self.noise_std_m**2))
 
-    def forget(self, state: Walkers, dt_s: float, rng: np.random.Generator) -> Walkers:
+    def forget(self, state: WalkingRadiiState, dt_s: float, rng: np.random.Generator) -> WalkingRadiiState:
         """Eqs (26d), (27)."""
         state.mu += self.drift_std_m * math.sqrt(dt_s) * rng.standard_normal(state.mu.shape)
         least, most = SETTINGS.noise_floor_m**2, SETTINGS.noise_ceiling_m**2
         state.sigma = np.clip(step_sigma(state.sigma, rng), least, most)
         return state
 
-    def draw(self, state: Walkers, rng: np.random.Generator) -> FloatArray:
+    def draw(self, state: WalkingRadiiState, rng: np.random.Generator) -> FloatArray:
         """mu + sqrt(Sigma) N(0, 1), (26a), (26b)."""
         noise = rng.standard_normal(state.mu.shape)
         noise *= np.sqrt(state.sigma)
         noise += state.mu
         return noise
 
-    def learn(self, state: Walkers, noise_m: FloatArray) -> Walkers:
+    def learn(self, state: WalkingRadiiState, noise_m: FloatArray) -> WalkingRadiiState:
         """Do nothing: the weights alone change."""
         return state
 
-    def shift(self, state: Walkers, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray) -> None:
+    def shift(
+        self, state: WalkingRadiiState, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray
+    ) -> None:
         """Add the change to mu."""
         state.mu[wheel, who] += by_m
 
-    def select(self, state: Walkers, index: NDArray[np.intp]) -> Walkers:
+    def select(self, state: WalkingRadiiState, index: NDArray[np.intp]) -> WalkingRadiiState:
         """Keep the particles of these indices."""
-        return Walkers(state.mu[:, index], state.sigma[:, index])
+        return WalkingRadiiState(state.mu[:, index], state.sigma[:, index])
 
-    def moments(self, state: Walkers, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def moments(self, state: WalkingRadiiState, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return mean (2,) and covariance (2, 2) of mu."""
         mean = state.mu @ weights
         away = state.mu - mean[:, None]
         return mean, (away * weights) @ away.T
 
-    def noise(self, state: Walkers, weights: FloatArray) -> FloatArray:
+    def noise(self, state: WalkingRadiiState, weights: FloatArray) -> FloatArray:
         """Mean of Sigma."""
         return np.asarray(state.sigma @ weights)
 
     def take(
         self,
-        state: Walkers,
+        state: WalkingRadiiState,
         mean_m: FloatArray,
         covariance_m2: FloatArray,
         noise_m2: FloatArray,
         rng: np.random.Generator,
-    ) -> Walkers:
+    ) -> WalkingRadiiState:
         """mu drawn from the saved moments."""
         count = state.mu.shape[1]
         mu = rng.multivariate_normal(mean_m, covariance_m2 + np.eye(2) * 1e-10, count).T.copy()
-        return Walkers(mu, np.repeat(noise_m2[:, None], count, axis=1))
+        return WalkingRadiiState(mu, np.repeat(noise_m2[:, None], count, axis=1))
 
-    def log_predictive(self, state: Walkers, noise_m: FloatArray) -> FloatArray:
+    def log_predictive(self, state: WalkingRadiiState, noise_m: FloatArray) -> FloatArray:
         """Gaussian given mu and Sigma."""
         squared = (noise_m - state.mu) ** 2 / state.sigma
         return np.asarray(-0.5 * (squared + np.log(state.sigma)).sum(axis=0))
 
-    def marginals(self, state: Walkers) -> tuple[FloatArray, FloatArray, float]:
+    def marginals(self, state: WalkingRadiiState) -> tuple[FloatArray, FloatArray, float]:
         """Gaussian: degrees of freedom without end."""
         return state.mu, state.sigma, 1e9

@@ -21,7 +21,7 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S
 from tpmsd.onboard.estimators.belief import (
-    Coasting,
+    DeadReckoning,
     FilterCar,
     FixMeasurement,
     Moment,
@@ -102,7 +102,7 @@ class SampledBelief:
                 particles.multiply(log)
             return go(particles, travel, turn, pieces.heading_after)
         particles.motion = None
-        if isinstance(movement, Coasting):
+        if isinstance(movement, DeadReckoning):
             dt_s = movement.dt_s
             speeds = movement.speed_mps + SETTINGS.coast_speed_std_mps * rng.standard_normal(particles.count)
             swing = SETTINGS.coast_yaw_std * math.sqrt(dt_s) * rng.standard_normal(particles.count)

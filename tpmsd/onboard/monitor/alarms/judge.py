@@ -25,14 +25,14 @@ from tpmsd.onboard.monitor.evidence.hypotheses import Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, variance_ratio_of_mean
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
 from tpmsd.onboard.monitor.evidence.sizes import (
-    Sized,
+    SizeHypotheses,
     Sizes,
     no_sizes,
     sizes_of,
     subsets,
     with_sizes,
 )
-from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses
+from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, ChangeSinceStart
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 
@@ -175,7 +175,7 @@ class Judge:
         lasting = nuisance.averaged(DRIVE_EVIDENCE.lasting_share)
         self._lasting_m2 = lasting.covariance(wheels, self._radius)
         """(d, d) nuisance that lasts all drive long."""
-        self._of_beginning: deque[tuple[Beginning, Sizes]] = deque(maxlen=2)
+        self._of_beginning: deque[tuple[ChangeSinceStart, Sizes]] = deque(maxlen=2)
         """Rows of sizes by what was before each of two windows."""
         self._apart = _apart(wheels)
         members = [
@@ -198,7 +198,7 @@ class Judge:
         resonance: ResonanceEvidence | None = None,
         other_tyres: bool = False,
         change_hypotheses: ChangeHypotheses | None = None,
-        before: tuple[Beginning | None, Beginning | None] = (None, None),
+        before: tuple[ChangeSinceStart | None, ChangeSinceStart | None] = (None, None),
     ) -> Judgement:
         """Judge both changes; what either says of a wheel counts. `resonance` is evidence independent of the
         radii. `change_hypotheses`: what the drive as a whole says of several wheels, once it is long enough;
@@ -293,13 +293,13 @@ class Judge:
         return float(sizes @ of_all) if sizes.size == of_all.size else 0.0
 
     def _against(
-        self, ratios: FloatArray | None, other_tyres: bool, before: Beginning | None = None
+        self, ratios: FloatArray | None, other_tyres: bool, before: ChangeSinceStart | None = None
     ) -> Comparison:
         # Of other tyres the covariance holds what they may be larger already.
         sizes = None if other_tyres else self._known_sizes(before)
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
 
-    def _known_sizes(self, before: Beginning | None) -> Sizes:
+    def _known_sizes(self, before: ChangeSinceStart | None) -> Sizes:
         """Return the rows of sizes of a window, by what the drive said before it."""
         if before is None:
             return self._sizes
@@ -390,7 +390,7 @@ class Judge:
         if other_tyres:
             kept = kept[change_hypotheses.row[kept] == 0]
         verdict = against.of_change_hypotheses(
-            Sized(
+            SizeHypotheses(
                 change_hypotheses.change_m[kept],
                 covariance_m2[kept],
                 log_weight[kept],

@@ -32,7 +32,7 @@ from tpmsd.onboard.monitor.baseline.reference import RadiusReference, speed_rang
 from tpmsd.onboard.monitor.evidence.nuisance import squared_distance
 from tpmsd.onboard.monitor.evidence.probability import chi_square_quantile
 from tpmsd.onboard.monitor.sampling.conditions import Conditions, ConditionTracker
-from tpmsd.onboard.monitor.sampling.drive_evidence import Beginning, ChangeHypotheses, DriveEvidence
+from tpmsd.onboard.monitor.sampling.drive_evidence import ChangeHypotheses, ChangeSinceStart, DriveEvidence
 from tpmsd.onboard.monitor.sampling.slip_slope import SlipSlope
 from tpmsd.onboard.monitor.sampling.slip_sums import SlopeSums
 from tpmsd.onboard.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
@@ -271,7 +271,7 @@ class TyreSetBaseline:
         asked = self.settled or self._by_drive or not alarm_active
         return self._evidence.change_hypotheses if asked and self._evidence is not None else None
 
-    def before(self, change: Change) -> Beginning | None:
+    def before(self, change: Change) -> ChangeSinceStart | None:
         """Return what the drive said before the samples of a change; None where nothing is known of it."""
         return None if self._evidence is None else self._evidence.before(change.samples)
 

@@ -23,7 +23,7 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 
 
 @dataclass(frozen=True, slots=True)
-class Slipping:
+class GripHypotheses:
     """Hypotheses of one change under m drive models."""
 
     covariance_m2: FloatArray
@@ -59,12 +59,12 @@ class Grip:
 
     def change_hypotheses(
         self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]
-    ) -> Slipping:
+    ) -> GripHypotheses:
         """Return the slip in a change (d,) that is the mean of so many samples, with the covariance (d, d)
         where nothing slips. `models`: probability of each; empty while the drive is too short to tell.
         """
         if not models:
-            return Slipping(covariance_m2[None], np.zeros(1))
+            return GripHypotheses(covariance_m2[None], np.zeros(1))
         chances = np.array([models[model.name] for model in DRIVE_EVIDENCE.models])
         keep = self._slipping & (chances > 0.0)
         slips = self._lasting[keep] + self._scatter[keep] / samples
@@ -75,4 +75,4 @@ class Grip:
             [[chances[~self._slipping].sum()], chances[keep] * (1.0 - eventful), chances[keep] * eventful]
         )
         with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
-            return Slipping(total, np.log(weights) + log_normal(change_m, total))
+            return GripHypotheses(total, np.log(weights) + log_normal(change_m, total))

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.evidence.probability import normal_cdf
-from tpmsd.onboard.monitor.evidence.sizes import Sized, Sizes, no_sizes, subsets
+from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, Sizes, no_sizes, subsets
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
@@ -141,15 +141,17 @@ class Comparison:
     def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
         """Posterior over all subsets and losses by one change hypothesis of the change: change_m (d,),
         covariance_m2 (d, d) of change including nuisance."""
-        return self.of_change_hypotheses(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
+        return self.of_change_hypotheses(
+            SizeHypotheses.plain(change_m[None], covariance_m2[None], np.zeros(1))
+        )
 
-    def of_change_hypotheses(self, change_hypotheses: Sized) -> Verdict:
+    def of_change_hypotheses(self, change_hypotheses: SizeHypotheses) -> Verdict:
         """Posterior over n change hypotheses of one change as well, covariances including nuisance: by
         compiled code where it was built."""
         found = None if compiled is None else self.by_compiled(change_hypotheses)
         return self.by_arrays(change_hypotheses) if found is None else found
 
-    def by_arrays(self, change_hypotheses: Sized) -> Verdict:
+    def by_arrays(self, change_hypotheses: SizeHypotheses) -> Verdict:
         """Return `of_change_hypotheses` computed by NumPy, the reference."""
         d = self.radius_m.size
         _, weights, log_shares = _hypotheses(d)
@@ -169,7 +171,7 @@ class Comparison:
         table = Table.of(change_hypotheses.row, log_none, logs, self.threshold, (self._rows, 2**d - 1))
         return self._verdict(change_hypotheses, fit, parabola, posterior / total, none / total, table)
 
-    def by_compiled(self, change_hypotheses: Sized) -> Verdict | None:
+    def by_compiled(self, change_hypotheses: SizeHypotheses) -> Verdict | None:
         """Return `of_change_hypotheses` computed by `_evidence.c`; None where a covariance has no factor."""
         n, d = change_hypotheses.change_m.shape
         members, weights, log_shares = _hypotheses(d)
@@ -209,7 +211,7 @@ class Comparison:
 
     def _verdict(
         self,
-        given: Sized,
+        given: SizeHypotheses,
         fit: FloatArray,
         parabola: tuple[FloatArray, FloatArray],
         posterior: FloatArray,
@@ -243,7 +245,7 @@ class Comparison:
 
     def _off(
         self,
-        given: Sized,
+        given: SizeHypotheses,
         parabola: tuple[FloatArray, FloatArray],
         posterior: FloatArray,
         change_hypotheses: FloatArray,

@@ -46,7 +46,7 @@ class Sizes:
         """(r,) 1 for the row of all wheels."""
         return np.array([float(row.min() > 0.0) for row in self.pattern])
 
-    def since(self, before: Sized, lost: float) -> Sizes:
+    def since(self, before: SizeHypotheses, lost: float) -> Sizes:
         """Return the rows of a window by what was seen before it, hypotheses under every row; behind them
         rows of sizes that came in it, where all was as learned before.
 
@@ -121,7 +121,7 @@ def no_sizes(d: int) -> Sizes:
 
 
 @dataclass(frozen=True, slots=True)
-class Sized:
+class SizeHypotheses:
     """Hypotheses of a change with and without another size of some wheels, n of them."""
 
     change_m: FloatArray
@@ -148,7 +148,7 @@ class Sized:
         return total - np.logaddexp.reduce(total), mean, variance
 
     @classmethod
-    def plain(cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> Sized:
+    def plain(cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> SizeHypotheses:
         """Return the sizes where all wheels are as learned."""
         zeros = np.zeros(log_weight.size)
         return cls(change_m, covariance_m2, log_weight, zeros.astype(np.intp), zeros, zeros)
@@ -162,7 +162,7 @@ def with_sizes(
     sizes: Sizes,
     *,
     every: bool = False,
-) -> Sized:
+) -> SizeHypotheses:
     """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under each row that counts and the first;
     under `every` one, row by row.
 
@@ -180,7 +180,7 @@ def compiled_sizes(
     sizes: Sizes,
     *,
     every: bool = False,
-) -> Sized | None:
+) -> SizeHypotheses | None:
     """Return `with_sizes` computed by `_evidence.c`; None where a covariance is not positive definite."""
     (m, d), rows = covariance_m2.shape[:2], len(sizes.mean)
     out = np.empty((rows * m, d)), np.empty((rows * m, d, d)), *np.empty((4, rows * m))
@@ -192,7 +192,7 @@ def compiled_sizes(
     if count < 0:
         return None
     change, covariance, log, row, size, std = (one[:count] for one in out)
-    return Sized(change, covariance, log, row.astype(np.intp), size, std)
+    return SizeHypotheses(change, covariance, log, row.astype(np.intp), size, std)
 
 
 def array_sizes(
@@ -203,7 +203,7 @@ def array_sizes(
     sizes: Sizes,
     *,
     every: bool = False,
-) -> Sized:
+) -> SizeHypotheses:
     """Return `with_sizes` computed by NumPy, the reference."""
     pattern = sizes.pattern * radius_m
     rest = change_m - (sizes.mean[:, None] * pattern)[:, None]  # (r, m, d)
@@ -220,7 +220,7 @@ def array_sizes(
     left, patterns, variance = solved[row, index], pattern[row], sizes.variance[row]
     weighed = np.linalg.solve(total[row, index], patterns[..., None])[..., 0]
     known = variance - variance**2 * np.einsum("nd,nd->n", patterns, weighed)
-    return Sized(
+    return SizeHypotheses(
         rest[row, index],
         total[row, index],
         logs[row, index],

@@ -24,7 +24,7 @@ from tpmsd.onboard.timeline.tick import Fix, Tick
 AXLES = {"front": (FL, FR), "rear": (RL, RR)}
 
 
-class _Turns:
+class _YawCorrelation:
     """Partial correlation of one source of yaw with the receiver's course.
 
     Given a third quantity in which the source is off by nature: the way, for tyres of unequal radius show a
@@ -62,8 +62,8 @@ class ConfigurationWatch:
     def __init__(self, vehicle: VehicleConfig, wheels: list[int]) -> None:
         self._radius = np.array(vehicle.wheel_radius_m)
         self._track = {"front": vehicle.track_front_m, "rear": vehicle.track_rear_m}
-        self._turns = {name: _Turns() for name, pair in AXLES.items() if set(pair) <= set(wheels)}
-        self._gyro = _Turns()
+        self._turns = {name: _YawCorrelation() for name, pair in AXLES.items() if set(pair) <= set(wheels)}
+        self._gyro = _YawCorrelation()
         self._wheels = wheels
         self._before: Fix | None = None
         self._rotation: FloatArray = np.zeros(4)

@@ -63,7 +63,7 @@ class ReceiverSpeed:
             self._speed_mps, self._time_s = distance_m / (fix.time_s - anchor.time_s), fix.time_s
 
 
-class Watching(NamedTuple):
+class WatchState(NamedTuple):
     """State of the monitor that malfunctions depend on."""
 
     can_detect: bool
@@ -213,7 +213,7 @@ class SignalWatch:
         self,
         tick: Tick,
         estimate: RadiusEstimate,
-        watching: Watching,
+        watching: WatchState,
         agreement: Agreement = AGREED,
     ) -> list[AlarmEvent]:
         """Take one tick; what it raised or cleared."""
@@ -264,7 +264,7 @@ class SignalWatch:
         stale = age_s > SIGNALS.gnss_fresh_s
         return self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
 
-    def _of_monitor(self, watching: Watching, driving: bool, tick: Tick) -> list[AlarmEvent]:
+    def _of_monitor(self, watching: WatchState, driving: bool, tick: Tick) -> list[AlarmEvent]:
         """Return the malfunctions that the monitor reports of itself."""
         can_detect, undecided, wrong = watching.can_detect, watching.undecided, bool(watching.contradiction)
         events = self._no_detection.update(

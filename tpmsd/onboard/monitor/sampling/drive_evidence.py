@@ -99,7 +99,7 @@ class ChangeHypotheses:
 
 
 @dataclass(frozen=True, slots=True)
-class Beginning:
+class ChangeSinceStart:
     """Change of the radii since a drive began by a part of its samples, m times: under each drive model, and
     again since a jump."""
 
@@ -112,13 +112,13 @@ class Beginning:
     resized: NDArray[np.bool_]
     """(m,) true for those since a jump, of which wheels of another size count alone."""
 
-    def joined_with(self, other: Beginning) -> Beginning:
+    def joined_with(self, other: ChangeSinceStart) -> ChangeSinceStart:
         """Return these and, behind them, the others."""
         values: dict[str, Any] = {
             part.name: np.concatenate([getattr(self, part.name), getattr(other, part.name)])
-            for part in fields(Beginning)
+            for part in fields(ChangeSinceStart)
         }
-        return Beginning(**values)
+        return ChangeSinceStart(**values)
 
 
 _OF_EACH = [part.name for part in fields(ChangeHypotheses) if part.name != "samples"]
@@ -137,10 +137,10 @@ class DriveEvidence:
         """Log-likelihood of what was before the jump, and log prior of a size that comes on the way."""
         self.change_hypotheses: ChangeHypotheses | None = None
         """Changes by the samples so far; None as long as they are too few."""
-        self._history: deque[Beginning] = deque(maxlen=BASELINE.recent_samples + 2)
+        self._history: deque[ChangeSinceStart] = deque(maxlen=BASELINE.recent_samples + 2)
         """After each of the last samples."""
 
-    def before(self, samples: int) -> Beginning | None:
+    def before(self, samples: int) -> ChangeSinceStart | None:
         """Return what all but the last so many samples say; None where they are all, or too many to be kept
         apart."""
         return self._history[-1 - samples] if samples < len(self._history) else None
@@ -263,11 +263,11 @@ class _Banks:
             samples=self.samples,
         )
 
-    def since_first(self, log_before: float | None = None) -> Beginning:
+    def since_first(self, log_before: float | None = None) -> ChangeSinceStart:
         """Return the change since the first sample; `log_before`: log-likelihood of what was before a jump,
         None where these banks began with the drive."""
         found = [bank.since_first() for bank in self._banks]
-        return Beginning(
+        return ChangeSinceStart(
             np.stack([change for change, _ in found]) * self._radius,
             np.stack([covariance for _, covariance in found]) * np.outer(self._radius, self._radius),
             self._log_weights() + (log_before or 0.0),

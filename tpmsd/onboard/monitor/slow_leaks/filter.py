@@ -73,7 +73,7 @@ class LeakHypotheses:
 
 
 @dataclass(frozen=True, slots=True)
-class Splits:
+class HypothesisBranches:
     """m ways in which hypotheses may go on, before the reading."""
 
     parent: IntArray
@@ -167,7 +167,7 @@ class LeakFilter:
             noise=noise,
         )
 
-    def _split(self, every: LeakHypotheses, days: float, known_step: bool) -> Splits:
+    def _split(self, every: LeakHypotheses, days: float, known_step: bool) -> HypothesisBranches:
         """Return the branches of each hypothesis: no step, a refill, changed wheels, the onset of a leak."""
         s = self._settings
         n = len(every.wheel)
@@ -211,7 +211,9 @@ class LeakFilter:
                     means.append(mean[without, three] - CONTRASTS[:, wheel] * rate * days / WEEK_D / 2.0)
                     covariances.append(covariance[without, three, three])
                     logs.append(every.log_weight[without] + begun + math.log(share))
-        return Splits(*map(np.concatenate, (parents, kinds, begins, rates, logs, means, covariances)))
+        return HypothesisBranches(
+            *map(np.concatenate, (parents, kinds, begins, rates, logs, means, covariances))
+        )
 
     def _chances(self, days: float, known_step: bool) -> tuple[float, float]:
         """Return the probabilities of a refill and of changed wheels since the last reading."""
@@ -229,7 +231,7 @@ class LeakFilter:
         return refilled, changed
 
     def _made(
-        self, every: LeakHypotheses, splits: Splits, index: IntArray, day: float, days: float
+        self, every: LeakHypotheses, splits: HypothesisBranches, index: IntArray, day: float, days: float
     ) -> LeakHypotheses:
         """Return the hypotheses of these splits, before the reading."""
         s = self._settings
