@@ -10,11 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import tpmsd
-from tpmsd.offline.fleet.ask import as_text, ask
-from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.report import report_document, report_text
 from tpmsd.offline.fleet.report_page import report_page
 from tpmsd.offline.fleet.run import run
+from tpmsd.offline.fleet.sql_query import as_text, ask
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import rows_of, write_tables
 

@@ -12,7 +12,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.recording import Recording
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.run import missing
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables

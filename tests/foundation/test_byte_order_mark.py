@@ -15,7 +15,7 @@ from tests.offline.signals.test_vbo import HEADER
 from tpmsd.car.config.dbc import load_dbc
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.text_file import names_configuration, open_log, read_text
-from tpmsd.offline.fleet.find import model_of
+from tpmsd.offline.fleet.find_drives import model_of
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.vbo import read_vbo
 from tpmsd.offline.simulator.onto_can import log_lines

@@ -25,7 +25,7 @@ import numpy as np
 
 from tpmsd.car.physics.catalogue import parse_effect
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model
 from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.run import missing, run

@@ -27,10 +27,10 @@ import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.calibration.equations import PARAMETERS
-from tpmsd.offline.fleet.ask import ask
 from tpmsd.offline.fleet.parameters import RADII
 from tpmsd.offline.fleet.report import report_document
 from tpmsd.offline.fleet.report_page import report_page
+from tpmsd.offline.fleet.sql_query import ask
 from tpmsd.offline.fleet.store import DriveEntry, Store
 from tpmsd.offline.fleet.tables import kept_rows, rows_of, write_tables
 from tpmsd.offline.fleet.work import SCHEMA, STAGES, program

@@ -10,7 +10,7 @@ import pytest
 from tests.interfaces.bridges.documents import served
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.bridges.secrets import secret
-from tpmsd.interfaces.bridges.watching import documents
+from tpmsd.interfaces.bridges.status_stream import documents
 from tpmsd.interfaces.cli.bridge import CREDENTIAL
 from tpmsd.interfaces.cli.main import main
 

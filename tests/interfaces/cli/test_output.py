@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.plain import plain
 from tpmsd.interfaces.cli.output import Progress, dumps, write_json
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.interfaces.cli.outputs import OutputError, Outputs, write_whole
+from tpmsd.interfaces.cli.output_files import OutputError, Outputs, write_whole
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_pipe_is_written_to_and_not_replaced(tmp_path: Path) -> None:
 def test_a_reader_that_has_gone_does_not_keep_files_from_being_written(tmp_path: Path) -> None:
     """Standard output is a pipe that nobody reads any more, as after `| head`: the file is whole."""
     code = (
-        "import sys\nfrom tpmsd.interfaces.cli.outputs import Outputs\n"
+        "import sys\nfrom tpmsd.interfaces.cli.output_files import Outputs\n"
         "outputs = Outputs(('--json', sys.argv[1]))\noutputs.say('report')\n"
         "outputs.write({'--json': lambda: '{}'})\n"
     )

@@ -24,14 +24,14 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
-from tpmsd.offline.diagnosis.robustness.chance import (
+from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
+from tpmsd.offline.diagnosis.robustness.p_value import (
     chance,
     discoveries,
     enough,
     p_value,
     tail_probability,
 )
-from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.verdict import without
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.settings import SETTINGS

@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness import change_or_drift
 from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.inference.noise_fit import VELOCITY, refit, refit_radius_drift
 from tpmsd.offline.inference.recording import Recording

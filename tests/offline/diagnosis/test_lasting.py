@@ -14,8 +14,8 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
-from tpmsd.offline.diagnosis.robustness.outlying import jump_evidence, lasting
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
+from tpmsd.offline.diagnosis.robustness.receiver_outliers import jump_evidence, lasting
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
 from tpmsd.offline.inference.least_squares import Evidence

@@ -17,13 +17,13 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.finer import best_knots, finest_shape
+from tpmsd.offline.diagnosis.refinement.finer_knots import best_knots, finest_shape
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.reporting.findings import evidence_gain, report
+from tpmsd.offline.diagnosis.reporting.location import location_of, where_of, whole_range
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
-from tpmsd.offline.diagnosis.reporting.where import location_of, where_of, whole_range
-from tpmsd.offline.diagnosis.robustness.drifting import DRIFTS, drifting
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
+from tpmsd.offline.diagnosis.robustness.gyro_drift import DRIFTS, drifting
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS

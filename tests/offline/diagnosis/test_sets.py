@@ -10,8 +10,8 @@ from tests.offline.diagnosis.test_beside_shapes import Given, columns, direction
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.selection.effect_sets import best_set, log_bayes, priors_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
-from tpmsd.offline.diagnosis.selection.sets import best_set, log_bayes, priors_of
 
 SLIP, LOAD = "longitudinal_slip", "load_transfer_longitudinal"
 

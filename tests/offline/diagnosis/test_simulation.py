@@ -79,7 +79,7 @@ def test_named_is_what_the_simulation_lacks(folders: Path, capsys: pytest.Captur
     assert finding["simulation"]["coefficient"]["value"] == pytest.approx(0.0, abs=1e-5)
     assert "compared with your simulation. They differ: 1 finding" in said
     assert "the recording holds it, your simulation does not" in said
-    assert "Below these sizes differences from your simulation may have stayed unseen" in said
+    assert "This drive would not show differences from your simulation below these sizes" in said
     sizes = {one["effect"]: one["smallest"] for one in document["not_detectable"]}
     assert "load_transfer_lateral" not in sizes
     assert sizes["thermal_growth"]["amplitude_m"]["value"] > 0.0

@@ -16,14 +16,14 @@ from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.robustness.verdict import outweighed
-from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.described import (
+from tpmsd.offline.diagnosis.selection.catalogue_effect import (
     effect_of,
     neutral_of,
     nonlinear_of,
     tolerance_note,
     words_of,
 )
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.inference.least_squares import LeastSquaresFit
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.rings.miscount import all_recounted, one_recounted, wrong_teeth

@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.offline.diagnosis.prepared import regression
 from tpmsd.offline.diagnosis.prepared.regression import unusable
-from tpmsd.offline.diagnosis.robustness.together import _changed_radius, _common_shape
+from tpmsd.offline.diagnosis.robustness.common_drift import _changed_radius, _common_shape
 from tpmsd.offline.diagnosis.selection.selector import Selector
 
 HATS = 6

@@ -21,7 +21,7 @@ from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.library import CarPlatform, car_from, field_of, match_car
 from tpmsd.offline.discovery.raw_fields import dbc_start
-from tpmsd.offline.discovery.text import dbc_text
+from tpmsd.offline.discovery.result_files import dbc_text
 from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout
 from tpmsd.onboard.sources.can.block import block_of

@@ -19,7 +19,7 @@ from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.names import named_wheel
 from tpmsd.offline.discovery.raw_fields import dbc_start
 from tpmsd.offline.discovery.result import BusDiscovery
-from tpmsd.offline.discovery.text import dbc_text, vehicle_text
+from tpmsd.offline.discovery.result_files import dbc_text, vehicle_text
 
 DURATION_S = 540.0
 _DRAWN: dict[str, DrawnBus] = {}

@@ -18,7 +18,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.result import BusDiscovery
-from tpmsd.offline.discovery.text import vehicle_text
+from tpmsd.offline.discovery.result_files import vehicle_text
 from tpmsd.onboard.sources.can.block import block_of
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.signal_plan import BitField, bit_field

@@ -32,8 +32,8 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.discover import write_files
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.drive_checks.check_drive import suspicions
 from tpmsd.offline.drive_checks.configured import configured_fields, configured_frames
-from tpmsd.offline.drive_checks.suspicions import suspicions
 from tpmsd.onboard.sources.can.block import block_of
 from tpmsd.onboard.sources.can.databases import load_databases
 from tpmsd.onboard.sources.can.frame import CanFrame

@@ -14,10 +14,10 @@ from tpmsd.car.config.dbc import load_dbc
 from tpmsd.car.config.model import CanConfig, Config, GnssConfig, SignalOptions
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.discovery.material import prepare
 from tpmsd.offline.discovery.other_roles import find_gyro
+from tpmsd.offline.discovery.prepared_log import prepare
+from tpmsd.offline.drive_checks.check_drive import suspicions
 from tpmsd.offline.drive_checks.suspicion import Suspicion
-from tpmsd.offline.drive_checks.suspicions import suspicions
 from tpmsd.onboard.sources.events import GnssFix
 
 _DRAWN: dict[str, DrawnBus] = {}

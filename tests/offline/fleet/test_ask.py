@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.offline.fleet.ask import as_text, ask
+from tpmsd.offline.fleet.sql_query import as_text, ask
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import write_tables
 

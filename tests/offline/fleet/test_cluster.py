@@ -20,7 +20,7 @@ from urllib.request import urlopen
 import pytest
 
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.run import missing
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store

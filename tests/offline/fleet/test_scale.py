@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from bench.campaigns.offline.fleet_scale import MEMORY_MB, QUERY, draw_store, measured
-from tpmsd.offline.fleet.ask import ask
 from tpmsd.offline.fleet.report import report_document
+from tpmsd.offline.fleet.sql_query import ask
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS, kept_rows, rows_of, write_tables
 

@@ -11,7 +11,7 @@ import pyarrow.parquet
 import pytest
 
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store, write_atomic
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables

@@ -13,7 +13,7 @@ import tpmsd
 from tpmsd.offline.drives.drive import load
 from tpmsd.offline.drives.playing import replayed, replayed_at_desk_rate
 from tpmsd.offline.drives.reading import FolderRecording, read_ticks
-from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import write_tables

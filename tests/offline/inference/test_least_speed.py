@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.offline.inference.least_speed import INFORMATION, MIN_MPS, TYPICAL_MPS, least_speed
+from tpmsd.offline.inference.min_speed import INFORMATION, MIN_MPS, TYPICAL_MPS, least_speed
 
 
 def test_on_the_road_walking_pace_is_left_out() -> None:

@@ -239,14 +239,14 @@ UNSEEN = (
 
 
 def test_the_answer_comes_first() -> None:
-    """Findings in the words of their effects, notes, and what may have stayed unseen; then all else."""
+    """Findings in the words of their effects, notes, and what the drive would not show; then all else."""
     found = replace(FOUND, not_detectable=UNSEEN)
     answer = (
         "Something without a name acts on rear left and rear right over speed. The fixes are 100 +- 4 ms"
         " older than configured. This drive cannot tell age of the fixes from an antenna out of place."
-        " Tuesday: left out, for the drive is shorter than 90 s. Nothing else was found beside the rolling"
-        " model; growth with speed below 1.5e-6 s2/m and an antenna out of place below 0.50 m may have"
-        " stayed unseen on this drive."
+        " Tuesday: left out, for the drive is shorter than 90 s. No other deviation from the rolling"
+        " model was found. This drive would not show growth with speed below 1.5e-6 s2/m or an antenna out of"
+        " place below 0.50 m."
     )
     text = diagnosis_summary(found, None)
     page = diagnosis_page(found, ["monday"], ORIGIN)
@@ -276,11 +276,11 @@ def test_what_may_be_unseen_is_a_table_in_the_document() -> None:
 
 
 def test_a_drive_that_agrees_says_so_first() -> None:
-    """And, too, what may have stayed unseen; insufficient data say their reason."""
+    """And, too, what the drive would not show; insufficient data say their reason."""
     agrees = replace(FOUND, verdict="consistent", findings=(), notes=(), not_detectable=UNSEEN[:1])
     assert summary_sentences(agrees) == [
         "The drive agrees with the rolling model within the noise.",
-        "Growth with speed below 1.5e-6 s2/m may have stayed unseen on this drive.",
+        "This drive would not show growth with speed below 1.5e-6 s2/m.",
     ]
     short = replace(FOUND, verdict="insufficient_data", reason="no drive")
     assert summary_sentences(short) == ["Nothing can be concluded: no drive."]

@@ -13,8 +13,8 @@ import pytest
 
 from tpmsd.interfaces.cli.discover import summary
 from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.result_files import vehicle_text
 from tpmsd.offline.discovery.settings import SETTINGS
-from tpmsd.offline.discovery.text import vehicle_text
 from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.offline.rings.counter import Counter
 from tpmsd.offline.rings.tooth_count import tooth_count, tyre_radius_m

@@ -1,8 +1,7 @@
 """The configuration as typed records, with the defaults in one place.
 
 In: nothing. Out: `Config` and its tables. `tpmsd.car.config.load` fills them from TOML and says what is
-wrong. Units are SI; keys carry them. CONTRACT: tables [vehicle], [can], [can.signals], [gnss]; ours: the
-others.
+wrong. Units are SI; keys carry them.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from tpmsd.interfaces.api.car_library import load_cars
 from tpmsd.offline.discovery.discover import discover as discover_raw
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.result import BusDiscovery, FoundRole
-from tpmsd.offline.discovery.text import vehicle_text
+from tpmsd.offline.discovery.result_files import vehicle_text
 from tpmsd.offline.drives.drive import Drive
 from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.offline.drives.reading import MemoryRecording

@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
             stopped.wait()
         end()
         return 0
-    from tpmsd.interfaces.bridges.watching import documents
+    from tpmsd.interfaces.bridges.status_stream import documents
 
     bridge = _bridge(args, log)
     with contextlib.suppress(_Stop, KeyboardInterrupt), _until_signalled(None):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import OutputError, Outputs, write_whole
+from tpmsd.interfaces.cli.output_files import OutputError, Outputs, write_whole
 
 if TYPE_CHECKING:
     from tpmsd.car.config.model import Config

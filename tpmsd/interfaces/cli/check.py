@@ -15,7 +15,7 @@ from tpmsd.car.config.gnss_source import source_of
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.status import colour_wanted
 from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
@@ -124,7 +124,7 @@ def _against_drive(plan: ConfigurationPlan, drive: Path) -> list[dict[str, objec
     """Return what the drive says against the configuration, with the line of each key."""
     from tpmsd.car.config.document import read_document
     from tpmsd.interfaces.cli.drive_reading import say
-    from tpmsd.offline.drive_checks.suspicions import suspicions
+    from tpmsd.offline.drive_checks.check_drive import suspicions
     from tpmsd.offline.drives.bus_fixes import BusFixes, is_on_bus
     from tpmsd.offline.drives.raw_drive import read_drive
     from tpmsd.onboard.sources.can.databases import load_databases

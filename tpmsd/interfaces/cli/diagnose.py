@@ -20,7 +20,7 @@ from tpmsd.car.physics.baselines.names import BASELINE_NAMES, ROLLING
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
+from tpmsd.interfaces.cli.output_files import Outputs, say_verdict
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, json_text
-from tpmsd.interfaces.cli.outputs import Outputs, say_verdict
+from tpmsd.interfaces.cli.output_files import Outputs, say_verdict
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.baselines.base import Baseline

@@ -14,7 +14,7 @@ from typing import IO, TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.terminal_lines import fitted_to
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def write_files(found: BusDiscovery, dbc: Path | None, target: Path) -> list[Pat
     Returns:
         The files that were written, the configuration first.
     """
-    from tpmsd.offline.discovery.text import dbc_of_bus, dbc_text, further_buses, vehicle_text
+    from tpmsd.offline.discovery.result_files import dbc_of_bus, dbc_text, further_buses, vehicle_text
 
     written = [target]
     own_dbc = target.with_suffix(".dbc")

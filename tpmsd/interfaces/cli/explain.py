@@ -24,7 +24,7 @@ from tpmsd.interfaces.cli.filter_options import (
     with_filter,
 )
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.offline.report.explanation_text import explanation_text
 
 SCHEMA = "tpmsd.explanation/1"

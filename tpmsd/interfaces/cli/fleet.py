@@ -17,7 +17,7 @@ from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.interfaces.cli.fleet_pages import write_drive_pages
 from tpmsd.interfaces.cli.output import Subparsers, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 
 if TYPE_CHECKING:
     from tpmsd.offline.fleet.run import Tally
@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _add(args: argparse.Namespace) -> int:
-    from tpmsd.offline.fleet.find import find_drives
+    from tpmsd.offline.fleet.find_drives import find_drives
     from tpmsd.offline.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
@@ -251,7 +251,7 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    from tpmsd.offline.fleet.ask import as_csv, as_parquet, as_text, ask
+    from tpmsd.offline.fleet.sql_query import as_csv, as_parquet, as_text, ask
     from tpmsd.offline.fleet.store import Store
 
     outputs = Outputs(("--json", args.json), ("--csv", args.csv), ("--parquet", args.parquet))

@@ -13,7 +13,7 @@ from typing import Any
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 
 EXIT_UNDECIDED = 4
 _DESCRIPTION = """\

@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.interfaces.api.car_library import load_cars
     from tpmsd.interfaces.cli.discover import refuse, write_files
     from tpmsd.offline.discovery.car_start import found_of
-    from tpmsd.offline.discovery.text import vehicle_text
+    from tpmsd.offline.discovery.result_files import vehicle_text
 
     cars = {car.name: car for car in load_cars()}
     if args.car is None and args.write is not None:

@@ -25,7 +25,7 @@ from tpmsd.foundation.startup import import_on_demand, keep_for_good, leave_out_
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
 from tpmsd.interfaces.cli.output import Subparsers
-from tpmsd.interfaces.cli.outputs import forget_stdout
+from tpmsd.interfaces.cli.output_files import forget_stdout
 from tpmsd.interfaces.cli.parser import EXIT_CODES, Parser
 
 Commands = tuple[tuple[str, str, str], ...]

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import IO, TYPE_CHECKING, Any
 
 from tpmsd.foundation.plain import plain
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 
 if TYPE_CHECKING:
     from tpmsd.interfaces.cli.parser import Parser

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 
 if TYPE_CHECKING:
     from tpmsd.offline.planning.information import Equipment

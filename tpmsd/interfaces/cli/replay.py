@@ -22,7 +22,7 @@ from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.interfaces.cli.drive_reading import say, span_s
 from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.replay_signals import has_signals_alone, run_signals
 from tpmsd.offline.drives import playing
 from tpmsd.offline.drives.drive import Drive, settings_of

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.offline.signals.columns import signals_file
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.onboard.sinks.status_client import printable, read_status, request_reset
 
 SCHEMA = "tpmsd.reset/2"

@@ -1,6 +1,6 @@
 """`tpmsd simulate`: make a drive, with a fault or an effect if wanted: to a folder, or live.
 
-In: the command line. Out: a drive folder (CONTRACT section 1) with its truth.json, or live traffic.
+In: the command line. Out: a drive folder (docs/reference/formats.md) with its truth.json, or live traffic.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.simulate_onto import add_onto_options, model_of, run_onto
 
 if TYPE_CHECKING:

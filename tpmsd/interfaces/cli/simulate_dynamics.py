@@ -12,7 +12,7 @@ from pathlib import Path
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.diagnose_dynamics import model_effects, read_dynamics_drive
 from tpmsd.interfaces.cli.output import json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 
 SCHEMA = "tpmsd.simulation/2"
 

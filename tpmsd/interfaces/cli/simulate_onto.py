@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Progress, json_text
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel

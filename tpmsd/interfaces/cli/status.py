@@ -17,7 +17,7 @@ from typing import IO, Any
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.output import Subparsers, dumps, write_json
-from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.output_files import Outputs
 from tpmsd.interfaces.cli.status_table import WIDTH, render_status
 from tpmsd.interfaces.cli.status_watch import watch_screen
 from tpmsd.onboard.sinks.status_client import read_status, watch_status

@@ -19,11 +19,11 @@ from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
+from tpmsd.offline.diagnosis.robustness.common_drift import together
 from tpmsd.offline.diagnosis.robustness.confirm import confirmed
-from tpmsd.offline.diagnosis.robustness.drifting import drifting
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
-from tpmsd.offline.diagnosis.robustness.outlying import lasting
-from tpmsd.offline.diagnosis.robustness.together import together
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
+from tpmsd.offline.diagnosis.robustness.gyro_drift import drifting
+from tpmsd.offline.diagnosis.robustness.receiver_outliers import lasting
 from tpmsd.offline.diagnosis.robustness.with_drift import with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector

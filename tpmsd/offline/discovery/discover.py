@@ -18,8 +18,8 @@ from tpmsd.offline.discovery.candidates import candidates
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
 from tpmsd.offline.discovery.library import CarPlatform, Match, match_car
-from tpmsd.offline.discovery.material import PreparedLog, dbc_fields, prepare
 from tpmsd.offline.discovery.other_roles import other_roles
+from tpmsd.offline.discovery.prepared_log import PreparedLog, dbc_fields, prepare
 from tpmsd.offline.discovery.result import BusDiscovery, Estimate, FoundRole, Undecided
 from tpmsd.offline.discovery.series import MessageField, unwrap
 from tpmsd.offline.discovery.settings import SETTINGS, Settings

@@ -14,7 +14,7 @@ from tpmsd.car.config.model import Config
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.discovery.assign import Assignment, Role
 from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle
-from tpmsd.offline.discovery.material import PreparedLog
+from tpmsd.offline.discovery.prepared_log import PreparedLog
 from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower

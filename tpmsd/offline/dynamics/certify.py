@@ -20,7 +20,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, discoveries, enough
+from tpmsd.offline.diagnosis.robustness.p_value import Chance, beyond, chance, discoveries, enough
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.located import located_terms, nameless_penalty
 from tpmsd.offline.dynamics.noise import PathNoise

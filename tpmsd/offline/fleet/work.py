@@ -17,7 +17,7 @@ from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.plain import plain
 from tpmsd.foundation.startup import keep_freed_memory
 from tpmsd.foundation.version import __version__
-from tpmsd.offline.fleet.find import local_copy
+from tpmsd.offline.fleet.find_drives import local_copy
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
 

@@ -15,7 +15,7 @@ import numpy as np
 from tpmsd.car.physics.kinematics import wheel_speeds
 from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
 from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
-from tpmsd.offline.inference.least_speed import least_speed
+from tpmsd.offline.inference.min_speed import least_speed
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.smoothing import NEAREST, gaussian, running_median
 

@@ -34,7 +34,7 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_regression import Refined
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.detectable import smallest_size, smallest_sizes
-from tpmsd.offline.diagnosis.selection.described import effect_of
+from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import examine
 from tpmsd.offline.inference.recording import Recording

@@ -19,7 +19,7 @@ from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.identifiability import prior_scale
 from tpmsd.offline.diagnosis.hypotheses.response import available, catalogue_columns, radius_columns
-from tpmsd.offline.inference.least_speed import least_speed
+from tpmsd.offline.inference.min_speed import least_speed
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.recording import INERTIAL, Recording
 from tpmsd.offline.inference.trajectory import ReferenceTrajectory

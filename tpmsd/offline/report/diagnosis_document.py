@@ -1,4 +1,4 @@
-"""The diagnosis as JSON, as CONTRACT section `diagnose --json` has it.
+"""The diagnosis as the JSON document of `tpmsd diagnose --json`.
 
 In: `RollingDiagnosis`. Out: plain objects.
 """

@@ -251,7 +251,7 @@ def _confounded(diagnosis: RollingDiagnosis) -> HtmlTable:
 
 
 def _unseen(diagnosis: RollingDiagnosis) -> HtmlTable:
-    """Return the sizes below which effects may have stayed unseen."""
+    """Return the sizes below which the drive would not show effects."""
     rows = tuple(
         (
             Cell(plain_name(one.effect)),

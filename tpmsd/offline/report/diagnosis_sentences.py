@@ -27,7 +27,7 @@ NEAREST = 3
 
 
 def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
-    """Return what was found, what else was taken into account, and what may have stayed unseen."""
+    """Return what was found, what else was taken into account, and what the drive would not show."""
     if diagnosis.verdict == INSUFFICIENT:
         return [f"Nothing can be concluded: {diagnosis.reason}."]
     out = [_sentence(one) for one in diagnosis.findings if one.status == FINDING]
@@ -41,15 +41,11 @@ def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
             out.append(f"This drive cannot tell {in_words.noun(one.effect)} from {twins}.")
     out += [f"Suspected, not sure: {clause(one)}." for one in diagnosis.findings if one.status != FINDING]
     out += [_capital(note.rstrip(".")) + "." for note in diagnosis.notes]
-    nothing = (
-        "" if diagnosis.verdict == CONSISTENT else f"Nothing else was found beside {baseline_name(diagnosis)}"
-    )
-    unseen = [one for one in diagnosis.not_detectable if _known(one)][:NEAREST]
-    if unseen:
-        may = f"{listed([below(one) for one in unseen])} may have stayed unseen on this drive"
-        out.append(f"{nothing}; {may}." if nothing else f"{_capital(may)}.")
-    elif nothing:
-        out.append(f"{nothing}.")
+    if diagnosis.verdict != CONSISTENT:
+        out.append(f"No other deviation from {baseline_name(diagnosis)} was found.")
+    undetected = [one for one in diagnosis.not_detectable if _known(one)][:NEAREST]
+    if undetected:
+        out.append(f"This drive would not show {listed([below(one) for one in undetected], 'or')}.")
     return out
 
 
@@ -63,7 +59,7 @@ def clause(finding: Finding) -> str:
 
 
 def below(one: NotDetectable) -> str:
-    """Return an effect with the size below which it may have stayed unseen, as part of a sentence."""
+    """Return an effect with the size below which the drive would not show it, as part of a sentence."""
     sizes = [
         f"{in_words.rounded(value, 0.1 * value, with_std=False)} {unit if unit != '1' else ''}".rstrip()
         for value, unit in one.smallest.values()

@@ -1,4 +1,4 @@
-"""The terminal text of a diagnosis: a paragraph per finding, what is left and what may have stayed unseen.
+"""The terminal text of a diagnosis: a paragraph per finding, what is left and what the drive would not show.
 
 In: `RollingDiagnosis`. Out: text for a terminal. The short answer in front of it, which text, JSON and page
 share, is that of `diagnosis_sentences`.
@@ -93,7 +93,7 @@ def _rest(diagnosis: RollingDiagnosis) -> str:
 
 
 def _unseen(diagnosis: RollingDiagnosis) -> str:
-    """Sizes below which effects may have stayed unseen, a line each, and those that do not show at all."""
+    """Sizes below which the drive would not show effects, a line each, and those that do not show at all."""
     lines, hidden = [], []
     for one in diagnosis.not_detectable:
         sizes = [
@@ -106,7 +106,7 @@ def _unseen(diagnosis: RollingDiagnosis) -> str:
         else:
             hidden.append(one.effect)
     what = "differences from your simulation" if diagnosis.baseline == ("simulation",) else "effects"
-    text = f"\nBelow these sizes {what} may have stayed unseen on this drive:" if lines else ""
+    text = f"\nThis drive would not show {what} below these sizes:" if lines else ""
     text += "".join(lines)
     return text + (f"\nNothing of these shows on such a drive: {', '.join(hidden)}." if hidden else "")
 

@@ -1,4 +1,4 @@
-"""Write a simulated drive as a drive folder (CONTRACT section 1).
+"""Write a simulated drive as a drive folder (docs/reference/formats.md).
 
 In: a `SimulatedDrive`. Out: a folder with vehicle.toml, bus.dbc, can.log, gnss.nmea, and truth.json.
 """

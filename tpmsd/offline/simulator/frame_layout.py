@@ -20,7 +20,7 @@ ByteArray = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True)
 class SignalLayout:
-    """A signal as a DBC describes it, and the role (CONTRACT section 2) that it plays, if any."""
+    """A signal as a DBC describes it, and the role (a key of `[can.signals]`) that it plays, if any."""
 
     name: str
     start: int

@@ -1,6 +1,6 @@
 """The vehicle.toml of a simulated drive.
 
-In: the vehicle, the bus's messages, the receiver. Out: the text of CONTRACT section 2.
+In: the vehicle, the bus's messages, the receiver. Out: its text.
 """
 
 from __future__ import annotations

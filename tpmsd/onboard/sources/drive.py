@@ -1,7 +1,7 @@
 """A recorded drive as one stream.
 
-In: a drive folder (CONTRACT section 1). Out: stamped CAN frames and NMEA lines in the order in which they
-came.
+In: a drive folder (docs/reference/formats.md). Out: stamped CAN frames and NMEA lines in the order in which
+they came.
 
 Both files bear the same host clock, but it may step back within a recording. At a backward step in one file
 the other is played until it steps too, so that the second half of one is not played against the first of the

@@ -23,8 +23,8 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
+from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
-from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of

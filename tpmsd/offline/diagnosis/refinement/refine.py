@@ -21,7 +21,7 @@ from tpmsd.offline.diagnosis.hypotheses.response import ramp_knots
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, for_drive
 from tpmsd.offline.diagnosis.prepared.drive_regression import Refined, refined
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
+from tpmsd.offline.diagnosis.refinement.finer_knots import Shape, best_knots, finer_shape, finest_shape
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS

@@ -14,8 +14,8 @@ from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.prepared.regression import Regression
+from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
-from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 

@@ -41,11 +41,16 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.reporting.detectable import not_detectable
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
+from tpmsd.offline.diagnosis.reporting.location import where_of, whole_range
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
-from tpmsd.offline.diagnosis.reporting.where import where_of, whole_range
 from tpmsd.offline.diagnosis.robustness.verdict import status_of, verdict_of, without
+from tpmsd.offline.diagnosis.selection.catalogue_effect import (
+    neutral_of,
+    nonlinear_of,
+    tolerance_note,
+    words_of,
+)
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.described import neutral_of, nonlinear_of, tolerance_note, words_of
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, shape_of
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.sensors.unusual import unusual

@@ -11,9 +11,9 @@ import numpy as np
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.result import DriveMap, Trace
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.reporting.where import values_of, where_of
+from tpmsd.offline.diagnosis.reporting.location import values_of, where_of
+from tpmsd.offline.diagnosis.selection.catalogue_effect import tolerance_note
 from tpmsd.offline.diagnosis.selection.chosen import Selection
-from tpmsd.offline.diagnosis.selection.described import tolerance_note
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence

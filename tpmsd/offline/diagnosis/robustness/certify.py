@@ -50,12 +50,12 @@ from tpmsd.offline.diagnosis.assessment.teeth import RING
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, enough
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
+from tpmsd.offline.diagnosis.robustness.p_value import Chance, beyond, chance, enough
 from tpmsd.offline.diagnosis.robustness.verdict import decided
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
+from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence

@@ -25,7 +25,7 @@ from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS

@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
     RollingDiagnosis,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
-from tpmsd.offline.diagnosis.robustness.chance import Chance, discoveries
+from tpmsd.offline.diagnosis.robustness.p_value import Chance, discoveries
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 

@@ -30,7 +30,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.selection.alternatives import Alternative, confidence, confounded, same_statement
 from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.offline.diagnosis.selection.sets import best_set
+from tpmsd.offline.diagnosis.selection.effect_sets import best_set
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 

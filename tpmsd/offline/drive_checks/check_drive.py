@@ -1,11 +1,9 @@
-"""Evidence of a drive against a configuration.
+"""Checks of a configuration against a drive: what `tpmsd check --drive` reports.
 
 In: the configuration, its DBC, frames and fixes. Out: `Suspicion`s with key, probability and what to write
-instead.
-
-Each is a test of one statement of the file, on the same regressions that `discover` rests on. Its
-probability is that of
-the other hypothesis against the stated one, with floors for what a right file may be off by.
+instead. Each is a test of one statement of the file, on the same regressions that `discover` rests on. Its
+probability is that of the other hypothesis against the stated one, with floors for what a right file may be
+off by.
 """
 
 from __future__ import annotations
@@ -17,7 +15,7 @@ from cantools.database.can import Database
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import BusLog, MessageLog
-from tpmsd.offline.discovery.material import PreparedLog, prepare
+from tpmsd.offline.discovery.prepared_log import PreparedLog, prepare
 from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import followers, placed

@@ -27,7 +27,7 @@ from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS

@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.offline.diagnosis.robustness.found import FoundTerms
+from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
