@@ -146,3 +146,46 @@ print(kept, during > 50_000)
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ["0 True", "True"] == done.stdout.splitlines(), done.stderr
+
+
+def test_dataclasses_methods_compiled_on_demand_are_those_of_python() -> None:
+    """Repr, comparison, hash and refusals do as ever, with slots, inheritance and `replace`."""
+    code = """
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+from tpmsd.foundation.startup import compile_on_demand
+def made():
+    @dataclass(frozen=True, slots=True)
+    class Point:
+        x: float
+        y: list = field(default_factory=list, repr=False, compare=False)
+    @dataclass(frozen=True, order=True)
+    class Other(Point):
+        z: int = 1
+    @dataclass
+    class Loose:
+        x: int = 1
+    return Point, Other, Loose
+def said(point, other, loose):
+    yield from map(repr, (point(1.0), other(2.0, z=3), loose(5), point.__eq__.__qualname__))
+    yield from (point(1.0) == point(1.0, [2]), point(1.0) == point(2.0), point(1.0) == other(1.0))
+    yield from (hash(point(1.0)) == hash(point(1.0)), other(1.0, z=2) < other(1.0, z=3), loose.__hash__)
+    yield replace(other(1.0), z=9)
+    for change in ((setattr, "x", 2), (setattr, "z", 2), (delattr, "x"), (setattr, "new", 1)):
+        for one in (point(1.0), other(1.0), loose()):
+            try:
+                change[0](one, *change[1:])
+            except (FrozenInstanceError, AttributeError, TypeError) as error:
+                yield type(error).__name__, str(error)
+before = list(map(repr, said(*made())))
+compile_on_demand()
+compile_on_demand()
+print(before == list(map(repr, said(*made()))), len(before))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "True 19" == done.stdout.strip(), (done.stdout, done.stderr)
+
+
+def test_replay_imports_no_tables_nor_effects(tmp_path: Path) -> None:
+    """Tables, models and signals are imported where they are asked for."""
+    names = ["tpmsd.offline.tables", "tpmsd.car.physics.effect", "tpmsd.offline.signals.read"]
+    assert "" == imported(["replay", str(tmp_path)], names)
