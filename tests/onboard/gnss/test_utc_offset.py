@@ -175,7 +175,7 @@ def test_any_times(times: list[tuple[float, float]]):
     for arrival, utc in times:
         tracker.update(arrival, utc)
     assert tracker.status in ("ok", "step", "outlier", "repeated", "backwards", "no_utc")
-    assert len(tracker._recent) <= 4096
+    assert len(tracker._times_s) <= 4096
 
 
 def test_a_host_on_utc_knows_the_age_of_every_fix():

@@ -10,8 +10,8 @@ taken up at once.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections import deque
-from itertools import compress
 
 import numpy as np
 
@@ -52,7 +52,9 @@ class UtcOffsetTracker:
         self._host_on_utc = host_on_utc
         self.off_utc = False
         """True if the last fix contradicted `host_on_utc`."""
-        self._recent: deque[tuple[float, float]] = deque(maxlen=_MAX_FIXES)
+        self._times_s: list[float] = []
+        self._offsets: list[float] = []
+        """UTC of the last fixes, rising, and the offset that each of them tells."""
         self._candidates: deque[tuple[float, float]] = deque(maxlen=STEP_FIXES)
         self._lags: deque[float] = deque(maxlen=64)
         self._utc_s = self._target_s = self._judged_s = math.nan
@@ -97,14 +99,14 @@ class UtcOffsetTracker:
 
     def _follow(self, utc_s: float, offset_s: float, since_s: float) -> None:
         if math.isnan(self.offset_s):
-            self._recent.append((utc_s, offset_s))
+            self._keep(utc_s, offset_s)
             self.offset_s = offset_s
         elif abs(offset_s - self.offset_s) > STEP_S:
             self._doubt(utc_s, offset_s)
         elif since_s > 0.0:
             self._candidates.clear()
-            self._recent.append((utc_s, offset_s))
-            self._smooth(since_s)
+            self._keep(utc_s, offset_s)
+            self._smooth(utc_s, since_s)
 
     def _doubt(self, utc_s: float, offset_s: float) -> None:
         """Accept a level far away when several fixes in a row agree on it.
@@ -120,37 +122,44 @@ class UtcOffsetTracker:
             return
         level_s = min(offsets)
         self.step_s, self.offset_s = level_s - self.offset_s, level_s
-        self._recent.clear()
-        self._recent.extend(self._candidates)
+        self._times_s.clear()
+        self._offsets.clear()
+        for candidate in self._candidates:
+            self._keep(*candidate)
         self._candidates.clear()
         self.status = "step"
 
-    def _smooth(self, since_s: float) -> None:
-        now_s = self._recent[-1][0]
-        warming = len(self._recent) <= _WARM_FIXES
+    def _keep(self, utc_s: float, offset_s: float) -> None:
+        at = bisect_right(self._times_s, utc_s)  # as a rule the last: a receiver's time seldom goes back
+        self._times_s.insert(at, utc_s)
+        self._offsets.insert(at, offset_s)
+        if len(self._times_s) > _MAX_FIXES:
+            del self._times_s[0], self._offsets[0]
+
+    def _smooth(self, now_s: float, since_s: float) -> None:
+        warming = len(self._times_s) <= _WARM_FIXES
         if warming or not 0.0 <= now_s - self._judged_s < JUDGE_S:
             self._target_s, self._judged_s = self._present_envelope(now_s), now_s
         gain = 1.0 if warming else -math.expm1(-since_s / SMOOTHING_S)
         self.offset_s += (self._target_s - self.offset_s) * gain
 
     def _present_envelope(self, now_s: float) -> float:
-        while now_s - self._recent[0][0] > 2.0 * WINDOW_S:
-            self._recent.popleft()
         # A hundred numbers or two: plain lists take half the time of arrays.
-        ages, offsets = [now_s - utc_s for utc_s, _ in self._recent], [one for _, one in self._recent]
-        if max(ages) <= WINDOW_S:
-            return _envelope(offsets)
-        late = [age_s <= WINDOW_S for age_s in ages]
-        late_ages, late_offsets = list(compress(ages, late)), list(compress(offsets, late))
-        target_s = _envelope(late_offsets)
-        if ages[0] > _TREND_SPAN * WINDOW_S and len(ages) - len(late_ages) >= _WARM_FIXES:
+        times_s, offsets = self._times_s, self._offsets
+        stale = bisect_left(times_s, True, key=lambda utc_s: now_s - utc_s <= 2.0 * WINDOW_S)
+        del times_s[:stale], offsets[:stale]
+        half = bisect_left(times_s, True, key=lambda utc_s: now_s - utc_s <= WINDOW_S)
+        late = offsets[half:]
+        target_s = _envelope(late)
+        if half >= _WARM_FIXES and now_s - times_s[0] > _TREND_SPAN * WINDOW_S:
             # The two halves of the window tell the drift; without it the envelope is half a window old.
-            early = [not one for one in late]
-            early_ages = list(compress(ages, early))
-            apart_s = sum(early_ages) / len(early_ages) - sum(late_ages) / len(late_ages)
-            drift = (target_s - _envelope(list(compress(offsets, early)))) / apart_s
+            early_ages, late_ages = (
+                [now_s - utc_s for utc_s in one] for one in (times_s[:half], times_s[half:])
+            )
+            apart_s = sum(early_ages) / half - sum(late_ages) / len(late_ages)
+            drift = (target_s - _envelope(offsets[:half])) / apart_s
             drift = min(max(drift, -MAX_DRIFT), MAX_DRIFT)
-            ageing = zip(late_ages, late_offsets, strict=True)
+            ageing = zip(late_ages, late, strict=True)
             target_s = _envelope([offset_s + drift * age_s for age_s, offset_s in ageing])
         return target_s
 
