@@ -407,12 +407,14 @@ class Timeline:
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
         """Return the fixes valid in the tick, oldest first, with their position in it."""
-        if not self._fixes:
-            return []
-        due = sorted([one for one in self._fixes if one.time_s <= end], key=lambda one: one.time_s)
+        due = [one for one in self._fixes if one.time_s <= end]
         if not due:
             return []
-        self._fixes = [one for one in self._fixes if one.time_s > end]
+        if len(self._fixes) == 1:
+            self._fixes = []
+        else:
+            self._fixes = [one for one in self._fixes if one.time_s > end]
+            due.sort(key=lambda one: one.time_s)
         return [
             Fix(
                 time_s=one.time_s,

@@ -76,7 +76,18 @@ class Bank:
 
     def ascending(self) -> NDArray[np.intp]:
         """(N,) places by their weights, those alike in their order in the bank."""
-        return np.argsort(np.round(self.log_weights / SAME_LOG_WEIGHT_NATS), kind="stable")
+        return self._rounded().argsort(kind="stable")
+
+    def least(self) -> int:
+        """Return the first place of `ascending`."""
+        return int(self._rounded().argmin())
+
+    def best(self) -> int:
+        """Return the last place of `ascending`."""
+        return self.log_weights.size - 1 - int(self._rounded()[::-1].argmax())
+
+    def _rounded(self) -> FloatArray:
+        return np.rint(self.log_weights / SAME_LOG_WEIGHT_NATS)
 
     def rescale(self) -> None:
         """Let the best log-weight be 0, so that none overflows."""
@@ -131,16 +142,16 @@ class JumpHypotheses:
         in_play = set(bank.kind[bank.log_weights >= least - SAME_LOG_WEIGHT_NATS].tolist())
         if len(in_play) == len(kinds):
             return
-        best = int(bank.ascending()[-1])
+        best = bank.best()
         best_log = float(bank.log_weights[best] - bank.raised[best])
         for kind, (level, probability) in enumerate(kinds):
             if kind in in_play:
                 continue
-            evidence = np.max((bank.log_weights - bank.raised)[bank.kind == kind], initial=-np.inf)
+            evidence = (bank.log_weights - bank.raised)[bank.kind == kind].tolist()
             honest = max(
-                float(evidence), best_log + math.log(probability * duration_s / SETTINGS.level_tau_s)
+                *evidence, best_log + math.log(probability * duration_s / SETTINGS.level_tau_s), -math.inf
             )
-            child = int(bank.ascending()[0])
+            child = bank.least()
             bank.copy(child, best)
             bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
             bank.raised[child] = least - honest

@@ -45,6 +45,8 @@ class Grip:
         self._slipping = np.array([model.name in DRIVE_EVIDENCE.slipping for model in models])
         self._event = np.stack([np.diag((model.event_std * radius_m) ** 2) for model in models])
         self._event_share = np.array([model.event_share for model in models])
+        self._known: tuple[dict[str, float], dict[int, tuple[FloatArray, FloatArray]]] = {}, {}
+        """Probabilities of the models, and by number of samples what they add: asked again each second."""
 
     @staticmethod
     def low(models: dict[str, float]) -> float:
@@ -65,14 +67,25 @@ class Grip:
         """
         if not models:
             return GripHypotheses(covariance_m2[None], np.zeros(1))
+        if self._known[0] is not models:
+            self._known = models, {}
+        known = self._known[1]
+        if samples not in known:
+            known[samples] = self._added(samples, models)
+        added_m2, log_weight = known[samples]
+        total = covariance_m2 + added_m2
+        return GripHypotheses(total, log_weight + log_normal(change_m, total))
+
+    def _added(self, samples: int, models: dict[str, float]) -> tuple[FloatArray, FloatArray]:
+        """Covariance (m, d, d) that each hypothesis adds, and the logarithm (m,) of its probability."""
         chances = np.array([models[model.name] for model in DRIVE_EVIDENCE.models])
         keep = self._slipping & (chances > 0.0)
         slips = self._lasting[keep] + self._scatter[keep] / samples
         events = slips + self._event[keep] / samples**2
-        total = np.concatenate([covariance_m2[None], covariance_m2 + slips, covariance_m2 + events])
+        added = np.concatenate([np.zeros((1, *slips.shape[1:])), slips, events])
         eventful = 1.0 - (1.0 - self._event_share[keep]) ** samples
         weights = np.concatenate(
             [[chances[~self._slipping].sum()], chances[keep] * (1.0 - eventful), chances[keep] * eventful]
         )
         with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
-            return GripHypotheses(total, np.log(weights) + log_normal(change_m, total))
+            return added, np.log(weights)

@@ -222,24 +222,26 @@ def merge_readings(
     Position from GGA, GNS, RMC, GLL in that order (only the first two know height and HDOP); speed from RMC,
     which has its own UTC, before VTG. If any sentence says that there is no solution, there is none.
     """
-    heights = [readings[kind] for kind in ("GGA", "GNS") if kind in readings]
-    hdop = _first([reading.hdop for reading in heights])
-    if any([reading.valid is False for reading in readings.values()]):  # noqa: C419 - a list is faster
+    gga, gns, rmc, vtg = [readings.get(kind, _SILENT) for kind in ("GGA", "GNS", "RMC", "VTG")]
+    hdop = _first(gga.hdop, gns.hdop)
+    if False in [reading.valid for reading in readings.values()]:
         return GnssFix(arrival_s, utc_s, quality=0, hdop=hdop)
-    ordered = [readings[kind] for kind in _POSITION_ORDER if kind in readings]
-    moving = [readings[kind] for kind in ("RMC", "VTG") if kind in readings]
-    accuracy = readings.get(ACCURACY, _SILENT)
-    quality = next((reading.quality for reading in ordered if reading.quality is not None), 1)
-    speed_mps = _first([reading.speed_mps for reading in moving])
-    course_rad = _first([reading.course_rad for reading in moving])
+    quality, located = None, None
+    for kind in _POSITION_ORDER:
+        if kind in readings:
+            reading = readings[kind]
+            quality = reading.quality if quality is None else quality
+            if located is None and math.isfinite(reading.latitude_deg):
+                located = reading
+    quality = 1 if quality is None else quality
+    speed_mps, course_rad = _first(rmc.speed_mps, vtg.speed_mps), _first(rmc.course_rad, vtg.course_rad)
     latitude_deg = longitude_deg = altitude_m = std_m = NAN
-    located = next((reading for reading in ordered if math.isfinite(reading.latitude_deg)), None)
     if located is not None and located.latitude_deg == 0.0 and located.longitude_deg == 0.0:
         # Exactly 0/0 is sea, and the mark of a receiver that says "valid" too early.
         quality = 0
     elif located is not None:
         latitude_deg, longitude_deg = located.latitude_deg, located.longitude_deg
-        altitude_m = _first([reading.altitude_m for reading in heights])
+        altitude_m = _first(gga.altitude_m, gns.altitude_m)
         std_m = position_std(quality, hdop, gst_std_m)
     return GnssFix(
         arrival_s,
@@ -251,12 +253,12 @@ def merge_readings(
         hdop=hdop,
         position_std_m=std_m,
         speed_mps=speed_mps,
-        speed_std_mps=_first([accuracy.speed_std_mps]),
+        speed_std_mps=_first(readings.get(ACCURACY, _SILENT).speed_std_mps),
         course_rad=NAN if speed_mps < COURSE_MIN_SPEED_MPS else course_rad,
     )
 
 
-def _first(values: list[float]) -> float:
+def _first(*values: float) -> float:
     """Return the first that is finite; NaN if none is."""
     for value in values:
         if math.isfinite(value):
