@@ -14,6 +14,7 @@ searched for once, by the energy that the harmonics explain over the first block
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -55,10 +56,12 @@ class RingErrors:
         terms = np.empty((POLYNOMIAL + 1 + 2 * HARMONICS, speed.size))
         terms[: POLYNOMIAL + 1] = trend.T
         turn = np.exp(1j * self.scale * angle)
-        harmonic = turn.copy()
-        for cosine in range(POLYNOMIAL + 1, POLYNOMIAL + 1 + HARMONICS):
-            terms[cosine], terms[cosine + HARMONICS] = harmonic.real, harmonic.imag
-            harmonic *= turn
+        harmonics = np.empty((HARMONICS, speed.size), dtype=np.complex128)
+        harmonics[0] = turn
+        for before, harmonic in pairwise(harmonics):
+            np.multiply(before, turn, out=harmonic)
+        cosines, sines = terms[POLYNOMIAL + 1 :].reshape(2, HARMONICS, speed.size)
+        cosines[:], sines[:] = harmonics.real, harmonics.imag
         # A ridge far below any noise: at some speeds two aliased harmonics are one and the same.
         gram = terms @ terms.T + 1e-9 * speed.size * np.eye(len(terms))
         return np.asarray(flat - np.linalg.solve(gram, terms @ flat) @ terms)

@@ -14,14 +14,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.can.block import FrameBlock
+from tpmsd.onboard.sources.can.block import FrameBlock, one_by_one
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import find_can_log, read_can_blocks
 from tpmsd.onboard.sources.gnss.leaps import BACKWARD_STEP_S, LeapWatch
@@ -233,10 +233,10 @@ class _FrameStream:
         self._backward: list[int] = []
         """Indices before which the clock steps back."""
         self._rises = True
-        self._time_s: list[float] = []
+        self._time_s: Sequence[float] = ()
         if self._block is not None:
             time_s = self._block.time_s
-            self._time_s = time_s.tolist()
+            self._time_s = one_by_one(time_s)
             before = np.append(time_s[0] if before_s is None else before_s, time_s[:-1])
             self._rises = bool(np.all(time_s[1:] >= before[1:]))
             self._backward += np.flatnonzero(time_s < before - BACKWARD_STEP_S).tolist()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.onboard.sources.ahead.decoded_block import BlockFrames, DecodedBlock, decode_block
-from tpmsd.onboard.sources.can.block import FrameBlock
+from tpmsd.onboard.sources.can.block import FrameBlock, one_by_one
 from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.tick import Tick
@@ -43,12 +43,11 @@ class _Playback:
         interval_s = np.diff(time_s)
         self.flows = bool(np.all((interval_s >= 0.0) & (interval_s <= MAX_PAUSE_S)))
         """True if no stamp is before the one before it or a pause behind it."""
-        # Asked one by one some hundred thousand times: of lists that takes a tenth of the time. On a full bus
-        # their making counts, too, and as a rule all three are the same.
-        self._time_s: list[float] = time_s.tolist()
-        self._host_s: list[float] = self._time_s if self.flows else latest_s.tolist()
+        # As a rule all three are the same.
+        self._time_s = one_by_one(time_s)
+        self._host_s = self._time_s if self.flows else one_by_one(latest_s)
         """Greatest host time up to each frame."""
-        self._now_s: list[float] = (latest_s + self._shift_s).tolist() if self._shift_s else self._host_s
+        self._now_s = one_by_one(latest_s + self._shift_s) if self._shift_s else self._host_s
         """These as logical times."""
         self._given = [0] * len(decoded.groups)
         """Number of frames of each group of signals that were handed on."""
