@@ -108,15 +108,17 @@ _SELDOM_CALLED = frozenset({"__repr__", "__eq__", "__hash__", "__setattr__", "__
 
 
 def compile_on_demand() -> None:
-    """Compile these methods of dataclasses where they are first called: a command imports two hundred classes
-    and calls few of them, and to compile them all takes a tenth of a second. Does nothing where Python
-    writes them in another way (3.13); one call is enough.
+    """Compile these methods of dataclasses where they are first called, and what makes a record where the
+    first one is made: a command imports two hundred classes, and to compile all of that takes a tenth of a
+    second. Does nothing where Python writes methods in another way (3.13); one call is enough.
     """
     write = getattr(dataclasses, "_create_fn", None)
     if write is None or write.__module__ == __name__:
         return
 
     def written(name: str, *args: Any, **options: Any) -> Callable[..., Any]:
+        if name == "__init__":
+            return _written_at_first(lambda: write(name, *args, **options))
         if name not in _SELDOM_CALLED:
             made: Callable[..., Any] = write(name, *args, **options)
             return made
@@ -129,6 +131,19 @@ def compile_on_demand() -> None:
         return method
 
     setattr(dataclasses, "_create_fn", written)  # noqa: B010  (private: mypy does not know it)
+
+
+def _written_at_first(write: Callable[[], Callable[..., None]]) -> Callable[..., None]:
+    """Return an `__init__` that puts the one that `write` returns into its class, in its own place."""
+
+    def __init__(self: object, *given: Any, **named: Any) -> None:  # noqa: N807
+        made = write()
+        made.__qualname__ = __init__.__qualname__
+        owner = next(one for one in type(self).__mro__ if one.__dict__.get("__init__") is __init__)
+        setattr(owner, "__init__", made)  # noqa: B010  (mypy refuses the assignment)
+        made(self, *given, **named)
+
+    return __init__
 
 
 def bring_in_mf4() -> None:

@@ -8,6 +8,7 @@ Pure: the only clock is the frames' own.
 from __future__ import annotations
 
 import copy
+from bisect import bisect_right
 from collections import deque
 from enum import IntEnum
 from itertools import pairwise
@@ -209,7 +210,7 @@ class MessageArrival:
         ordered = sorted(self._intervals)
         median = ordered[len(ordered) // 2]
         # The mean is right however skewed the jitter is; intervals with frames missing do not count in it.
-        near = [interval for interval in ordered if interval <= 1.8 * median]
+        near = ordered[: bisect_right(ordered, 1.8 * median)]
         self.period_s = sum(near) / len(near)
         if len(near) < len(ordered):
             near = self._unbunched(ordered, near)
