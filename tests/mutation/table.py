@@ -470,7 +470,7 @@ NAMED = (
         Named("tpmsd/onboard/daemon/drive_recording.py", old, new, (_RECORD,))
         for old, new in (
             ("frames_before = 0\n", "frames_before = 1\n"),
-            ("            self._flush(sync=True)", "            self._flush(sync=False)"),
+            ("            self._flush_files(sync=True)", "            self._flush_files(sync=False)"),
             ("self.seen.frames - frames_before", "self.seen.frames >> frames_before"),
             ("sync=monotonic_s - synced_s >= SYNC_S", "sync=monotonic_s - synced_s < SYNC_S"),
         )

@@ -29,7 +29,7 @@ def brief(record: Record) -> Record:
     further records are named."""
 
     def line(self: Any) -> str:
-        shown = [f"{f.name}={_shown(getattr(self, f.name))}" for f in dataclasses.fields(self) if f.repr]
+        shown = [f"{f.name}={_short_repr(getattr(self, f.name))}" for f in dataclasses.fields(self) if f.repr]
         text = f"{type(self).__name__}({', '.join(shown)})"
         return text if len(text) <= MAX_REPR_CHARS else f"{text[: MAX_REPR_CHARS - 4]}...)"
 
@@ -37,7 +37,7 @@ def brief(record: Record) -> Record:
     return record
 
 
-def _shown(value: Any) -> str:
+def _short_repr(value: Any) -> str:
     if isinstance(value, str | bool | int | float | Path | enum.Enum) or value is None:
         text = repr(value)
         return text if len(text) <= _SHORT_CHARS else f"{text[: _SHORT_CHARS - 3]}..."

@@ -15,7 +15,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.model_file import save_model
 from tpmsd.interfaces.cli.main import full_parser, main
 from tpmsd.interfaces.cli.run import configuration
-from tpmsd.interfaces.cli.web import _app, settings_of
+from tpmsd.interfaces.cli.web import _make_app, settings_of
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 
@@ -50,7 +50,7 @@ def replayed(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) ->
 
 def page(capsys: pytest.CaptureFixture[str], folder: Path, *options: str) -> Any:
     args = full_parser().parse_args(["web", str(folder), *options])
-    app = _app(args, settings_of(args))
+    app = _make_app(args, settings_of(args))
     assert "" == capsys.readouterr().out
     with TestClient(app, base_url="http://127.0.0.1:8377") as web:
         return web.get("/api/drive").json()["wheels"]

@@ -140,13 +140,13 @@ def test_history_is_bounded_and_starts_anew_where_the_clock_goes_back(tmp_path: 
     """Rows are as far apart as the span allows; what is older than the span goes."""
     hub = LiveHub(tmp_path / "s", SETTINGS)
     for k in range(1000):
-        hub._remember(document(float(k)))
+        hub._add_to_history(document(float(k)))
     times = [row["time"] for row in hub.history]
     assert len(times) <= SETTINGS.history_rows
     assert all(later - earlier >= 10.0 for earlier, later in pairwise(times))
     assert times[-1] - times[0] <= SETTINGS.history_s
     assert [-times[-1], 0.1] == hub.history[-1]["rl"]
-    hub._remember(document(3.0))
+    hub._add_to_history(document(3.0))
     assert [3.0] == [row["time"] for row in hub.history]
 
 
@@ -240,12 +240,12 @@ def test_no_error_leaves_old_data_on_show(tmp_path: Path, trouble: Exception) ->
     """Whatever goes wrong while the daemon is followed is said, and the daemon is followed again."""
 
     class Troubled(LiveHub):
-        async def _follow(self) -> None:
+        async def _follow_daemon(self) -> None:
             if self.document is None and self.troubles == 0:
                 self.troubles += 1
                 await self._publish(document(1.0), "")
                 raise trouble
-            await super()._follow()
+            await super()._follow_daemon()
 
         troubles = 0
 

@@ -189,10 +189,10 @@ def test_who_has_not_the_key_of_the_run_is_refused() -> None:
     """No port that `--jobs` opens takes a message without the run's key, or shows a page of the run."""
     import distributed
 
-    from tpmsd.offline.fleet.run import _client
+    from tpmsd.offline.fleet.run import _dask_client
 
     before = listening_ports()
-    with _client(distributed, None, 1, "1GiB") as client:
+    with _dask_client(distributed, None, 1, "1GiB") as client:
         assert 4 == client.submit(lambda: 4).result(PATIENCE_S)
         ports = sorted(listening_ports() - before)
         answered = asyncio.run(answering(ports))

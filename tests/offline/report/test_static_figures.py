@@ -12,13 +12,15 @@ import pytest
 from tpmsd.offline.report import static_figures
 from tpmsd.offline.report.explanation_text import _pair
 from tpmsd.offline.report.figures import Bars, Chart, Curve
-from tpmsd.offline.report.static_figures import _bars, _chart
+from tpmsd.offline.report.static_figures import _draw_bars, _draw_chart
 
 
 @pytest.mark.parametrize("largest", [3.0, 40.0, 5e3, 2e5, 1.2e6, 3e9])
 def test_the_numbers_below_bars_do_not_overlap(largest: float) -> None:
     """Gains from a few nats to billions: each label of the axis ends before the next begins."""
-    canvas = _bars(Bars("gain", "held-out gain (nats)", (("first", largest, True), ("second", 2.0, False))))
+    canvas = _draw_bars(
+        Bars("gain", "held-out gain (nats)", (("first", largest, True), ("second", 2.0, False)))
+    )
     axes = canvas.axes[0]
     canvas.draw_without_rendering()
     low, high = axes.get_xlim()
@@ -37,7 +39,7 @@ def test_an_axis_of_dates_has_few_marks(span_s: float) -> None:
     """Drives of one instant, one hour, a day or a month: one to eight marks of whole days."""
     start_s = np.linspace(1.7198e9, 1.7198e9 + span_s, 3)
     curve = Curve("front left", np.zeros(3), "fl", dots=True)
-    axes = _chart(Chart("Radii", "start", "mm", start_s, (curve,), date=True)).axes[0]
+    axes = _draw_chart(Chart("Radii", "start", "mm", start_s, (curve,), date=True)).axes[0]
     low, high = axes.get_xlim()
 
     assert 1 <= sum(low <= mark <= high for mark in axes.get_xticks()) <= 8

@@ -13,7 +13,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.windows import Reader
-from tpmsd.offline.rings.uneven_teeth import Ripple, _judged, ripples
+from tpmsd.offline.rings.uneven_teeth import Ripple, _fit_ripple, ripples
 
 READ_HZ, EDGES_S, LATE_S = 20.0, 0.02, 0.013
 """A control unit's readings, half the time whose edges it takes, and how late the first one comes."""
@@ -67,6 +67,6 @@ def test_a_range_of_speeds_met_in_one_fold_alone_is_judged() -> None:
     regressors[blocks % 5 != 2, 1::2] = 0.0
     rows = rng.standard_normal((2000, 4))
     rows[:, 1] += 0.5 * 0.75 * regressors[:, 0]
-    ripple = _judged(1, rows, regressors, blocks)
+    ripple = _fit_ripple(1, rows, regressors, blocks)
     assert ripple is not None
     assert ripple.wheel == "fr"

@@ -34,7 +34,7 @@ class Fixed:
             np.array([east_m]), np.array([north_m]), np.array([10.0 + 0j]), np.array([10.0 + more_mps])
         )
         rewriter = NmeaRewriter(self)  # type: ignore[arg-type]
-        return rewriter._sentence(line.encode("latin-1"), one).decode("latin-1")
+        return rewriter._rewritten_sentence(line.encode("latin-1"), one).decode("latin-1")
 
 
 def sentence(body: str) -> str:
@@ -199,7 +199,7 @@ def test_changes_below_the_last_digit_of_a_sentence_have_their_mean() -> None:
     change = FixChange(np.zeros(1), np.zeros(1), np.array([10.0 + 0j]), np.array([10.0 + more + 0j]))
     line = sentence("GNVTG,,T,,M,,N,18.5,K,A").encode("ascii")
 
-    speeds = [float(rewriter._sentence(line, change).split(b",")[7]) for _ in range(50)]
+    speeds = [float(rewriter._rewritten_sentence(line, change).split(b",")[7]) for _ in range(50)]
 
     assert np.mean(speeds) == pytest.approx(18.52, abs=2e-3)
     assert {18.5, 18.6} == set(speeds)

@@ -77,7 +77,7 @@ def vehicle(
     `good` are the values that passed their rules, `given` the keys that are there at all, `wheels` those that
     have a signal and `steered` tells that the steering wheel's angle has one.
     """
-    radii = _radii(raw, given, wheels, report)
+    radii = _wheel_radii(raw, given, wheels, report)
     values = {key: value for key, value in good.items() if key != "wheel_radius_m"}
     tracks = {"track_front_m", "track_rear_m"}
     if not tracks & set(given):
@@ -97,7 +97,7 @@ def vehicle(
     return VehicleConfig(wheel_radius_m=radii, **values)
 
 
-def _radii(
+def _wheel_radii(
     raw: Mapping[str, Any], given: Collection[str], wheels: tuple[str, ...], report: Reporter
 ) -> tuple[float, float, float, float] | None:
     key = "wheel_radius_m"
@@ -109,7 +109,7 @@ def _radii(
         return None
     value = raw[key]
     if not isinstance(value, dict):
-        radius = _attempt(lambda: _one_radius(value), report, key)
+        radius = _reported_on_error(lambda: _one_radius(value), report, key)
         return None if radius is None else (radius, radius, radius, radius)
     return _radius_of_each(value, wheels, report)
 
@@ -130,7 +130,7 @@ def _radius_of_each(
             key,
         )
     radii = {
-        wheel: _attempt(lambda wheel=wheel: RADIUS.read(value[wheel]), report, key, wheel)  # type: ignore[misc]
+        wheel: _reported_on_error(lambda wheel=wheel: RADIUS.read(value[wheel]), report, key, wheel)  # type: ignore[misc]
         for wheel in WHEELS
         if wheel in value
     }
@@ -150,7 +150,7 @@ def _one_radius(value: object) -> float:
     return RADIUS.read(value)
 
 
-def _attempt(read: Callable[[], float], report: Reporter, key: str, *inside: str) -> float | None:
+def _reported_on_error(read: Callable[[], float], report: Reporter, key: str, *inside: str) -> float | None:
     try:
         return read()
     except BadValueError as bad:

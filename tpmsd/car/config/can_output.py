@@ -60,7 +60,8 @@ def read_output(raw: object, folder: Path) -> OutputConfig:
     if not isinstance(signals, dict):
         raise BadValueError("signals: must be a table", show(signals), "signal = 'value'")
     read["signals"] = tuple(
-        (name, _read_key(f"signals.{show_key(name)}", _signal, value)) for name, value in signals.items()
+        (name, _read_key(f"signals.{show_key(name)}", _read_signal_fill, value))
+        for name, value in signals.items()
     )
     _check_kind(read)
     dbc = read.get("dbc")
@@ -83,7 +84,7 @@ def _check_kind(read: Mapping[str, Any]) -> None:
         raise BadValueError("source_address: only j1939 needs one")
 
 
-def _signal(value: object) -> OutputSignal:
+def _read_signal_fill(value: object) -> OutputSignal:
     if isinstance(value, bool):
         raise BadValueError("not a value", show(value), "a number, or a name in quotes")
     if isinstance(value, int | float):
@@ -100,10 +101,10 @@ def _signal(value: object) -> OutputSignal:
     if not isinstance(name, str) or name not in NAMES:
         near = nearest(name, NAMES) if isinstance(name, str) else None
         raise BadValueError("no such value", show(name), None if near else " ".join(NAMES), near)
-    return _options(name, value)
+    return _read_signal_options(name, value)
 
 
-def _options(name: str, value: Mapping[str, Any]) -> OutputSignal:
+def _read_signal_options(name: str, value: Mapping[str, Any]) -> OutputSignal:
     for key, owner in (("algorithm", "checksum"), ("data_id", "checksum"), ("modulo", "counter")):
         if key in value and name != owner:
             raise BadValueError(f"{key}: is of a {owner} only")

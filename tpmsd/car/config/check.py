@@ -65,7 +65,7 @@ class _Checker:
             databases = self._load(parsed.dbc)
             database = databases.get(None)
             if database is not None:
-                found = self._find(databases)
+                found = self._find_signals(databases)
                 for role, (message, signal) in found.items():
                     self._check_signal(role, message, signal)
                 self._check_frames(database, found)
@@ -126,7 +126,7 @@ class _Checker:
                 self._warnings += _noted(path, database)
         return {name: found for name, path in paths.items() if (found := read[path]) is not None}
 
-    def _find(self, databases: Mapping[str | None, Database]) -> dict[str, tuple[Message, Signal]]:
+    def _find_signals(self, databases: Mapping[str | None, Database]) -> dict[str, tuple[Message, Signal]]:
         found = {}
         for role, name in self._parsed.signals.items():
             option = self._parsed.options.get(role, SignalOptions())

@@ -134,14 +134,14 @@ class DbcReader:
                 self.known += 1
                 self._in_text = raw.count(b'"') > 0 and not _ends(raw)
             else:
-                self._statement(_decoded(raw).strip(), number)
+                self._read_statement(_decoded(raw).strip(), number)
 
     def _note(self, line: int, what: str) -> None:
         self.noted += 1
         if len(self.notes) < MAX_NOTES:
             self.notes.append(Note(line, what))
 
-    def _statement(self, text: str, line: int) -> None:
+    def _read_statement(self, text: str, line: int) -> None:
         if not text:
             return
         keyword = _KEYWORDS.match(text)
@@ -153,13 +153,13 @@ class DbcReader:
         self.known += 1
         word = keyword[0]
         if word == "BO_":
-            self._message(text, line)
+            self._read_message(text, line)
         elif word == "SG_":
-            self._signal(text, line)
+            self._read_signal(text, line)
         elif word in ("VAL_", "BA_", "SIG_VALTYPE_", "SG_MUL_VAL_"):
-            self._attribute(word, text, line)
+            self._read_attribute(word, text, line)
 
-    def _message(self, text: str, line: int) -> None:
+    def _read_message(self, text: str, line: int) -> None:
         self._open = None
         match = _MESSAGE.match(text)
         if match is None:
@@ -183,7 +183,7 @@ class DbcReader:
         self._messages.append(self._open)
         self._by_id[frame_id] = self._open
 
-    def _signal(self, text: str, line: int) -> None:
+    def _read_signal(self, text: str, line: int) -> None:
         message = self._open
         match = _SIGNAL.match(text)
         if match is None:
@@ -207,7 +207,7 @@ class DbcReader:
             float(match[7]), float(match[8]), low, high, match[11], line,
         )  # fmt: skip
 
-    def _attribute(self, word: str, text: str, line: int) -> None:
+    def _read_attribute(self, word: str, text: str, line: int) -> None:
         if word == "BA_":
             if (match := _PERIOD.match(text)) and (message := self._by_id.get(int(match[1]))):
                 message.period_ms = int(match[2]) or None
@@ -229,14 +229,14 @@ class DbcReader:
 
     def messages(self) -> list[Message]:
         """Return the messages that were read, as cantools has them."""
-        return [self._made(message) for message in self._messages]
+        return [self._to_message(message) for message in self._messages]
 
     def _selected(self, message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
-        found = _branches(message, signal, root)
+        found = _multiplexer_branches(message, signal, root)
         self._values += len(found[1] or ())
         return found if self._values <= MAX_CODECS else (None, None, "too many multiplexer values")
 
-    def _made(self, message: _DbcMessage) -> Message:
+    def _to_message(self, message: _DbcMessage) -> Message:
         signals = []
         root = next((signal.name for signal in message.signals.values() if signal.mux == "M"), None)
         found = {name: self._selected(message, signal, root) for name, signal in message.signals.items()}
@@ -270,7 +270,7 @@ class DbcReader:
         )
 
 
-def _branches(message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
+def _multiplexer_branches(message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
     if signal.mux is None or not signal.mux.startswith("m"):
         return None, None, ""
     parent = signal.parent or root

@@ -36,10 +36,10 @@ class Document:
 def read_document(path: Path) -> Document:
     """Read the file `path`, or the `vehicle.toml` of the folder `path`."""
     file = Path(path)
-    text = _decode(file, _read(file)) if not file.is_dir() else None
+    text = _decode(file, _read_bounded(file)) if not file.is_dir() else None
     if text is None:
         file = file / VEHICLE_FILE
-        text = _decode(file, _read(file))
+        text = _decode(file, _read_bounded(file))
     try:
         data = parse_toml(text)
     except tomllib.TOMLDecodeError as error:
@@ -49,7 +49,7 @@ def read_document(path: Path) -> Document:
     return Document(file, data, locate(text))
 
 
-def _read(file: Path) -> bytes:
+def _read_bounded(file: Path) -> bytes:
     try:
         with opened(file) as stream:
             content = stream.read(_LARGEST_BYTES + 1)

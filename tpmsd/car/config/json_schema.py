@@ -160,7 +160,7 @@ def _bus(can: dict[str, Schema]) -> Schema:
     return {"anyOf": [can["channel"], _table(keys, ["channel"])]}
 
 
-def _output(can: dict[str, Schema]) -> Schema:
+def _output_schema(can: dict[str, Schema]) -> Schema:
     value = {
         "value": {"type": "string"},
         "map": {"type": "array", "items": {"type": "number"}},
@@ -195,7 +195,7 @@ def vehicle_schema() -> Schema:
     can |= {
         "signals": signals,
         "buses": {"type": "object", "additionalProperties": _bus(can), "maxProperties": 8},
-        "output": _output(can),
+        "output": _output_schema(can),
     }
     for table, record in (("filter", model.FilterConfig()), ("monitor", model.MonitorConfig())):
         for key, schema in properties[table].items():

@@ -68,15 +68,15 @@ class _Scanner:
             if self._at >= len(self._text):
                 return
             if self._text.startswith("[", self._at):
-                table = self._header()
+                table = self._read_table_header()
             else:
-                self._pair(table)
+                self._read_key_and_value(table)
 
-    def _header(self) -> KeyPath:
+    def _read_table_header(self) -> KeyPath:
         start = self._at
         brackets = 2 if self._text.startswith("[[", start) else 1
         self._at += brackets
-        keys = self._key()
+        keys = self._read_key_path()
         self._expect("]" * brackets)
         path: KeyPath = ()
         for key in keys[:-1]:
@@ -92,17 +92,17 @@ class _Scanner:
             self._note(path, start)
         return path
 
-    def _pair(self, table: KeyPath) -> None:
+    def _read_key_and_value(self, table: KeyPath) -> None:
         start = self._at
         path = table
-        for key in self._key():
+        for key in self._read_key_path():
             path = (*path, key)
             self._note(path, start)
         self._expect("=")
         self._skip(_BLANK)
-        self._value(path)
+        self._skip_value(path)
 
-    def _key(self) -> list[str]:
+    def _read_key_path(self) -> list[str]:
         keys = []
         while True:
             self._skip(_BLANK)
@@ -118,7 +118,7 @@ class _Scanner:
                 return keys
             self._at += 1
 
-    def _value(self, path: KeyPath) -> None:
+    def _skip_value(self, path: KeyPath) -> None:
         opening = self._text[self._at : self._at + 1]
         if opening == "[":
             self._array(path)
@@ -135,14 +135,14 @@ class _Scanner:
         index = 0
         while not self._closes("]"):
             self._note((*path, index), self._at)
-            self._value((*path, index))
+            self._skip_value((*path, index))
             index += 1
             self._comma("]")
 
     def _inline_table(self, path: KeyPath) -> None:
         self._at += 1
         while not self._closes("}"):
-            self._pair(path)
+            self._read_key_and_value(path)
             self._comma("}")
 
     def _closes(self, bracket: str) -> bool:

@@ -94,13 +94,13 @@ class ConfigurationPlan:
 def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> ConfigurationPlan:
     """Return the plan of a configuration whose roles have all been found in the DBC."""
     wheels = tuple(
-        _wheel(config, index, role, *found[role])
+        _wheel_plan(config, index, role, *found[role])
         for index, wheel in enumerate(WHEELS)
         for role in (f"wheel_count_{wheel}", f"wheel_speed_{wheel}")
         if role in found
     )
     optional = tuple(
-        _signal(role, *found[role], config.can.option(role))
+        _signal_position(role, *found[role], config.can.option(role))
         for role in OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
         if role in found
     )
@@ -111,12 +111,12 @@ def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Co
         channel=config.can.channel,
         wheels=wheels,
         optional=optional,
-        losses=_losses(config, {wheel.wheel for wheel in wheels}),
+        losses=_lost_without(config, {wheel.wheel for wheel in wheels}),
         config=config,
     )
 
 
-def _signal(role: str, message: Message, signal: Signal, option: SignalOptions) -> SignalPosition:
+def _signal_position(role: str, message: Message, signal: Signal, option: SignalOptions) -> SignalPosition:
     stated = stated_unit(option.unit or signal.unit)
     return SignalPosition(
         role=role,
@@ -129,13 +129,13 @@ def _signal(role: str, message: Message, signal: Signal, option: SignalOptions) 
     )
 
 
-def _wheel(config: Config, index: int, role: str, message: Message, signal: Signal) -> WheelPlan:
+def _wheel_plan(config: Config, index: int, role: str, message: Message, signal: Signal) -> WheelPlan:
     radius_m = config.vehicle.wheel_radius_m[index]
     option = config.can.option(role)
     plan = WheelPlan(
         wheel=WHEELS[index],
         radius_m=radius_m,
-        source=_signal(role, message, signal, option),
+        source=_signal_position(role, message, signal, option),
         kind="count" if role.startswith("wheel_count_") else "speed",
         bits=signal.length,
     )
@@ -155,7 +155,7 @@ def _wheel(config: Config, index: int, role: str, message: Message, signal: Sign
     )
 
 
-def _losses(config: Config, wheels: set[str]) -> dict[str, str]:
+def _lost_without(config: Config, wheels: set[str]) -> dict[str, str]:
     losses = {}
     if not {"fl", "fr"} <= wheels:
         losses["front wheels"] = "the daemon monitors the rear axle only; a soft front tyre stays unseen"

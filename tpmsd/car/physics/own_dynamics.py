@@ -48,7 +48,7 @@ _CAR = DynamicCar(
 def dynamics_effects_outside(known: Mapping[str, type[DynamicsEffect]]) -> Iterator[type[DynamicsEffect]]:
     """Yield the effects of folders and entry points that are not yet `known`; ConfigError on a broken one."""
     taken = dict(known)
-    for effect, where in _outside():
+    for effect, where in _users_effects():
         other = taken.get(effect.name)
         if other is effect:
             continue
@@ -58,7 +58,7 @@ def dynamics_effects_outside(known: Mapping[str, type[DynamicsEffect]]) -> Itera
         yield effect
 
 
-def _outside() -> Iterator[tuple[type[DynamicsEffect], str]]:
+def _users_effects() -> Iterator[tuple[type[DynamicsEffect], str]]:
     for folder in folders():
         for path in files_of(folder):
             for effect in dynamics_classes_of(module_of_file(path)):

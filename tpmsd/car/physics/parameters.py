@@ -61,7 +61,7 @@ class Parameter:
 
     def check(self, value: object) -> Value:
         """Return the value as it is stored; ValueError with the reason if it cannot be one."""
-        number = _number(self.name, value, finite=False)
+        number = _read_number(self.name, value, finite=False)
         if not math.isfinite(number) or not self.lower <= number <= self.upper:
             raise ValueError(
                 f"{self.name} = {number:g} is outside {self.lower:g} to {self.upper:g} {self.unit}".rstrip()
@@ -141,13 +141,13 @@ class VectorParameter:
             raise ValueError(f"{self.name} = {value!r} is not a list of numbers")
         if not 2 <= len(entries) <= MAX_ENTRIES:
             raise ValueError(f"{self.name} has {len(entries)} entries, 2 to {MAX_ENTRIES} are wanted")
-        return tuple(_number(f"{self.name}[{k}]", entry) for k, entry in enumerate(entries))
+        return tuple(_read_number(f"{self.name}[{k}]", entry) for k, entry in enumerate(entries))
 
 
 AnyParameter = Parameter | WheelParameter | TextParameter | VectorParameter
 
 
-def _number(name: str, value: object, finite: bool = True) -> float:
+def _read_number(name: str, value: object, finite: bool = True) -> float:
     if isinstance(value, str):
         try:
             value = float(value)

@@ -124,7 +124,7 @@ class VehicleStateEstimator:
         if self._filter is None:
             if not all(map(math.isfinite, (steer_rad, yaw_rate_radps, speed_mps))):
                 return None
-            self._filter = self._started(dt_s, yaw_rate_radps, speed_mps)
+            self._filter = self._start_filter(dt_s, yaw_rate_radps, speed_mps)
         elif not math.isfinite(steer_rad):
             self.reset()
             return None
@@ -155,7 +155,7 @@ class VehicleStateEstimator:
         growth = self._settings.noise.process_covariance(half.dt_s)
         return GaussianState(model.advance(self._car, belief.mean, half), belief.covariance + growth)
 
-    def _started(self, dt_s: float, yaw_rate_radps: float, speed_mps: float) -> StateFilter:
+    def _start_filter(self, dt_s: float, yaw_rate_radps: float, speed_mps: float) -> StateFilter:
         settings = self._settings
         mean = np.array([self._car.rear_m * yaw_rate_radps, speed_mps, yaw_rate_radps])
         stds = (

@@ -83,13 +83,13 @@ class DbusBridge:
             if document is None:
                 self._publish_health("no daemon")
             else:
-                self._publish(summarise(document))
+                self._publish_changes(summarise(document))
             self._answer()
         except (OSError, EOFError, ConnectionError) as error:
             self._close()
             self._warn(f"the bus does not answer: {error}")
 
-    def _publish(self, summary: DaemonSummary) -> None:
+    def _publish_changes(self, summary: DaemonSummary) -> None:
         if not summary.ready:
             return
         active = {alarm.key: alarm for alarm in summary.alarms}

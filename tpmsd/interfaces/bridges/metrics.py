@@ -47,7 +47,7 @@ def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
     info = Family("tpmsd_build_info", "gauge", "Version of the daemon", ("version",))
     info.add(1, summary.version)
     yield info
-    yield from _wheels(document)
+    yield from _wheel_metrics(document)
     alarms = Family("tpmsd_alarm_active", "gauge", "1 while an alarm stands", ("kind", "wheel"))
     standing = {(alarm.kind, alarm.wheel or "all") for alarm in summary.alarms}
     for wheel in summary.wheels:
@@ -58,7 +58,7 @@ def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
     alarms.samples.append((standing_malfunction, float(summary.malfunction)))
     alarms.samples += [(key, 1.0) for key in sorted(standing - {standing_malfunction})[:_MAX_KINDS]]
     yield alarms
-    yield from _sources(document)
+    yield from _source_metrics(document)
     for name, kind, text, key in (
         ("tpmsd_uptime_seconds", "gauge", "Time since the daemon's start", "uptime_s"),
         ("tpmsd_ticks", "counter", "Ticks of the estimator", "ticks"),
@@ -73,7 +73,7 @@ def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
     yield speed
 
 
-def _wheels(document: Mapping[str, Any]) -> Iterator[Family]:
+def _wheel_metrics(document: Mapping[str, Any]) -> Iterator[Family]:
     wheels = {name: value for name, value in _part(document, "wheels").items() if isinstance(value, dict)}
     for name, text, key, factor in (
         ("tpmsd_wheel_radius_deviation_meters", "Radius minus nominal", "deviation_mm", 1e-3),
@@ -104,7 +104,7 @@ def _wheels(document: Mapping[str, Any]) -> Iterator[Family]:
     yield states
 
 
-def _sources(document: Mapping[str, Any]) -> Iterator[Family]:
+def _source_metrics(document: Mapping[str, Any]) -> Iterator[Family]:
     up = Family("tpmsd_source_up", "gauge", "1 while bus or receiver gives data", ("source",))
     age = Family("tpmsd_source_age_seconds", "gauge", "Time since the last frame or fix", ("source",))
     received = Family(

@@ -106,7 +106,7 @@ class MqttBridge:
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
         """Publish the documents until they end."""
-        with self._network():
+        with self._network_loop():
             for document in documents:
                 self.step(document, time.monotonic())
 
@@ -173,7 +173,7 @@ class MqttBridge:
         return done.rc != self._full
 
     @contextmanager
-    def _network(self) -> Iterator[None]:
+    def _network_loop(self) -> Iterator[None]:
         settings = self._settings
         try:
             self._client.connect_async(settings.host, settings.port, KEEPALIVE_S)

@@ -46,14 +46,14 @@ class StatusCollector:
         """Yield the metric families of the latest status document."""
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        for family in families(self._document()):
+        for family in families(self._read_document()):
             kind = CounterMetricFamily if family.kind == "counter" else GaugeMetricFamily
             metric = kind(family.name, family.help, labels=family.labels)
             for labels, value in family.samples:
                 metric.add_metric(labels, value)
             yield metric
 
-    def _document(self) -> dict[str, Any] | None:
+    def _read_document(self) -> dict[str, Any] | None:
         try:
             document = read_status(self._path, SCRAPE_TIMEOUT_S)
         except StatusError as error:

@@ -77,14 +77,16 @@ class DaemonSummary:
 def summarise(document: Mapping[str, Any]) -> DaemonSummary:
     """Return the summary of a document."""
     raw = document.get("alarms")
-    alarms = tuple(_alarm(one) for one in raw if isinstance(one, dict)) if isinstance(raw, list) else ()
+    alarms = tuple(_alarm_of(one) for one in raw if isinstance(one, dict)) if isinstance(raw, list) else ()
     concerned = {name for alarm in alarms for name in _concerned(alarm)}
     wheels = _mapping(document.get("wheels"))
     return DaemonSummary(
         version=_text(document.get("tpmsd"), "unknown"),
         ready=number(document.get("time")) is not None,
         wheels=tuple(
-            _wheel(name, _mapping(wheels[name]), name in concerned) for name in WHEELS if name in wheels
+            _wheel_summary(name, _mapping(wheels[name]), name in concerned)
+            for name in WHEELS
+            if name in wheels
         ),
         alarms=alarms,
         malfunction=any(alarm.kind == MALFUNCTION for alarm in alarms),
@@ -93,7 +95,7 @@ def summarise(document: Mapping[str, Any]) -> DaemonSummary:
     )
 
 
-def _alarm(raw: Mapping[str, Any]) -> Alarm:
+def _alarm_of(raw: Mapping[str, Any]) -> Alarm:
     wheel = raw.get("wheel")
     return Alarm(
         kind=_text(raw.get("kind"), "unknown"),
@@ -112,7 +114,7 @@ def _concerned(alarm: Alarm) -> tuple[str, ...]:
     return () if alarm.kind == MALFUNCTION else WHEELS
 
 
-def _wheel(name: str, raw: Mapping[str, Any], concerned: bool) -> WheelSummary:
+def _wheel_summary(name: str, raw: Mapping[str, Any], concerned: bool) -> WheelSummary:
     return WheelSummary(
         name=name,
         state=_text(raw.get("state"), "unavailable"),

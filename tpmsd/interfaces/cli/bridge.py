@@ -148,13 +148,13 @@ def run(args: argparse.Namespace) -> int:
         return 0
     from tpmsd.interfaces.bridges.status_stream import documents
 
-    bridge = _bridge(args, log)
+    bridge = _make_bridge(args, log)
     with contextlib.suppress(_Stop, KeyboardInterrupt), _until_signalled(None):
         bridge.run(documents(path, log))
     return 0
 
 
-def _bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusBridge | VssBridge:
+def _make_bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusBridge | VssBridge:
     if args.bridge == "dbus":
         from tpmsd.interfaces.bridges.dbus import DbusBridge
 

@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     suspected = None
     if args.drive is not None and result.plan is not None:
         suspected = _against_drive(result.plan, args.drive)
-    outputs.write({"--json": lambda: json_text(_document(result, args.drive, suspected))})
+    outputs.write({"--json": lambda: json_text(_check_document(result, args.drive, suspected))})
     if result.plan is None:
         count = len(result.problems)
         print(f"{result.file}: {counted(count, 'problem')}", file=sys.stderr)
@@ -198,7 +198,7 @@ def summary(plan: ConfigurationPlan) -> list[str]:
         f"deflation from -{monitor.deflation_percent:g} % of radius, radius_deviation from "
         f"+-{monitor.deviation_percent:g} %, at a probability of {monitor.raise_probability:g}",
     )
-    lines += _item("alarms", _alarms(plan))
+    lines += _item("alarms", _alarm_outputs_line(plan))
     for output in config.can.output:
         what = output.message or f"j1939 {output.j1939}"
         period = "" if output.when == "change" else f" every {output.period_s:g} s"
@@ -264,7 +264,7 @@ def _road(metres: float) -> str:
     return f"{metres:.3g} m" if metres < 1000 else f"{metres / 1000:.4g} km"
 
 
-def _alarms(plan: ConfigurationPlan) -> str:
+def _alarm_outputs_line(plan: ConfigurationPlan) -> str:
     alarms = plan.config.alarms
     if not alarms.can:
         return "not put on the bus"
@@ -276,7 +276,7 @@ def _alarms(plan: ConfigurationPlan) -> str:
     )
 
 
-def _document(
+def _check_document(
     result: CheckResult, drive: Path | None, suspected: list[dict[str, object]] | None
 ) -> dict[str, object]:
     from tpmsd.foundation.provenance import provenance

@@ -121,11 +121,17 @@ def _optional_json(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Do what is asked."""
-    actions = {"add": _add, "run": _run, "status": _status, "report": _report, "sql": _sql}
+    actions = {
+        "add": _run_add,
+        "run": _run_jobs,
+        "status": _run_status,
+        "report": _run_report,
+        "sql": _run_sql,
+    }
     return actions[args.action](args)
 
 
-def _add(args: argparse.Namespace) -> int:
+def _run_add(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet.find_drives import find_drives
     from tpmsd.offline.fleet.store import Store
 
@@ -169,7 +175,7 @@ def _trust(scheduler: str) -> str:
     return f"--scheduler {scheduler} is trusted: {who} can run code as you, here and on its workers"
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run_jobs(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet import run as fleet_run
     from tpmsd.offline.fleet.status import status_document
     from tpmsd.offline.fleet.store import Store
@@ -200,12 +206,12 @@ def _run(args: argparse.Namespace) -> int:
     if not outputs.fill_stdout:
         outcomes = ", ".join(f"{count} {name}" for name, count in sorted(tally.outcomes.items()))
         print(f"{tally.done} drives worked on in {tally.elapsed_s:.0f} s{': ' if outcomes else ''}{outcomes}")
-        print(escaped_lines(_summary(document)))
+        print(escaped_lines(_status_text(document)))
     outputs.write({"--json": lambda: json_text(document)})
     return 0
 
 
-def _status(args: argparse.Namespace) -> int:
+def _run_status(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet.status import status_document
     from tpmsd.offline.fleet.store import Store
 
@@ -214,12 +220,12 @@ def _status(args: argparse.Namespace) -> int:
     document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(store)}
     _say_damaged(store)
     if not outputs.fill_stdout:
-        print(escaped_lines(_summary(document)))
+        print(escaped_lines(_status_text(document)))
     outputs.write({"--json": lambda: json_text(document)})
     return 0
 
 
-def _report(args: argparse.Namespace) -> int:
+def _run_report(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet.report import report_document, report_text
     from tpmsd.offline.fleet.report_page import report_page
     from tpmsd.offline.fleet.store import Store
@@ -250,7 +256,7 @@ def _report(args: argparse.Namespace) -> int:
     return 0
 
 
-def _sql(args: argparse.Namespace) -> int:
+def _run_sql(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet.sql_query import as_csv, as_parquet, as_text, ask
     from tpmsd.offline.fleet.store import Store
 
@@ -291,7 +297,7 @@ def _head(schema: str, store: Path) -> dict[str, Any]:
     return {**head, "store": str(store)}
 
 
-def _summary(status: dict[str, Any]) -> str:
+def _status_text(status: dict[str, Any]) -> str:
     lines = [
         f"{counted(status['drives'], 'drive')} of {counted(status['cars'], 'car')} "
         f"and {counted(status['models'], 'model')}: "

@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
         if isinstance(sys.stdout, io.TextIOWrapper):
             # A path or a unit that the terminal cannot show must not end the command.
             sys.stdout.reconfigure(errors="backslashreplace")
-        code = _run(arguments, commands)
+        code = _run_command(arguments, commands)
         if sys.stdout is not None:
             sys.stdout.flush()
     except TpmsdError as error:
@@ -157,7 +157,7 @@ def _refuse_control_characters(args: argparse.Namespace) -> None:
                 raise ConfigError(f"{held!r}: names and values cannot hold line ends or control characters")
 
 
-def _run(arguments: list[str], commands: Commands) -> int:
+def _run_command(arguments: list[str], commands: Commands) -> int:
     parser, subparsers = _top_parser()
     wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
     runner, chosen = None, parser

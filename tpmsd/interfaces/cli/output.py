@@ -89,7 +89,7 @@ class Progress:
         if now - self._drawn_at < _REDRAW_S:
             return
         self._drawn_at = now
-        self._draw(self.text(done_s, now - self._start))
+        self._overwrite_line(self.text(done_s, now - self._start))
 
     def text(self, done_s: float, elapsed_s: float) -> str:
         """Return the line for `done_s` of drive after `elapsed_s` of work."""
@@ -111,10 +111,10 @@ class Progress:
     def close(self) -> None:
         """Take the bar away, so that the next line starts on clean ground."""
         if self._shown and self._width:
-            self._draw("")
+            self._overwrite_line("")
         self._shown = False
 
-    def _draw(self, line: str) -> None:
+    def _overwrite_line(self, line: str) -> None:
         # A line that the terminal breaks in two cannot be drawn over.
         line = line[: shutil.get_terminal_size().columns - 1]
         try:

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     library = [one for one in LIBRARY if one.fastest_mps <= args.max_speed and (one.flat or not args.flat)]
     if not library:
         raise ConfigError(f"--max-speed {args.max_speed:g}: no manoeuvre is as slow")
-    equipment = _equipment(args)
+    equipment = _equipment_of(args)
     with Progress(1.0, "plan", rate=False) as progress:
         plan = planned(effects, equipment, library, args.max_duration, progress.update)
     outputs.say(summary(plan))
@@ -106,12 +106,12 @@ def document(plan: Plan, route_file: str | None) -> dict[str, Any]:
         "effects": {
             name: {"expected_gain_nats": gain, "told": gain >= TARGET} for name, gain in plan.gains.items()
         },
-        "manoeuvres": [_manoeuvre(one) for one in plan.manoeuvres],
+        "manoeuvres": [_manoeuvre_document(one) for one in plan.manoeuvres],
         "route_file": route_file,
     }
 
 
-def _manoeuvre(one: Manoeuvre) -> dict[str, Any]:
+def _manoeuvre_document(one: Manoeuvre) -> dict[str, Any]:
     steps = [
         {
             "duration_s": step.duration_s,
@@ -159,7 +159,7 @@ def _effects(names: list[str]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _equipment(args: argparse.Namespace) -> Equipment:
+def _equipment_of(args: argparse.Namespace) -> Equipment:
     import numpy as np
 
     from tpmsd.offline.inference.recording import car_of

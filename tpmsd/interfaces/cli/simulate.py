@@ -202,7 +202,7 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
     from tpmsd.offline.simulator.drive import DriveSpec
     from tpmsd.offline.simulator.receiver import ReceiverSpec
 
-    vehicle, forward, left = _vehicle(args.vehicle)
+    vehicle, forward, left = _read_vehicle(args.vehicle)
     return DriveSpec(
         route=args.route,
         duration_s=args.duration,
@@ -212,13 +212,13 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
         antenna_left_m=left,
         radius_offset_m=_four_mm(args.radius_offset_mm),
         flat=args.flat,
-        faults=_faults(args),
+        faults=_parse_faults(args),
         model=model_of(args),
         receiver=ReceiverSpec(
             rate_hz=args.receiver_hz,
             position_std_m=_at_least_0("--position-std", args.position_std),
             latency_s=_at_least_0("--latency", args.latency),
-            outages=tuple(_span(text) for text in args.outage),
+            outages=tuple(_parse_span(text) for text in args.outage),
             outages_per_hour=_at_least_0("--outages-per-hour", args.outages_per_hour),
             jumps_per_hour=_at_least_0("--jumps-per-hour", args.jumps_per_hour),
             sentences=tuple(word.strip().upper() for word in args.sentences.split(",") if word.strip()),
@@ -325,7 +325,7 @@ def _play(args: argparse.Namespace, spec: DriveSpec, motion: Motion | None) -> d
     return {**report(drive), "live": live}
 
 
-def _vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:
+def _read_vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:
     from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE
 
     if path is None:
@@ -336,7 +336,7 @@ def _vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:
     return config.vehicle, config.gnss.antenna_forward_m, config.gnss.antenna_left_m
 
 
-def _faults(args: argparse.Namespace) -> tuple[Fault, ...]:
+def _parse_faults(args: argparse.Namespace) -> tuple[Fault, ...]:
     from tpmsd.offline.simulator.faults import Fault
 
     named = {"puncture": args.puncture, "leak": args.leak, "step": args.step}
@@ -385,7 +385,7 @@ def _four_mm(text: str | None) -> tuple[float, float, float, float] | None:
     return fl, fr, rl, rr
 
 
-def _span(text: str) -> tuple[float, float]:
+def _parse_span(text: str) -> tuple[float, float]:
     begin, colon, end = text.partition(":")
     try:
         span = float(begin), float(end)

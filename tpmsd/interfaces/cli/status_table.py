@@ -114,7 +114,7 @@ def _not_watched_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
 
 def _heading(document: Mapping[str, Any]) -> str:
     uptime_s = _number(document, "uptime_s")
-    up = "" if uptime_s is None else f", up for {_duration(uptime_s)}"
+    up = "" if uptime_s is None else f", up for {_duration_text(uptime_s)}"
     return f"tpmsd {_text(document, 'tpmsd')}{up}"
 
 
@@ -149,7 +149,7 @@ def _change(wheel: Mapping[str, Any]) -> tuple[str, str]:
     last, age_s = _number(wheel, "last_change_mm"), _number(wheel, "last_change_age_s")
     if now is not None or last is None or age_s is None:
         return _plus_minus(now, _number(wheel, "change_std_mm")), ""
-    return _plus_minus(last, _number(wheel, "last_change_std_mm")), f"{_duration(age_s)} ago"
+    return _plus_minus(last, _number(wheel, "last_change_std_mm")), f"{_duration_text(age_s)} ago"
 
 
 def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
@@ -206,7 +206,7 @@ def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
         raised_s = _number(alarm, "time")
         since = ""
         if now_s is not None and raised_s is not None and now_s >= raised_s:
-            since = f" (for {_duration(now_s - raised_s)})"
+            since = f" (for {_duration_text(now_s - raised_s)})"
         reason = _text(alarm, "reason")
         lines.append(paint(f"ALARM{since}: {_sentence(alarm)}" + (f" ({reason})" if reason else ""), _BAD))
     return lines
@@ -301,7 +301,7 @@ def _plus_minus(value: float | None, std: float | None) -> str:
     return f"{value:+.2f}" + ("" if std is None else f" +- {std:.2f}")
 
 
-def _duration(seconds: float) -> str:
+def _duration_text(seconds: float) -> str:
     if seconds < 60:
         return f"{seconds:.0f} s"
     minutes = int(seconds // 60)

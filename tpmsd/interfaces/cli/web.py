@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     settings = settings_of(args)
     with no_collection():  # nearly all that an import makes stays
         from tpmsd.interfaces.web.server import make_server, port_of
-    app = _app(args, settings)
+    app = _make_app(args, settings)
 
     try:
         server, listener = make_server(app, settings, args.certificate, args.key)
@@ -127,7 +127,7 @@ def _token(file: Path) -> str:
     return token
 
 
-def _app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
+def _make_app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
     with no_collection():
         from tpmsd.interfaces.web.app import drive_app, live_app
 

@@ -100,7 +100,7 @@ def live_app(socket: Path, settings: WebSettings) -> Starlette:
         Route("/api/session", session),
         Route("/api/reset", reset, methods=["POST"]),
     ]
-    return _app(routes, settings, lifespan)
+    return _guarded_app(routes, settings, lifespan)
 
 
 class _Live(StreamingResponse):
@@ -180,7 +180,7 @@ def drive_app(replay: Replay, settings: WebSettings, model: Path | None = None) 
         Route("/api/diagnosis", progress),
         Route("/api/diagnosis", begin, methods=["POST"]),
     ]
-    return _app(routes, settings, lifespan)
+    return _guarded_app(routes, settings, lifespan)
 
 
 def page(name: str) -> Handler:
@@ -192,7 +192,7 @@ def page(name: str) -> Handler:
     return send
 
 
-def _app(routes: list[Route], settings: WebSettings, lifespan: Any) -> Starlette:
+def _guarded_app(routes: list[Route], settings: WebSettings, lifespan: Any) -> Starlette:
     async def login(request: Request) -> Response:
         if request.method == "GET":
             return FileResponse(STATIC / "login.html", media_type="text/html")

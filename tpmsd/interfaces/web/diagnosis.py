@@ -40,7 +40,7 @@ class DiagnosisJob:
     def start(self) -> None:
         """Begin, if nobody has: a second visit changes nothing."""
         if self._task is None:
-            self._task = asyncio.create_task(self._run())
+            self._task = asyncio.create_task(self._run_process())
 
     def document(self) -> dict[str, Any]:
         """Return how far it is, as plain JSON values."""
@@ -55,7 +55,7 @@ class DiagnosisJob:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._task
 
-    async def _run(self) -> None:
+    async def _run_process(self) -> None:
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "tpmsd.interfaces.web.diagnosis", str(self.folder)),
             *([] if self.model is None else [str(self.model)]),

@@ -50,7 +50,7 @@ class LiveHub:
         """Follow the daemon for ever; a daemon that goes away is asked again until it is back."""
         while True:
             try:
-                await self._follow()
+                await self._follow_daemon()
             except TpmsdError as error:
                 await self._publish(None, str(error))
             except (OSError, ValueError) as error:
@@ -60,7 +60,7 @@ class LiveHub:
                 await self._publish(None, f"internal error: {type(error).__name__}: {error}")
             await asyncio.sleep(self.settings.retry_s)
 
-    async def _follow(self) -> None:
+    async def _follow_daemon(self) -> None:
         try:
             reader, writer = await asyncio.open_unix_connection(str(self.socket), limit=MAX_LINE_BYTES)
         except OSError as error:
@@ -83,13 +83,13 @@ class LiveHub:
     async def _publish(self, document: Mapping[str, Any] | None, reason: str) -> None:
         self.document, self.reason = document, reason
         if document is not None:
-            self._remember(document)
+            self._add_to_history(document)
         self._newest = event("down", {"reason": reason}) if document is None else event("status", document)
         self._version += 1
         async with self._changed:
             self._changed.notify_all()
 
-    def _remember(self, document: Mapping[str, Any]) -> None:
+    def _add_to_history(self, document: Mapping[str, Any]) -> None:
         now = document.get("time")
         if not isinstance(now, int | float):
             return

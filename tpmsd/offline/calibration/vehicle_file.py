@@ -36,7 +36,7 @@ def calibrated_toml(
     out = list(_replaced(text, stale, added))
     while out and not out[-1].strip():
         out.pop()
-    return "\n".join([*out, "", *_provenance(found, made), ""])
+    return "\n".join([*out, "", *_provenance_lines(found, made), ""])
 
 
 def _replaced(text: str, stale: Mapping[str, set[str]], added: Mapping[str, list[str]]) -> Iterator[str]:
@@ -64,7 +64,7 @@ def _inline(radii_m: dict[str, float]) -> str:
     return "{ " + ", ".join(f"{wheel} = {radius:.6f}" for wheel, radius in radii_m.items()) + " }"
 
 
-def _provenance(found: FittedGeometry, made: str) -> list[str]:
+def _provenance_lines(found: FittedGeometry, made: str) -> list[str]:
     lines = [
         "[calibration]",
         "# How the radii and tracks in [vehicle] were found; for the reader, nothing is computed from it.",

@@ -146,7 +146,7 @@ def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settin
         share: dict[int, float] = {}
         for w, order in zip(weight, orders, strict=True):
             share[order[k]] = share.get(order[k], 0.0) + float(w)
-        roles.append(_role(wheel, members, best[k], share, settings))
+        roles.append(_wheel_role(wheel, members, best[k], share, settings))
     return Assignment(_kind(members[best[0]]), tuple(roles), False, float(sides), float(axles))
 
 
@@ -211,12 +211,12 @@ def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settin
         share: dict[int, float] = {}
         for w, order in zip(weight, orders, strict=True):
             share[order[k]] = share.get(order[k], 0.0) + float(w)
-        roles.append(_role(wheel, members, best[k], share, settings))
+        roles.append(_wheel_role(wheel, members, best[k], share, settings))
     sides = float(sum(w for w, order in zip(weight, orders, strict=True) if order == best))
     return Assignment(_kind(left), tuple(roles), True, sides, 1.0)
 
 
-def _role(
+def _wheel_role(
     wheel: str, members: Sequence[Follower], best: int, share: dict[int, float], settings: Settings
 ) -> Role:
     alternatives = sorted(

@@ -66,7 +66,7 @@ class CarGeometry:
         self._course = course_fit(
             self._speed, self._difference, reference, self.gnss.get("latency_s"), settings
         )
-        self._tracks(gyro)
+        self._add_track_widths(gyro)
         if self._course is not None:
             forward = Estimate(float(self._course.value[3]), math.hypot(self._course.std(3), 0.1))
             if abs(forward.value) < settings.antenna_farthest_m and forward.std < settings.antenna_farthest_m:
@@ -88,7 +88,7 @@ class CarGeometry:
             difference = difference + self._course.value[1] / self._course.value[0] * self._speed
         return self._speed, difference / (track.value if track else self._settings.track_m)
 
-    def _tracks(self, gyro: FloatArray | None) -> None:
+    def _add_track_widths(self, gyro: FloatArray | None) -> None:
         course, geometry = self._course, self.geometry
         if course is not None and course.value[0] > 0:
             track = 1.0 / float(course.value[0])

@@ -85,11 +85,11 @@ def match_car(cars: Sequence[CarPlatform], fields: Sequence[MessageField]) -> Ma
     `fields`: those of the DBC whose messages are in the log. A name alone is no match: makers call different
     messages alike.
     """
-    matches = [match for car in cars if (match := _match(car, fields)) is not None]
+    matches = [match for car in cars if (match := _match_platform(car, fields)) is not None]
     return max(matches, key=lambda match: (match.by_name, len(match.car.signals)), default=None)
 
 
-def _match(car: CarPlatform, fields: Sequence[MessageField]) -> Match | None:
+def _match_platform(car: CarPlatform, fields: Sequence[MessageField]) -> Match | None:
     names = {role[-2:]: name for role, name in car.signal_names().items()}
     wheels = {}
     for wheel, expected in car.fields_by_wheel().items():

@@ -93,7 +93,7 @@ def other_roles(
     }
     found: dict[str, FoundRole] = {}
     for role, target in expected.items():
-        ranked = _ranked(series, role, target, speed, taken)
+        ranked = _best_series(series, role, target, speed, taken)
         if ranked:
             found[role] = ranked
             taken = taken | {ranked.field.signal}
@@ -115,7 +115,7 @@ def _unit_kind(unit: str, role: str) -> bool | None:
     return UNITS[known][0] in role_kinds(role)
 
 
-def _ranked(
+def _best_series(
     series: Sequence[Series], role: str, target: FloatArray, speed: FloatArray, taken: set[str]
 ) -> FoundRole | None:
     moving = np.isfinite(target) & (speed > 2.0)

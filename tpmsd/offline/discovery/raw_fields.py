@@ -55,7 +55,7 @@ def raw_fields(log: MessageLog) -> list[MessageField]:
             if room and not line[start + length : start + length + room].any():
                 parts.append((start, length + room))
             for first, bits in parts:
-                field = _field(log, positions[first], bits, big)
+                field = _field_of_bits(log, positions[first], bits, big)
                 if field is not None:
                     fields.setdefault((big and _spans(positions[first], bits), *_layout_key(field)), field)
     return list(fields.values())
@@ -110,7 +110,7 @@ def _layout_key(field: MessageField) -> tuple[int, int]:
     return field.layout.shift + 1000 * field.layout.word_bytes, field.layout.length
 
 
-def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> MessageField | None:
+def _field_of_bits(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> MessageField | None:
     byte, bit = lowest
     mask = (1 << bits) - 1
     if big:

@@ -54,7 +54,7 @@ class ReceiverMotion:
 
 def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> ReceiverMotion:
     """Return the reference of a drive; empty arrays where there is no usable fix."""
-    time_s = _stamps(fixes)
+    time_s = _fix_times(fixes)
     good = np.isfinite(time_s)
     order = np.flatnonzero(good)[np.argsort(time_s[good], kind="stable")]
     order = order[np.concatenate([[True], np.diff(time_s[order]) > 1e-3])] if len(order) else order
@@ -99,7 +99,7 @@ def _covered(
     return np.asarray(edge_fine[1:] & edge_fine[:-1])
 
 
-def _stamps(fixes: Sequence[GnssFix]) -> FloatArray:
+def _fix_times(fixes: Sequence[GnssFix]) -> FloatArray:
     arrival = np.array([fix.arrival_s for fix in fixes], dtype=np.float64)
     utc = np.array([fix.utc_s for fix in fixes], dtype=np.float64)
     known = np.isfinite(utc)

@@ -134,7 +134,7 @@ def placed(
     receiver's."""
     # Not the wheels' own difference: its rounding is in the contrasts, too, and would favour its own pair.
     yaw = reference.yaw_radps if gyro is None else gyro
-    return [_positioned(one, group, reference, yaw, settings) for one in group]
+    return [_with_position(one, group, reference, yaw, settings) for one in group]
 
 
 def by_lag(members: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
@@ -157,7 +157,7 @@ def _common(group: Sequence[Follower]) -> FloatArray:
     return np.asarray(np.mean(np.vstack([one.speed for one in group]), axis=0))
 
 
-def _positioned(
+def _with_position(
     one: Follower,
     group: Sequence[Follower],
     reference: ReceiverMotion,

@@ -49,7 +49,7 @@ def suspicions(
     if offset is not None:
         found.append(offset)
     material = prepare(log, shifted, database, settings)
-    found += _wheels(config, _read(fields, frames, material.reference.edge_s), material, settings)
+    found += _wheel_suspicions(config, _read(fields, frames, material.reference.edge_s), material, settings)
     surest: dict[tuple[str, str], Suspicion] = {}
     for one_said in sorted(found, key=lambda one: -one.probability):
         surest.setdefault((one_said.key, one_said.suspicion), one_said)
@@ -72,7 +72,7 @@ def _read(
     return read
 
 
-def _wheels(
+def _wheel_suspicions(
     config: Config, read: Mapping[str, Series], material: PreparedLog, settings: Settings
 ) -> list[Suspicion]:
     series = {role: made for role, made in read.items() if role.startswith("wheel_")}

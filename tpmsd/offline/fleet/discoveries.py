@@ -52,7 +52,7 @@ def model_effects(model: str, fit: ModelFit) -> list[FleetHypothesis]:
         if not parameter.null or fit.std[k] > SETTINGS.well_known_scales:
             continue
         p_value = 2.0 * float(stats.t.sf(abs(fit.mean[k] / fit.std[k]), fit.freedom[k]))
-        found.append(_discovery("model", model, "", "effect", k, fit.mean[k], fit.std[k], p_value))
+        found.append(_parameter_hypothesis("model", model, "", "effect", k, fit.mean[k], fit.std[k], p_value))
     return found
 
 
@@ -111,7 +111,7 @@ def cars_that_differ(
         return []
     value, std, p_value = differences(fit, similar)
     return [
-        _discovery("car", model, car, "differs", k, value[c, k], std[c, k], float(p_value[c, k]))
+        _parameter_hypothesis("car", model, car, "differs", k, value[c, k], std[c, k], float(p_value[c, k]))
         for c, car in enumerate(cars)
         for k in range(len(PARAMETERS_OF_FLEET))
         if p_value[c, k] < 1.0
@@ -151,13 +151,13 @@ def trends(
         freedom = max(len(t) - 2, 1)
         for wheel in range(4):
             axle = BACK[wheel] - BACK[wheel ^ 1]
-            found.append(_trend(model, car, "leak", WHEELS[wheel], axle, slope, of_slope, freedom))
+            found.append(_trend_hypothesis(model, car, "leak", WHEELS[wheel], axle, slope, of_slope, freedom))
         common = np.array([1.0, 0.0, 0.0, 0.0])
-        found.append(_trend(model, car, "wear", "all", common, slope, of_slope, freedom))
+        found.append(_trend_hypothesis(model, car, "wear", "all", common, slope, of_slope, freedom))
     return found
 
 
-def _trend(
+def _trend_hypothesis(
     model: str,
     car: str,
     kind: str,
@@ -175,7 +175,7 @@ def _trend(
     return FleetHypothesis("car", model, car, kind, effect, wheel, value, std, "%/week", p_value)
 
 
-def _discovery(
+def _parameter_hypothesis(
     level: str, model: str, car: str, kind: str, k: int, value: float, std: float, p_value: float
 ) -> FleetHypothesis:
     one = PARAMETERS_OF_FLEET[k]

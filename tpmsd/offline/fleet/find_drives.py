@@ -38,7 +38,7 @@ def find_drives(
     """
     for name in names:
         found = False
-        for path in _folders(name):
+        for path in _drive_folders(name):
             found = True
             with local_copy(path) as folder:
                 key = content_hash([folder]).removeprefix("sha256:")[:40]
@@ -48,7 +48,7 @@ def find_drives(
             raise InputError(name, "no drive folder (with a vehicle.toml) there or below")
 
 
-def _folders(name: str) -> Iterator[str]:
+def _drive_folders(name: str) -> Iterator[str]:
     if "://" in name:
         yield from _remote_folders(name)
         return

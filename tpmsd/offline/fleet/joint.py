@@ -52,14 +52,14 @@ def joint_rows(
         judged = list(pool.map(lambda model: _of_model(model, groups[model]), models))
     tested = [one for found, _ in judged for one in found]
     statistics = [row for _, rows in judged for row in rows]
-    return [_finding(one) for one in controlled(tested) if one.kept], statistics
+    return [_finding_row(one) for one in controlled(tested) if one.kept], statistics
 
 
 def _of_model(model: str, group: Sequence[_Drive]) -> tuple[list[FleetHypothesis], list[Row]]:
     """Return what is tested of a model and its cars, and the rows of their statistics."""
     drives = sorted(group, key=lambda one: one[:2])
     cars = sorted({car for car, _, _, _ in drives})
-    stack, days = _stack(drives, cars)
+    stack, days = _stack_drives(drives, cars)
     fit, similar = robust_fit(stack)
     drive_variance = np.square(fit.drive_spread)
     tested = [
@@ -68,10 +68,10 @@ def _of_model(model: str, group: Sequence[_Drive]) -> tuple[list[FleetHypothesis
         *trends(model, cars, stack, days, drive_variance),
         *losses(model, cars, stack, days, drive_variance),
     ]
-    return tested, _statistics(model, cars, fit)
+    return tested, _parameter_rows(model, cars, fit)
 
 
-def _stack(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetStatistics, FloatArray]:
+def _stack_drives(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetStatistics, FloatArray]:
     number = {car: k for k, car in enumerate(cars)}
     p = len(PARAMETERS_OF_FLEET)
     information, vector = np.empty((len(drives), p, p)), np.empty((len(drives), p))
@@ -95,7 +95,7 @@ def _unpacked(sums: Sequence[dict[str, Any]]) -> tuple[FloatArray, FloatArray]:
     return matrix, np.array([one["vector"] for one in sums], dtype=np.float64)
 
 
-def _finding(one: FleetHypothesis) -> Row:
+def _finding_row(one: FleetHypothesis) -> Row:
     return {
         "level": one.level,
         "model": one.model,
@@ -112,7 +112,7 @@ def _finding(one: FleetHypothesis) -> Row:
     }
 
 
-def _statistics(model: str, cars: Sequence[str], fit: ModelFit) -> list[Row]:
+def _parameter_rows(model: str, cars: Sequence[str], fit: ModelFit) -> list[Row]:
     rows = []
     for k, parameter in enumerate(PARAMETERS_OF_FLEET):
         scale = parameter.scale

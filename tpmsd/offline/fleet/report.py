@@ -51,7 +51,7 @@ _DERIVED_MODEL = re.compile(r"(\d+(?:\.\d+)?)m-(\w+)-([0-9a-f]{4})")
 def report_document(tables: Tables) -> dict[str, Any]:
     """`attention`: a row per vehicle and reason, the most urgent first; `models`: findings and parameters."""
     drives = tables["drives"]
-    attention = _one_per_wheel([*_alarms(tables), *_joint(tables["findings"]), *_unusable(drives)])
+    attention = _one_per_wheel([*_alarms(tables), *_joint_findings(tables["findings"]), *_unusable(drives)])
     attention.sort(key=lambda row: (_ORDER[row["urgency"]], row["car"], row["since"] or "", row["why"]))
     return {
         "drives": len(drives),
@@ -108,7 +108,7 @@ def _alarms(tables: Tables) -> list[Row]:
     return found
 
 
-def _joint(findings: Iterable[Row]) -> list[Row]:
+def _joint_findings(findings: Iterable[Row]) -> list[Row]:
     found = []
     for row in findings:
         if row["level"] != "car":

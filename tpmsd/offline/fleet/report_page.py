@@ -58,14 +58,14 @@ def report_page(
         "fleet.html",
         Origin.now(document),
         standalone=True,
-        head=_tiles(document),
-        attention=_attention(document["attention"]),
-        models=[_model(model) for model in document["models"]],
-        cars=list(_cars(tables, [row["car"] for row in document["attention"]], pages or {})),
+        head=_summary_tiles(document),
+        attention=_attention_table(document["attention"]),
+        models=[_model_view(model) for model in document["models"]],
+        cars=list(_car_views(tables, [row["car"] for row in document["attention"]], pages or {})),
     )
 
 
-def _tiles(document: Mapping[str, Any]) -> list[Tile]:
+def _summary_tiles(document: Mapping[str, Any]) -> list[Tile]:
     cars = len({row["car"] for row in document["attention"]})
     return [
         Tile(str(document["cars"]), "Vehicles", f"Models: {len(document['models'])}."),
@@ -76,7 +76,7 @@ def _tiles(document: Mapping[str, Any]) -> list[Tile]:
     ]
 
 
-def _attention(rows: Sequence[Row]) -> HtmlTable:
+def _attention_table(rows: Sequence[Row]) -> HtmlTable:
     body = tuple(
         (
             Cell(row["urgency"], _ORDER[row["urgency"]], style=row["urgency"]),
@@ -90,7 +90,7 @@ def _attention(rows: Sequence[Row]) -> HtmlTable:
     return HtmlTable(("urgency", "vehicle", "why", "since (UTC)", "what to do"), body)
 
 
-def _model(model: Row) -> ModelView:
+def _model_view(model: Row) -> ModelView:
     findings = tuple((*_effect(row), *_numbers(row), _unit(row), _p(row)) for row in model["findings"])
     differing = tuple(
         (
@@ -133,7 +133,7 @@ def _model(model: Row) -> ModelView:
     )
 
 
-def _cars(
+def _car_views(
     tables: Mapping[str, list[Row]], first: Sequence[str], pages: Mapping[str, str]
 ) -> Iterable[CarView]:
     wheels: dict[str, dict[str, Row]] = defaultdict(dict)

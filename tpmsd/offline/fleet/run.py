@@ -68,7 +68,7 @@ def run(
         return Tally(0, 0, 0.0, {})
     distributed = need("distributed", "fleet", "fleets")
     name = uuid.uuid4().hex[:8]
-    with _client(distributed, scheduler, jobs, memory) as client:
+    with _dask_client(distributed, scheduler, jobs, memory) as client:
         waiting = iter(keys)
 
         def submit(key: str) -> Any:
@@ -94,7 +94,7 @@ def run(
 
 
 @contextlib.contextmanager
-def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> Iterator[Any]:
+def _dask_client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> Iterator[Any]:
     dask = need("dask", "fleet", "fleets")
     # A worker's own threads take the interpreter from the drive in work: the profile looks at its stack 100
     # times a second, its ticks at the event loop 50 times, its monitor at the system twice.

@@ -110,7 +110,7 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
     for entry in entries:
         result = store.result(entry.key)
         brief[entry.key] = _for_joint(result)
-        tables["drives"].append(_drive(entry, result))
+        tables["drives"].append(_drive_row(entry, result))
         if result is None or result["status"] != "done":
             continue
         replay = result.get("replay") or {}
@@ -118,7 +118,7 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
         for wheel, one in replay.get("wheels", {}).items():
             tables["wheels"].append({**shared, "wheel": wheel, **one})
         tables["alarms"] += [{**shared, **alarm} for alarm in replay.get("alarms", ())]
-        tables["findings"] += _findings(entry, (result.get("diagnose") or {}).get("findings", ()))
+        tables["findings"] += _finding_rows(entry, (result.get("diagnose") or {}).get("findings", ()))
     findings, statistics = joint_rows(entries, brief)
     tables["findings"] += findings
     tables["statistics"] = statistics
@@ -202,7 +202,7 @@ def _cells(rows: Sequence[Row], column: str, kind: str) -> list[Any]:
     return [None if value is None or not math.isfinite(value) else value for value in values]
 
 
-def _drive(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
+def _drive_row(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
     made = result or {"status": "missing", "reason": "", "program": ""}
     replay = made.get("replay") or {}
     return {
@@ -221,7 +221,7 @@ def _drive(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
     }
 
 
-def _findings(entry: DriveEntry, findings: Sequence[dict[str, Any]]) -> list[Row]:
+def _finding_rows(entry: DriveEntry, findings: Sequence[dict[str, Any]]) -> list[Row]:
     rows = []
     for finding in findings:
         shared = {

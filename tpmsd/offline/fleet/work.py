@@ -49,7 +49,7 @@ def work_on(store_path: str, key: str, stages: tuple[str, ...], run: str) -> str
     number = store.begin_try(key, run)
     if number > SETTINGS.tries or store.tries_of(key) > SETTINGS.tries_in_all:
         reason = f"its worker died {number - 1} times"
-        result = _document("set_aside", reason, stages, {})
+        result = _result_document("set_aside", reason, stages, {})
     else:
         result = make_result(store.entry(key).path, stages)
     store.write_result(key, result)
@@ -61,17 +61,19 @@ def make_result(path: str, stages: tuple[str, ...] = STAGES) -> dict[str, Any]:
     """Return the result of one drive, as a document."""
     try:
         with local_copy(path) as folder:
-            parts = _parts(folder, stages)
+            parts = _run_stages(folder, stages)
     except TpmsdError as error:
         reason = str(error).splitlines()[0].replace(path, "DRIVE")
-        return _document("failed", reason, stages, {})
+        return _result_document("failed", reason, stages, {})
     except Exception as error:  # a defect of the program is a row, too, and never the end of the run
         reason = " ".join(f"internal error: {type(error).__name__}: {error}".split())
-        return _document("failed", reason.replace(path, "DRIVE"), stages, {})
-    return _document("done", "", stages, parts)
+        return _result_document("failed", reason.replace(path, "DRIVE"), stages, {})
+    return _result_document("done", "", stages, parts)
 
 
-def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str, Any]) -> dict[str, Any]:
+def _result_document(
+    status: str, reason: str, stages: tuple[str, ...], parts: dict[str, Any]
+) -> dict[str, Any]:
     return {
         "schema": SCHEMA,
         "program": program(),
@@ -82,7 +84,7 @@ def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str
     }
 
 
-def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
+def _run_stages(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
     from tpmsd.offline.drives.drive import load
     from tpmsd.offline.drives.playing import known_effects, recording_of, replayed, replayed_at_desk_rate

@@ -33,7 +33,7 @@ def _at(windows: Linearised, *seen: tuple[int, int, FloatArray | float]) -> Floa
     return out
 
 
-def _clock(windows: Linearised) -> FloatArray:
+def _clock_response(windows: Linearised) -> FloatArray:
     v = _v(windows)
     velocity = windows.to_east_north[:, :, 0] / WINDOW_S * v[:, None]
     return _at(
@@ -72,8 +72,8 @@ CROSS_ERROR = GaussMarkov(
     "speed_memory",
     lambda windows: _at(windows, (COURSE, 0, 1.0 / _v(windows))),
 )
-CLOCK = GaussMarkov(("gnss_clock",), "clock_s", "clock_tau_s", _clock)
-AGE = RandomWalk("gnss_age", "age_s", AGE_STD_S, _clock)
+CLOCK = GaussMarkov(("gnss_clock",), "clock_s", "clock_tau_s", _clock_response)
+AGE = RandomWalk("gnss_age", "age_s", AGE_STD_S, _clock_response)
 RADIUS_DRIFT = GaussMarkov(
     tuple(f"drift_{wheel}" for wheel in WHEELS),
     "radius_drift",

@@ -114,7 +114,7 @@ class Reader:
         self.left_out = len(driven) - len(self._kept)
         self._repeated_rounding_m2 = repeated_rounding_variance(recording)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
-        self.windows = self._windows(ExtendedModel() if base is None else base)
+        self.windows = self._linearised_windows(ExtendedModel() if base is None else base)
         self._rolled: FloatArray | None = None
         self._turning: tuple[ExtendedModel, FloatArray] | None = None
         self._base: tuple[ExtendedModel, FloatArray] | None = None
@@ -143,7 +143,7 @@ class Reader:
         end_s = (self.windows.index + 1.0) * WINDOW_S
         self.reference = moved(self.recording, replace(self.reference, car=car), end_s, errors)
         self._rolled = self._turning = self._base = self._wheels = None
-        self.windows = self._windows(base)
+        self.windows = self._linearised_windows(base)
 
     def predicted(self, base: ExtendedModel) -> FloatArray:
         """(w, 9) the prediction of a model; that of the model asked for last is kept."""
@@ -274,7 +274,7 @@ class Reader:
         number = np.bincount(self._window_of_fix[inside], minlength=self._count)
         return np.asarray(number[self._kept], dtype=np.float64)
 
-    def _windows(self, base: ExtendedModel) -> Windows:
+    def _linearised_windows(self, base: ExtendedModel) -> Windows:
         recording, motion, car = self.recording, self.reference.motion, self.reference.car
         kept, per, count = self._kept, self._per, self._count
         measured = np.full((len(kept), CHANNELS), np.nan)

@@ -32,19 +32,19 @@ def diagnosis_document(
             "heldout_rms": diagnosis.baseline_rms,
             "heldout_loglik_per_s": diagnosis.baseline_loglik_per_s,
         },
-        "findings": [_finding(finding) for finding in diagnosis.findings],
+        "findings": [_finding_entry(finding) for finding in diagnosis.findings],
         "unexplained": {
             "significant": unexplained is not None,
-            "where": None if unexplained is None else _where(unexplained),
-            "radius_drift": None if drift is None else _drift(drift),
+            "where": None if unexplained is None else _location_entry(unexplained),
+            "radius_drift": None if drift is None else _drift_entry(drift),
         },
-        "certificate": _certificate(diagnosis),
+        "certificate": _certificate_entry(diagnosis),
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
         "not_detectable": _not_detectable(diagnosis),
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
-        "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
+        "reach": None if diagnosis.reach is None else _reach_entry(diagnosis.reach),
     }
     document |= _optional(diagnosis)
     if alarms:
@@ -92,7 +92,7 @@ def _not_detectable(diagnosis: RollingDiagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _certificate(diagnosis: RollingDiagnosis) -> dict[str, Any] | None:
+def _certificate_entry(diagnosis: RollingDiagnosis) -> dict[str, Any] | None:
     if not diagnosis.replicates:
         return None
     return {
@@ -103,7 +103,7 @@ def _certificate(diagnosis: RollingDiagnosis) -> dict[str, Any] | None:
     }
 
 
-def _reach(reach: Reach) -> dict[str, Any]:
+def _reach_entry(reach: Reach) -> dict[str, Any]:
     return {
         "share": reach.share,
         "gain": reach.found,
@@ -122,7 +122,7 @@ def _reach(reach: Reach) -> dict[str, Any]:
     }
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding_entry(finding: Finding) -> dict[str, Any]:
     out: dict[str, Any] = {
         "effect": finding.effect,
         "status": finding.status,
@@ -133,7 +133,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
             name: {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
             for name, quantity in finding.parameters.items()
         },
-        "where": _where(finding.where),
+        "where": _location_entry(finding.where),
         "heldout": {
             "rms_before": finding.rms_before,
             "rms_after": finding.rms_after,
@@ -161,7 +161,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
     return out
 
 
-def _drift(drift: RadiusDrift) -> dict[str, Any]:
+def _drift_entry(drift: RadiusDrift) -> dict[str, Any]:
     return {
         "relative_std": drift.relative_std,
         "time_constant_s": drift.time_constant_s,
@@ -169,7 +169,7 @@ def _drift(drift: RadiusDrift) -> dict[str, Any]:
     }
 
 
-def _where(where: Where) -> dict[str, Any]:
+def _location_entry(where: Where) -> dict[str, Any]:
     return {
         "wheels": list(where.wheels),
         "channel": where.channel,

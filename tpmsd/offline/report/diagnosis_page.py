@@ -86,17 +86,17 @@ def diagnosis_page(
         drives=", ".join(names),
         verdict=_verdict(diagnosis),
         answer=summary_sentences(diagnosis),
-        head=_tiles(diagnosis),
+        head=_summary_tiles(diagnosis),
         known=known,
         baseline=baseline,
-        overview=_overview(diagnosis),
+        overview=_findings_table(diagnosis),
         findings=_findings(diagnosis) if known else (),
         unseen=_unseen(diagnosis),
         gains=None if gains is None else drawn(gains, "gains"),
         confounded=_confounded(diagnosis),
         alarms=[_alarms(one, number) for number, one in enumerate(alarms)],
         track=None if track is None else drawn(track, "track"),
-        reached=_reached(diagnosis),
+        reached=_reach_sentences(diagnosis),
         channels=_channels(diagnosis),
         evidence=None if evidence is None else drawn(evidence, "evidence"),
         summary=diagnosis_summary(diagnosis, None),
@@ -120,7 +120,7 @@ def _count(diagnosis: RollingDiagnosis) -> str:
     return " and ".join(parts)
 
 
-def _tiles(diagnosis: RollingDiagnosis) -> list[Tile]:
+def _summary_tiles(diagnosis: RollingDiagnosis) -> list[Tile]:
     verdicts = {INSUFFICIENT: "insufficient data"}
     tiles = [
         Tile(
@@ -162,7 +162,7 @@ def _tiles(diagnosis: RollingDiagnosis) -> list[Tile]:
     return tiles
 
 
-def _overview(diagnosis: RollingDiagnosis) -> HtmlTable:
+def _findings_table(diagnosis: RollingDiagnosis) -> HtmlTable:
     heads = ("effect", "status", "p-value", "confidence", "held-out gain (nats)", "held-out residual")
     rows = tuple(
         (
@@ -197,12 +197,14 @@ def _findings(diagnosis: RollingDiagnosis) -> tuple[FindingView, ...]:
             drawn(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts) if chart is not None
         )
         views.append(
-            FindingView(finding_name(finding), finding.effect, _sentences(finding), _values(finding), figures)
+            FindingView(
+                finding_name(finding), finding.effect, _finding_sentences(finding), _values(finding), figures
+            )
         )
     return tuple(views)
 
 
-def _sentences(finding: Finding) -> tuple[str, ...]:
+def _finding_sentences(finding: Finding) -> tuple[str, ...]:
     certainty = "A finding" if finding.status == FINDING else "A suspicion, which noise may make as well"
     if finding.p_value is None:
         certainty += " (without a p-value: no certificate was asked for)"
@@ -264,7 +266,7 @@ def _unseen(diagnosis: RollingDiagnosis) -> HtmlTable:
     return HtmlTable(("effect", "parameter", "seen for sure from"), rows)
 
 
-def _reached(diagnosis: RollingDiagnosis) -> list[str]:
+def _reach_sentences(diagnosis: RollingDiagnosis) -> list[str]:
     out = [sentence.replace("+-", "±") for sentence in left_over(diagnosis)]
     removed = diagnosis.down_weighted
     if removed is not None and removed.share >= 0.005:

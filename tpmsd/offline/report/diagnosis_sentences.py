@@ -30,7 +30,7 @@ def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
     """Return what was found, what else was taken into account, and what the drive would not show."""
     if diagnosis.verdict == INSUFFICIENT:
         return [f"Nothing can be concluded: {diagnosis.reason}."]
-    out = [_sentence(one) for one in diagnosis.findings if one.status == FINDING]
+    out = [_finding_sentence(one) for one in diagnosis.findings if one.status == FINDING]
     if diagnosis.verdict == CONSISTENT:
         out.append(f"The drive agrees with {baseline_name(diagnosis)} within the noise.")
     for one in diagnosis.findings:
@@ -72,7 +72,7 @@ def _known(one: NotDetectable) -> bool:
     return any(value is not None for value, _ in one.smallest.values())
 
 
-def _sentence(finding: Finding) -> str:
+def _finding_sentence(finding: Finding) -> str:
     said = clause(finding)
     if finding.held_by == "recording":
         said = f"what your simulation lacks: {said}"

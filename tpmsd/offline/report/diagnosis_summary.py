@@ -50,11 +50,11 @@ def diagnosis_summary(
     diagnosis: RollingDiagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
 ) -> str:
     """Return what was found, one paragraph per finding, and its meaning for the tyres if asked."""
-    parts = [_found(diagnosis, model_file), *(alarms_summary(compared) for compared in alarms)]
+    parts = [_findings_text(diagnosis, model_file), *(alarms_summary(compared) for compared in alarms)]
     return "\n\n".join(parts)
 
 
-def _found(diagnosis: RollingDiagnosis, model_file: str | None) -> str:
+def _findings_text(diagnosis: RollingDiagnosis, model_file: str | None) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Insufficient data: {diagnosis.reason}."
     answer = " ".join(summary_sentences(diagnosis))
@@ -64,14 +64,14 @@ def _found(diagnosis: RollingDiagnosis, model_file: str | None) -> str:
         if diagnosis.findings:
             text += "\nWhat looks like an effect, but is not sure enough:\n"
             for number, finding in enumerate(diagnosis.findings, 1):
-                text += "\n" + "\n".join(_paragraph(number, finding)) + "\n"
+                text += "\n" + "\n".join(_finding_paragraph(number, finding)) + "\n"
         return text + _rest(diagnosis)
     count = sum(finding.status == FINDING for finding in diagnosis.findings)
     more = len(diagnosis.findings) - count
     doubtful = f" and {counted(more, 'suspicion')}" if more else ""
     text = head + f"They differ: {counted(count, 'finding')}{doubtful}.\n"
     for number, finding in enumerate(diagnosis.findings, 1):
-        text += "\n" + "\n".join(_paragraph(number, finding)) + "\n"
+        text += "\n" + "\n".join(_finding_paragraph(number, finding)) + "\n"
     text += (
         f"\nOn held-out stretches the residual is {diagnosis.baseline_rms:.3f} of its expected size before"
         f" and {diagnosis.model_rms:.3f} after."
@@ -146,7 +146,7 @@ def reached(reach: Reach) -> str:
     return f"{share}; {left} are left, most of them in {CHANNELS[most]}."
 
 
-def _paragraph(number: int, finding: Finding) -> list[str]:
+def _finding_paragraph(number: int, finding: Finding) -> list[str]:
     confidence = f"confidence {finding.confidence:.2f}"
     if finding.p_value is not None:
         confidence += f", p {p_text(finding.p_value, finding.p_value_is_bound)}"

@@ -53,13 +53,13 @@ def dynamics_page(diagnosis: DynamicsDiagnosis, name: str, origin: Origin, stand
         drive=name,
         verdict=sentences[0],
         more=sentences[1:],
-        head=_tiles(diagnosis),
+        head=_summary_tiles(diagnosis),
         notes=diagnosis.notes,
         known=diagnosis.verdict != INSUFFICIENT,
-        overview=_overview(diagnosis),
+        overview=_findings_table(diagnosis),
         gains=None if gains is None else drawn(gains, "gains"),
-        findings=[_view(one, number) for number, one in enumerate(diagnosis.findings, 1)],
-        outputs=_outputs(diagnosis),
+        findings=[_finding_view(one, number) for number, one in enumerate(diagnosis.findings, 1)],
+        outputs=_outputs_table(diagnosis),
         steps=_step_table(diagnosis),
         curves=[
             drawn(chart, f"output-{key}")
@@ -67,12 +67,12 @@ def dynamics_page(diagnosis: DynamicsDiagnosis, name: str, origin: Origin, stand
             if (chart := output_chart(diagnosis, key)) is not None
         ],
         certificate=certificate_sentence(diagnosis),
-        missed=_missed(diagnosis),
+        missed=_undetected_table(diagnosis),
         summary=dynamics_summary(diagnosis, None),
     )
 
 
-def _tiles(diagnosis: DynamicsDiagnosis) -> list[Tile]:
+def _summary_tiles(diagnosis: DynamicsDiagnosis) -> list[Tile]:
     verdict = "insufficient data" if diagnosis.verdict == INSUFFICIENT else diagnosis.verdict
     tiles = [Tile(verdict, "Verdict", "Mismatch: an effect beyond noise was found. Consistent: none was.")]
     if diagnosis.verdict == INSUFFICIENT:
@@ -96,7 +96,7 @@ def _tiles(diagnosis: DynamicsDiagnosis) -> list[Tile]:
     return tiles
 
 
-def _overview(diagnosis: DynamicsDiagnosis) -> HtmlTable:
+def _findings_table(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     heads = ("effect", "status", "p-value", "confidence", "held-out gain (nats)", "shows in")
     rows = tuple(
         (
@@ -112,7 +112,7 @@ def _overview(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     return HtmlTable(heads, rows)
 
 
-def _view(finding: DynamicsFinding, number: int) -> DynamicsFindingView:
+def _finding_view(finding: DynamicsFinding, number: int) -> DynamicsFindingView:
     charts = [chart for chart in (shape_chart(finding), residual_chart(finding)) if chart is not None]
     rows = tuple(
         (
@@ -124,13 +124,13 @@ def _view(finding: DynamicsFinding, number: int) -> DynamicsFindingView:
     return DynamicsFindingView(
         finding_title(finding),
         finding.effect,
-        _sentences(finding),
+        _finding_sentences(finding),
         HtmlTable(("parameter", "value ± one standard deviation"), rows),
         tuple(drawn(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts)),
     )
 
 
-def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
+def _finding_sentences(finding: DynamicsFinding) -> tuple[str, ...]:
     effect = DYNAMICS_EFFECTS[finding.effect]
     where = OUTPUT_NAMES[finding.where.channel]
     over = finding.where.covariate
@@ -149,7 +149,7 @@ def _sentences(finding: DynamicsFinding) -> tuple[str, ...]:
     return tuple(sentence for sentence in out if sentence)
 
 
-def _outputs(diagnosis: DynamicsDiagnosis) -> HtmlTable:
+def _outputs_table(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     heads = ("output", "unit", "error before", "after", "rating before", "after")
     rows = tuple(
         (
@@ -177,7 +177,7 @@ def _step_table(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     return HtmlTable(heads, tuple(rows))
 
 
-def _missed(diagnosis: DynamicsDiagnosis) -> HtmlTable:
+def _undetected_table(diagnosis: DynamicsDiagnosis) -> HtmlTable:
     rows = []
     for one in diagnosis.not_detectable:
         sizes = [

@@ -24,7 +24,7 @@ def effects_document(
 ) -> dict[str, Any]:
     """Return the effects of these names; with a drive also what it tells of each."""
     by_name = {one.effect: one for one in identifiable}
-    out: dict[str, Any] = {"effects": [_entry(name, EFFECTS[name]) for name in names]}
+    out: dict[str, Any] = {"effects": [_effect_entry(name, EFFECTS[name]) for name in names]}
     if drive:
         out["drive"] = drive
         for entry in out["effects"]:
@@ -33,14 +33,14 @@ def effects_document(
     return out
 
 
-def _entry(name: str, effect: type[Effect]) -> dict[str, Any]:
+def _effect_entry(name: str, effect: type[Effect]) -> dict[str, Any]:
     return {
         "name": name,
         "kind": effect.kind.value,
         "what": sentence_of(name),
         "formula": effect.wording.formula,
         "source": source_of(effect),
-        "parameters": _parameters(effect.parameters),
+        "parameters": _parameter_entries(effect.parameters),
         "shows_in": {
             "channel": effect.identification.shows_in[0],
             "covariate": effect.identification.shows_in[1],
@@ -52,7 +52,7 @@ def _entry(name: str, effect: type[Effect]) -> dict[str, Any]:
     }
 
 
-def _parameters(parameters: Sequence[AnyParameter]) -> list[dict[str, Any]]:
+def _parameter_entries(parameters: Sequence[AnyParameter]) -> list[dict[str, Any]]:
     return [
         {
             "name": p.name,
@@ -89,7 +89,7 @@ def dynamics_document(name: str) -> dict[str, Any]:
         "what": effect.wording.sentence,
         "formula": effect.wording.formula,
         "source": source_of(effect),
-        "parameters": _parameters(effect.parameters),
+        "parameters": _parameter_entries(effect.parameters),
         "shows_in": {"channel": effect.channel, "covariate": effect.covariate},
         "distinguished_by": effect.wording.distinguished_by,
         "try": "tpmsd diagnose DRIVE --baseline " + ("three-dof" if effect.needs_forces else "single-track"),
@@ -121,7 +121,7 @@ def effects_summary(
         return "\n".join(
             f"{name:{width}}  {EFFECTS[name].kind.value:10}  {sentence_of(name)}" for name in names
         )
-    entry = _entry(names[0], EFFECTS[names[0]])
+    entry = _effect_entry(names[0], EFFECTS[names[0]])
     return "\n".join([*_lines(entry), f"  to try it: {entry['try']}"])
 
 

@@ -26,7 +26,7 @@ def figure_json(figure: Figure, picture: Picture | None) -> str:
     if isinstance(figure, Bars):
         return ""
     if isinstance(figure, Chart):
-        return _json(_chart(figure))
+        return _json(_chart_json(figure))
     if picture is None or figure.time_s is None:
         return ""
     x, y = picture.points.T
@@ -41,7 +41,7 @@ def figure_json(figure: Figure, picture: Picture | None) -> str:
     )
 
 
-def _chart(chart: Chart) -> dict[str, Any]:
+def _chart_json(chart: Chart) -> dict[str, Any]:
     low, high = chart.extent()
     return {
         "kind": "chart",

@@ -30,12 +30,12 @@ def replay_charts(result: ReplayResult) -> tuple[Chart, ...]:
     if len(result.time_s) == 0:
         return ()
     series = ReplaySeries.of(result)
-    charts = [_change(result, series), _deviation(result, series), _probability(result, series)]
-    charts.append(_speed(result, series))
+    charts = [_radius_chart(result, series), _deviation(result, series), _probability_chart(result, series)]
+    charts.append(_speed_chart(result, series))
     if result.vehicle_state is not None:
         charts += state_charts(result.vehicle_state, result.start_s)
     if result.fault_counts:
-        charts.append(_faults(result, series))
+        charts.append(_faults_chart(result, series))
     return tuple(chart for chart in charts if chart.curves)
 
 
@@ -59,7 +59,7 @@ def replay_track(
     )
 
 
-def _change(result: ReplayResult, series: ReplaySeries) -> Chart:
+def _radius_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     loss = 1e3 * float(np.min(result.thresholds.deflation_m))
     other = 1e3 * float(np.min(result.thresholds.deviation_m))
     levels = (
@@ -121,7 +121,7 @@ def _wheel_chart(
     )
 
 
-def _probability(result: ReplayResult, series: ReplaySeries) -> Chart:
+def _probability_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     columns = {
         wheel: series.probability[:, k]
         for k, wheel in enumerate(WHEELS)
@@ -142,7 +142,7 @@ def _probability(result: ReplayResult, series: ReplaySeries) -> Chart:
     )
 
 
-def _speed(result: ReplayResult, series: ReplaySeries) -> Chart:
+def _speed_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     x, kept = decimated(series.drive_s, {"speed": series.speed_kmh}, POINTS)
     idle, lost = series.not_informative(), series.without_fixes()
     names = []
@@ -183,7 +183,7 @@ def state_charts(state: StateSummary, start_s: float) -> list[Chart]:
     return charts
 
 
-def _faults(result: ReplayResult, series: ReplaySeries) -> Chart:
+def _faults_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     x, kept = decimated(series.drive_s, {"can": series.can_faults, "gnss": series.gnss_faults}, POINTS)
     return Chart(
         "Faults of the inputs so far",

@@ -46,7 +46,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
         },
         "faults": dict(result.fault_counts),
         "tick_gaps": {"count": result.tick_gaps, "total_s": finite(result.tick_gap_s)},
-        "pose": _pose(result),
+        "pose": _pose_entry(result),
         "resonance": {
             outcome.wheel: status.to_json()
             for outcome, status in zip(result.wheels, result.resonance, strict=False)
@@ -72,7 +72,7 @@ def _wheel(outcome: WheelOutcome, result: ReplayResult) -> dict[str, Any]:
     }
 
 
-def _pose(result: ReplayResult) -> dict[str, Any] | None:
+def _pose_entry(result: ReplayResult) -> dict[str, Any] | None:
     pose = result.pose
     if pose is None:
         return None

@@ -51,7 +51,7 @@ def replay_page(
         standalone,
         drive=result.drive,
         verdict=verdict(result).splitlines(),
-        head=_tiles(result),
+        head=_summary_tiles(result),
         wheels=_wheels(result),
         alarms=_alarms(result),
         figures=figures,
@@ -65,7 +65,7 @@ def _drawn(title: str, number: int, chart: object) -> RenderedFigure:
     return drawn(chart, f"plot-{number}", _HELP[title.split(" (")[0]])  # type: ignore[arg-type]
 
 
-def _tiles(result: ReplayResult) -> list[Tile]:
+def _summary_tiles(result: ReplayResult) -> list[Tile]:
     raised = sum(alarm.state == "raised" for alarm in result.alarms)
     gnss = result.gnss
     longest = f", longest {gnss.longest_outage_s:.0f} s" if gnss.outages else ""
@@ -94,11 +94,11 @@ def _wheels(result: ReplayResult) -> HtmlTable:
     rows = []
     for outcome in result.wheels:
         if outcome.seen_s > 0:
-            rows.append(_wheel(outcome, float(result.nominal_m[WHEELS.index(outcome.wheel)])))
+            rows.append(_wheel_row(outcome, float(result.nominal_m[WHEELS.index(outcome.wheel)])))
     return HtmlTable(heads, tuple(rows))
 
 
-def _wheel(outcome: WheelOutcome, nominal_m: float) -> tuple[Cell, ...]:
+def _wheel_row(outcome: WheelOutcome, nominal_m: float) -> tuple[Cell, ...]:
     probability = outcome.deflation_probability
     return (
         Cell(wheel_name(outcome.wheel)),
@@ -116,11 +116,11 @@ def _with_std(value_m: float, std_m: float) -> str:
 
 
 def _alarms(result: ReplayResult) -> HtmlTable:
-    rows = tuple(_alarm(alarm, result.start_s) for alarm in result.alarms)
+    rows = tuple(_alarm_row(alarm, result.start_s) for alarm in result.alarms)
     return HtmlTable(("time", "alarm", "wheel", "state", "deviation (mm)", "reason"), rows)
 
 
-def _alarm(alarm: AlarmEvent, start_s: float) -> tuple[Cell, ...]:
+def _alarm_row(alarm: AlarmEvent, start_s: float) -> tuple[Cell, ...]:
     return (
         Cell(drive_time(alarm.time_s - start_s)),
         Cell(plain_name(str(alarm.kind))),

@@ -42,7 +42,7 @@ def draw(result: ReplayResult) -> Figure:
     heights = [3.0, 3.0, 0.9, 1.5, 1.0][: 5 if with_faults else 4]
     figure = Figure(figsize=(12.0, 1.4 + 0.95 * sum(heights)), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(_title(result), x=0.01, ha="left", fontsize=14, fontweight="bold")
+    figure.suptitle(_picture_title(result), x=0.01, ha="left", fontsize=14, fontweight="bold")
     if len(result.time_s) == 0:
         figure.text(0.5, 0.5, "no ticks: nothing to draw", ha="center", va="center", fontsize=14)
         return figure
@@ -70,7 +70,7 @@ def draw(result: ReplayResult) -> Figure:
     return figure
 
 
-def _title(result: ReplayResult) -> str:
+def _picture_title(result: ReplayResult) -> str:
     raised = [alarm for alarm in result.alarms if alarm.state == "raised"]
     grave = [alarm for alarm in raised if alarm.kind != AlarmKind.MALFUNCTION] or raised
     if not grave:

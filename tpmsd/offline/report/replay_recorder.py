@@ -71,7 +71,7 @@ class ReplayRecorder:
         """Take one tick and what the core made of it."""
         if self._ticks == 0:
             self._start_s = tick.time_s - tick.dt_s
-        self._tally(tick, estimate, report)
+        self._count_tick(tick, estimate, report)
         self._last = (tick, estimate, report)
         if self._ticks % self._stride == 0 and self._filled == len(self._rows):
             self._thin()
@@ -116,7 +116,7 @@ class ReplayRecorder:
             active=report.active if report is not None else (),
             fault_counts=dict(sorted(self._faults.items())),
             gnss=GnssHealth(gnss.fixes, gnss.outages, gnss.total_s, gnss.longest_s),
-            pose=_pose(estimate),
+            pose=_final_pose(estimate),
             distance_m=self._distance_m,
             moving_s=self._moving_s,
             informative_s=estimate.informative_s if estimate is not None else 0.0,
@@ -131,7 +131,7 @@ class ReplayRecorder:
         self._filled = len(kept)
         self._stride *= 2
 
-    def _tally(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> None:
+    def _count_tick(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> None:
         for fault in tick.faults:
             self._faults[f"{fault.source} {fault.kind}"] += 1
             self._source_faults[fault.source] += 1
@@ -227,7 +227,7 @@ def _probability(wheel: WheelReport) -> float:
     return wheel.deflation_probability if wheel.state in WATCHED else math.nan
 
 
-def _pose(estimate: RadiusEstimate | None) -> FinalPose | None:
+def _final_pose(estimate: RadiusEstimate | None) -> FinalPose | None:
     if estimate is None or not math.isfinite(estimate.east_m + estimate.north_m):
         return None
     return FinalPose(

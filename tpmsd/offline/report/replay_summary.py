@@ -29,7 +29,7 @@ def replay_summary(result: ReplayResult) -> str:
         _alarm_list(result),
         _wheel_table(result),
         _unmonitored(result),
-        f"{_drive(result)}\n{_inputs(result)}",
+        f"{_drive_sentence(result)}\n{_inputs(result)}",
         "" if result.vehicle_state is None else result.vehicle_state.sentence(),
     ]
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
@@ -157,7 +157,7 @@ def _why_not(outcome: WheelOutcome, result: ReplayResult) -> str:
     )
 
 
-def _drive(result: ReplayResult) -> str:
+def _drive_sentence(result: ReplayResult) -> str:
     factor = result.realtime_factor
     speed = f", replayed at {factor:.{0 if factor >= 10 else 1}f} times real time" if factor > 0 else ""
     gaps = ""
@@ -172,14 +172,14 @@ def _drive(result: ReplayResult) -> str:
 
 def _inputs(result: ReplayResult) -> str:
     """Return what each input had to say and what was wrong with it, one line each."""
-    lines = [f"GNSS: {'; '.join(filter(None, (_fixes(result), _faults(result, 'gnss'))))}."]
+    lines = [f"GNSS: {'; '.join(filter(None, (_fixes_sentence(result), _faults(result, 'gnss'))))}."]
     lines.append(f"CAN: {_faults(result, 'can') or 'no faults'}.")
     others = sorted({key.split(" ")[0] for key in result.fault_counts} - {"can", "gnss"})
     lines.extend(f"{source.capitalize()}: {_faults(result, source)}." for source in others)
     return "\n".join(lines)
 
 
-def _fixes(result: ReplayResult) -> str:
+def _fixes_sentence(result: ReplayResult) -> str:
     gnss = result.gnss
     if gnss.fixes == 0:
         return "no fix in the whole drive"

@@ -74,11 +74,11 @@ def draw_static(figure: Figure, key: str) -> Picture:
     points = np.empty((0, 2))
     with mpl.rc_context(_RC):
         if isinstance(figure, Chart):
-            canvas = _chart(figure)
+            canvas = _draw_chart(figure)
         elif isinstance(figure, Bars):
-            canvas = _bars(figure)
+            canvas = _draw_bars(figure)
         else:
-            canvas = _track(figure)
+            canvas = _draw_track(figure)
         buffer = io.StringIO()
         canvas.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
         if isinstance(figure, Track):
@@ -93,7 +93,7 @@ def _canvas(height_in: float) -> tuple[Canvas, Axes]:
     return canvas, canvas.subplots()
 
 
-def _chart(chart: Chart) -> Canvas:
+def _draw_chart(chart: Chart) -> Canvas:
     canvas, axes = _canvas(HEIGHT_IN)
     axes.grid(linewidth=0.5)
     handles: list[Line2D | Patch] = []
@@ -171,7 +171,7 @@ def _level_name(axes: Axes, at: float, name: str, style: str) -> None:
     )
 
 
-def _bars(bars: Bars) -> Canvas:
+def _draw_bars(bars: Bars) -> Canvas:
     names = [textwrap.fill(name, NAME_CHARACTERS) for name, _, _ in bars.rows]
     lines = max((name.count("\n") + 1 for name in names), default=1)
     canvas, axes = _canvas(0.8 + BAR_IN * lines * max(len(names), 1))
@@ -211,7 +211,7 @@ def is_logarithmic(bars: Bars) -> bool:
     return bool(values) and max(values) > 100.0 * min(values)
 
 
-def _track(track: Track) -> Canvas:
+def _draw_track(track: Track) -> Canvas:
     wide = max(float(np.ptp(track.east_m)), 1.0)
     tall = max(float(np.ptp(track.north_m)), 1.0)
     canvas, axes = _canvas(min(max(0.8 + 5.2 * tall / wide, 2.2), 5.0))

@@ -40,10 +40,12 @@ def score(
         other = next((one for one in before if _same(effect, one)), None)
         found = None if rank_found is None else findings[rank_found]
         concealed.append(
-            _entry(effect, found, None if rank_found is None else new.index(rank_found) + 1, other)
+            _scored_entry(effect, found, None if rank_found is None else new.index(rank_found) + 1, other)
         )
     others = [
-        _other(findings[rank], rank in own) for rank in range(len(findings)) if rank not in matched.values()
+        _other_finding_entry(findings[rank], rank in own)
+        for rank in range(len(findings))
+        if rank not in matched.values()
     ]
     counted = _counted(concealed)
     return {
@@ -104,7 +106,7 @@ def _wheels(finding: Mapping[str, Any]) -> str:
     return next((str(parameters[name].get("value")) for name in _WHEEL if name in parameters), "")
 
 
-def _entry(
+def _scored_entry(
     effect: Mapping[str, Any],
     finding: Mapping[str, Any] | None,
     rank: int | None,
@@ -174,7 +176,7 @@ def _word(finding: Mapping[str, Any] | None, name: str) -> str | None:
     return value if isinstance(value, str) else None
 
 
-def _other(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
+def _other_finding_entry(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
     confidence = finding.get("confidence")
     confident = isinstance(confidence, (int, float)) and confidence > CONFIDENT
     wrong = not own and confident and finding.get("status", "finding") == "finding"
@@ -195,7 +197,7 @@ def unsealed_summary(document: Mapping[str, Any], untouched_known: bool = True) 
     lines = [f"sealed truth {document['sha256']}"]
     for one in document["concealed"]:
         lines.append(f"  {one['effect']}: " + (_found_words(one) if one["named"] else "missed"))
-        lines += [f"      {_compared(name, value)}" for name, value in one["parameters"].items()]
+        lines += [f"      {_compared_text(name, value)}" for name, value in one["parameters"].items()]
     for one in document["others"]:
         why = "in the untouched recording, too" if one["untouched"] else "was not concealed"
         lines.append(f"  {one['effect']} (confidence {_short(one['confidence'])}): {why}")
@@ -219,7 +221,7 @@ def _found_words(one: Mapping[str, Any]) -> str:
     return f"named, rank {one['rank']}, confidence {_short(one['confidence'])}{status}"
 
 
-def _compared(name: str, value: Mapping[str, Any]) -> str:
+def _compared_text(name: str, value: Mapping[str, Any]) -> str:
     text = f"{name} = {_short(value['concealed'])}"
     if value["found"] is None:
         return text

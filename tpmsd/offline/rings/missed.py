@@ -86,7 +86,7 @@ def missed_counts(recording: Recording, reference: ReferenceTrajectory) -> list[
     """Return the wheels that lose counts; empty too where no usual ripple would show."""
     out = []
     for axle, pair in _pairs(recording, reference):
-        found = [_missed(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
+        found = [_counts_missed_by(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
         out += [one for one in found if one is not None]
     return out
 
@@ -158,7 +158,7 @@ def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int,
     return _Pair(angle[use], np.stack([-slow, slow], axis=1)[use], rapid[use], block[use])
 
 
-def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> MissedCounts | None:
+def _counts_missed_by(recording: Recording, pair: _Pair, side: int, wheel: str) -> MissedCounts | None:
     shares = LOST_SHARES.values
     as_counted = _power(pair, side, False)
     ring_error = LOST_SHARES.ring_error

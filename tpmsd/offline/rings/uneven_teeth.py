@@ -86,7 +86,7 @@ def _one_by_one(
     left = list(range(4))
     while left:
         forms = {k: form(k, rows) for k in left}
-        judged = {k: _judged(k, rows, forms[k], blocks) for k in left}
+        judged = {k: _fit_ripple(k, rows, forms[k], blocks) for k in left}
         clear = {k: one for k, one in judged.items() if one is not None}
         if not clear:
             break
@@ -139,7 +139,7 @@ def _prepared(
     return rows, regressors, turned_hz, np.arange(len(rows)) // COUNTERS.ripple_block_ticks
 
 
-def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
+def _fit_ripple(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
     y = rows[:, k]
     X = 0.75 * regressors  # a quarter went into the mean of the wheels
     variance = float(np.var(y))

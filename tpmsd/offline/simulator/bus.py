@@ -107,14 +107,14 @@ def _message_frames(
         if signal.name == ALIVE:
             raw[signal.name] = np.arange(len(sampled)) % (1 << signal.bits)
         elif signal.role.startswith("wheel_count_"):
-            raw[signal.name] = _counter(world, spec, signal, sampled, start)
+            raw[signal.name] = _counter_values(world, spec, signal, sampled, start)
         else:
             value = _measured(world, spec, signal.role, sampled, message.period_s, rng)
             raw[signal.name] = signal.raw_of(value * _UNIT_PER_SI[signal.unit])
     return sampled, message.pack(raw, len(sampled))
 
 
-def _counter(
+def _counter_values(
     world: World, spec: BusSpec, signal: SignalLayout, sampled: FloatArray, start: dict[str, int]
 ) -> IntArray:
     wheel = signal.role[-2:]

@@ -23,7 +23,12 @@ def bus_layout(kind: str, wheels: int = 4) -> tuple[MessageLayout, ...]:
         raise ConfigError(f"unknown bus {kind!r} (buses: {' '.join(BUS_KINDS)})")
     if wheels not in (2, 4):
         raise ConfigError(f"{wheels} wheels: a bus carries 4, or 2 (the rear pair)")
-    messages = {"counts16": _counts16, "counts8": _counts8, "split": _split, "speeds": _speeds}[kind]()
+    messages = {
+        "counts16": _layout_counts16,
+        "counts8": _layout_counts8,
+        "split": _layout_split,
+        "speeds": _layout_speeds,
+    }[kind]()
     if wheels == 4:
         return messages
     front = tuple(f"{role}_{wheel}" for role in ("wheel_count", "wheel_speed") for wheel in ("fl", "fr"))
@@ -41,7 +46,7 @@ def _count(wheel: str, start: int, bits: int, big_endian: bool = False, factor: 
     )
 
 
-def _counts16() -> tuple[MessageLayout, ...]:
+def _layout_counts16() -> tuple[MessageLayout, ...]:
     counters = tuple(_count(wheel, 16 * k, 16) for k, wheel in enumerate(WHEELS))
     return (
         MessageLayout(0x0B0, "WHEELS", 0.02, counters),
@@ -57,11 +62,11 @@ def _counts16() -> tuple[MessageLayout, ...]:
             ),
         ),
         MessageLayout(0x0C4, "STEERING", 0.02, (_steering(16),)),
-        _powertrain(),
+        _message_powertrain(),
     )
 
 
-def _counts8() -> tuple[MessageLayout, ...]:
+def _layout_counts8() -> tuple[MessageLayout, ...]:
     counters = tuple(_count(wheel, 8 * k, 8, factor=0.5) for k, wheel in enumerate(WHEELS))
     return (
         MessageLayout(0x387, "WHL_PUL", 0.01, (*counters, SignalLayout(ALIVE, 40, 4))),
@@ -78,11 +83,11 @@ def _counts8() -> tuple[MessageLayout, ...]:
             ),
         ),
         MessageLayout(0x2B0, "SAS", 0.01, (_steering(0),)),
-        _powertrain(),
+        _message_powertrain(),
     )
 
 
-def _split() -> tuple[MessageLayout, ...]:
+def _layout_split() -> tuple[MessageLayout, ...]:
     return (
         MessageLayout(0x1A0, "FRONT_AXLE", 0.04, (_count("fl", 7, 16, True), _count("fr", 23, 16, True))),
         MessageLayout(
@@ -114,7 +119,7 @@ def _split() -> tuple[MessageLayout, ...]:
     )
 
 
-def _speeds() -> tuple[MessageLayout, ...]:
+def _layout_speeds() -> tuple[MessageLayout, ...]:
     order = ("fr", "fl", "rr", "rl")
     speeds = tuple(
         SignalLayout(
@@ -157,7 +162,7 @@ def _steering(start: int) -> SignalLayout:
     )
 
 
-def _powertrain() -> MessageLayout:
+def _message_powertrain() -> MessageLayout:
     return MessageLayout(
         0x316,
         "POWERTRAIN",

@@ -162,7 +162,9 @@ class LivePlayer:
                 if self._newest_only and self._overtaken(float(frame_times[index]), float(again[index])):
                     self.stats.overtaken += 1
                     continue
-                self._send(float(times[index]), int(frames.frame_id[index]), frames.data[index].tobytes())
+                self._send_frame(
+                    float(times[index]), int(frames.frame_id[index]), frames.data[index].tobytes()
+                )
             elif self._port is not None:
                 self._port.write(nmea[index - len(frames)].text.encode("ascii") + b"\r\n")
                 self.stats.sentences += 1
@@ -209,7 +211,7 @@ class LivePlayer:
         now_s = self.now()
         return now_s - host_s > _HELD_UP_S * self._speedup and again_s <= now_s
 
-    def _send(self, host_s: float, frame_id: int, data: bytes) -> None:
+    def _send_frame(self, host_s: float, frame_id: int, data: bytes) -> None:
         message = can.Message(
             timestamp=host_s, arbitration_id=frame_id, is_extended_id=frame_id > 0x7FF, data=data
         )

@@ -204,14 +204,14 @@ def parse_route(text: str) -> tuple[Manoeuvre, ...]:
     for number, entry in enumerate(entries, 1):
         if not isinstance(entry, dict) or not isinstance(entry.get("steps"), list) or not entry["steps"]:
             raise ConfigError(f"manoeuvre {number} has no list of steps")
-        steps = tuple(_step(step, f"manoeuvre {number}") for step in entry["steps"])
+        steps = tuple(_read_step(step, f"manoeuvre {number}") for step in entry["steps"])
         out.append(Manoeuvre(str(entry.get("name", f"manoeuvre {number}")), steps))
     if sum(len(one.steps) for one in out) > MAX_STEPS:
         raise ConfigError(f"more than {MAX_STEPS} steps")
     return tuple(out)
 
 
-def _step(entry: object, where: str) -> ManoeuvrePart:
+def _read_step(entry: object, where: str) -> ManoeuvrePart:
     if not isinstance(entry, dict):
         raise ConfigError(f"{where}: a step is a table such as {{ duration_s = 10.0, speed_mps = 15.0 }}")
     values: dict[str, float] = {}

@@ -94,7 +94,7 @@ class CanRewriter:
         as_text = source.name.lower().endswith(SUFFIXES)
         read = log_lines if as_text else frame_lines
         for line in read(source):
-            self._gather(line)
+            self._collect_signals(line)
         moved = [series for series in self._series.values() if self._change(series)]
         probe = np.array([time for series in self._series.values() for time in series.host_s[:1]])
         shifted = bool(self._injection.clock_error_s(probe + PROBED_S).any())
@@ -105,10 +105,10 @@ class CanRewriter:
             target = folder / "can.log"
         with opened_for_writing(target) as file:
             for line in read(source):
-                file.write(self._written(line, shifted))
+                file.write(self._rewritten_line(line, shifted))
         return target.name
 
-    def _gather(self, line: bytes) -> None:
+    def _collect_signals(self, line: bytes) -> None:
         for key, frame, group in self._groups(line):
             for signal in group.signals:
                 if signal.field.min_bytes > len(frame.data):
@@ -148,7 +148,7 @@ class CanRewriter:
             return False
         host_s = np.array(series.host_s)
         counted = series.signal.modulus > 0
-        new = self._counts(series, host_s) if counted else self._readings(series, host_s)
+        new = self._changed_counts(series, host_s) if counted else self._changed_readings(series, host_s)
         if new is None:
             return False
         period_s = float(np.median(np.diff(host_s)))
@@ -158,7 +158,7 @@ class CanRewriter:
         series.new = new
         return new != series.bits
 
-    def _counts(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
+    def _changed_counts(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
         signal = series.signal
         assert signal.wheel is not None
         unsigned = signal.backward_when is not None
@@ -170,7 +170,7 @@ class CanRewriter:
         made = recounted(counts, more, sigma_of(host_s), signal.modulus)
         return [int(count) for count in made.tolist()]
 
-    def _readings(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
+    def _changed_readings(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:
         signal = series.signal
         layout = signal.field
         numbers = np.array([layout.number(bits) for bits in series.bits], dtype=np.float64)
@@ -192,7 +192,7 @@ class CanRewriter:
             for number, bits in zip(np.clip(made, low, high).tolist(), series.bits, strict=True)
         ]
 
-    def _written(self, line: bytes, shifted: bool) -> bytes:
+    def _rewritten_line(self, line: bytes, shifted: bool) -> bytes:
         data: bytearray | None = None
         for key, frame, group in self._groups(line):
             for signal in group.signals:

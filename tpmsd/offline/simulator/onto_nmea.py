@@ -86,7 +86,7 @@ class NmeaRewriter:
         for number, line in enumerate(lines_of(source), 1):
             made = line
             if (k := index_of.get(number)) is not None:
-                made = self._sentence(line, _of(change, k))
+                made = self._rewritten_sentence(line, _of(change, k))
                 if stamped and (shift := later_s + float(clock_s[k])) != 0.0:
                     made = _stamped(made, shift)
             changed = changed or made != line
@@ -98,7 +98,7 @@ class NmeaRewriter:
             file.write(b"".join(out))
         return True
 
-    def _sentence(self, line: bytes, change: FixChange) -> bytes:
+    def _rewritten_sentence(self, line: bytes, change: FixChange) -> bytes:
         found = list(_SENTENCE.finditer(line))
         if not found or found[-1][2] not in LAYOUTS:
             return line

@@ -117,8 +117,8 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
     white = spec.white_std_m * rng.standard_normal((count, 3))
     velocity = gauss_markov(rng, count, period, spec.velocity_std_mps, spec.velocity_tau_s, 2)
     error = (drift + white) * np.array([1.0, 1.0, 1.8])  # heights are worse: no satellites from below
-    error[:, :2] += _jumps(time_s, spec, rng)
-    valid = _valid(time_s, spec, rng)
+    error[:, :2] += _position_jumps(time_s, spec, rng)
+    valid = _valid_epochs(time_s, spec, rng)
     hdop = np.maximum(spec.hdop + gauss_markov(rng, count, period, 0.08, 120.0, 1)[:, 0], 0.5)
     return Epochs(
         time_s=time_s,
@@ -181,7 +181,7 @@ def nmea_lines(
     return lines
 
 
-def _jumps(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> FloatArray:
+def _position_jumps(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> FloatArray:
     out = np.zeros((len(time_s), 2))
     for start in _events(time_s, spec.jumps_per_hour, rng):
         direction = float(rng.uniform(0, 2 * np.pi))
@@ -192,7 +192,7 @@ def _jumps(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> 
     return out
 
 
-def _valid(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> np.ndarray:
+def _valid_epochs(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> np.ndarray:
     valid = np.ones(len(time_s), dtype=bool)
     random = [
         (start, start + float(rng.exponential(spec.outage_s)))

@@ -70,7 +70,7 @@ def _sign(rng: np.random.Generator) -> float:
     return 1.0 if rng.random() < 0.5 else -1.0
 
 
-def _city(rng: np.random.Generator) -> Iterator[Segment]:
+def _city_segments(rng: np.random.Generator) -> Iterator[Segment]:
     while True:
         limit = float(rng.choice([30, 50, 50, 60])) * KMH
         for _ in range(int(rng.integers(3, 9))):
@@ -89,7 +89,7 @@ def _city(rng: np.random.Generator) -> Iterator[Segment]:
                 )
 
 
-def _rural(rng: np.random.Generator, style: RoadStyle = RURAL) -> Iterator[Segment]:
+def _rural_segments(rng: np.random.Generator, style: RoadStyle = RURAL) -> Iterator[Segment]:
     while True:
         limit = float(rng.choice([70, 80, 90, 100])) * KMH
         for _ in range(int(rng.integers(6, 14))):
@@ -102,7 +102,7 @@ def _rural(rng: np.random.Generator, style: RoadStyle = RURAL) -> Iterator[Segme
             yield _bend(_sign(rng) * math.pi / 2, 18.0, 40 * KMH, style)
 
 
-def _motorway(rng: np.random.Generator) -> Iterator[Segment]:
+def _motorway_segments(rng: np.random.Generator) -> Iterator[Segment]:
     yield _straight(200.0, 60 * KMH, RURAL)
     yield _bend(_sign(rng) * 1.9, 70.0, 60 * KMH, RURAL)
     while True:
@@ -149,20 +149,25 @@ def _test_track(rng: np.random.Generator) -> Iterator[Segment]:
 
 
 def _hills(rng: np.random.Generator) -> Iterator[Segment]:
-    return _rural(rng, HILLS)
+    return _rural_segments(rng, HILLS)
 
 
 def _mixed(rng: np.random.Generator, duration_s: float) -> Iterator[Segment]:
     """Yield a fifth in a city, then 0.3 rural, 0.3 motorway and 0.1 rural of the time; the rest in a city."""
-    for kind, share in ((_city, 0.2), (_rural, 0.3), (_motorway, 0.3), (_rural, 0.1)):
+    for kind, share in (
+        (_city_segments, 0.2),
+        (_rural_segments, 0.3),
+        (_motorway_segments, 0.3),
+        (_rural_segments, 0.1),
+    ):
         yield from _enough(kind(rng), duration_s * share)
-    yield from _city(rng)
+    yield from _city_segments(rng)
 
 
 _KINDS: dict[str, Callable[[np.random.Generator], Iterator[Segment]]] = {
-    "city": _city,
-    "rural": _rural,
-    "motorway": _motorway,
+    "city": _city_segments,
+    "rural": _rural_segments,
+    "motorway": _motorway_segments,
     "oval": _oval,
     "test-track": _test_track,
     "hills": _hills,

@@ -84,7 +84,7 @@ def drive_along(
     """Drive along these segments from a standstill; they must last for the duration."""
     ends = np.cumsum([segment.length_m for segment in segments])
     path_m = np.arange(0.0, ends[-1], _GRID_M)
-    curvature = _curvature(segments, ends, path_m) + _lane_drift(segments, ends, path_m, rng)
+    curvature = _curvature_along(segments, ends, path_m) + _lane_drift(segments, ends, path_m, rng)
     tan_grade = _tan_grade(segments, ends, path_m, rng)
     cap = _speed_cap(segments, ends, path_m, curvature, driver, rng)
     stops = [
@@ -109,7 +109,7 @@ def drive_along(
     )
 
 
-def _curvature(segments: list[Segment], ends: FloatArray, path_m: FloatArray) -> FloatArray:
+def _curvature_along(segments: list[Segment], ends: FloatArray, path_m: FloatArray) -> FloatArray:
     knots: list[float] = []
     values: list[float] = []
     for end, segment in zip(ends, segments, strict=True):

@@ -38,10 +38,10 @@ def toml_text(tables: Table) -> str:
     lines: list[str] = []
     for name, table in tables.items():
         plain = {key: value for key, value in table.items() if key != "signals"}
-        lines += [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in plain.items()), ""]
+        lines += [f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in plain.items()), ""]
         if "signals" in table:
             lines.append(f"[{name}.signals]")
-            lines += [f"{key} = {_value(value)}" for key, value in table["signals"].items()] + [""]
+            lines += [f"{key} = {_toml_value(value)}" for key, value in table["signals"].items()] + [""]
     return "\n".join(lines)
 
 
@@ -54,7 +54,7 @@ def config_of(text: str, file: Path = Path("vehicle.toml")) -> Config:
     return parsed.config
 
 
-def _value(value: object) -> str:
+def _toml_value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -62,9 +62,9 @@ def _value(value: object) -> str:
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{key} = {_value(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{key} = {_toml_value(one)}" for key, one in value.items()) + " }"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(_value(one) for one in value) + "]"
+        return "[" + ", ".join(_toml_value(one) for one in value) + "]"
     if hasattr(value, "item"):  # a number of numpy
-        return _value(value.item())
+        return _toml_value(value.item())
     raise ConfigError(f"not a value of a configuration: {value!r}")

@@ -105,7 +105,7 @@ def _sentences(fixes: Fixes) -> Iterator[Sentence]:
         arrival_s, utc_s = float(fixes.arrival_s[k]), float(fixes.utc_s[k]) + base
         if not math.isfinite(arrival_s + utc_s):
             continue
-        for body in _bodies(fixes, k, utc_s):
+        for body in _sentence_bodies(fixes, k, utc_s):
             number += 1
             check = 0
             for byte in body.encode("ascii"):
@@ -119,7 +119,7 @@ def utc_base_s(fixes: Fixes) -> float:
     return UTC_BASE_S if known.size and float(known.min()) < FIRST_NMEA_S else 0.0
 
 
-def _bodies(fixes: Fixes, k: int, utc_s: float) -> Iterator[str]:
+def _sentence_bodies(fixes: Fixes, k: int, utc_s: float) -> Iterator[str]:
     clock, date = _clock(utc_s)
     latitude, longitude = float(fixes.latitude_deg[k]), float(fixes.longitude_deg[k])
     placed = math.isfinite(latitude + longitude)

@@ -70,7 +70,7 @@ def _signals_of(table: InputTable, path: Path, mapped: TableMap) -> FileSignals:
         values = factor * (one.scale * values + one.offset) + offset
         if is_linear(role, one.unit):
             values = values / radii[role[-2:]]
-        time_s = _time(table, path, mapped, one)
+        time_s = _column_times(table, path, mapped, one)
         if len(time_s) != len(values):
             raise InputError(path, f"{one.column}: {len(values)} values, {len(time_s)} times")
         series[role] = SignalReadings(time_s, values)
@@ -103,7 +103,7 @@ def _by_names(table: InputTable, path: Path) -> dict[str, ColumnMap]:
 
 
 def _check_names(table: InputTable, mapped: TableMap) -> None:
-    problems = _lacking(table, mapped)
+    problems = _missing_columns(table, mapped)
     if problems:
         raise ConfigProblems(problems)
 
@@ -112,12 +112,12 @@ def missing_columns(path: Path, mapped: TableMap) -> list[Problem]:
     """Columns that a map names and the table lacks; empty where the table itself cannot be read."""
     try:
         with closing(read_table(path, ())) as table:
-            return _lacking(table, mapped)
+            return _missing_columns(table, mapped)
     except TpmsdError:
         return []
 
 
-def _lacking(table: InputTable, mapped: TableMap) -> list[Problem]:
+def _missing_columns(table: InputTable, mapped: TableMap) -> list[Problem]:
     wanted = list(mapped.named)
     here = next((name for name, _, _ in wanted if name in table.names), None)
     shared = here is None or table.own_time(here) is None
@@ -135,7 +135,7 @@ def _lacking(table: InputTable, mapped: TableMap) -> list[Problem]:
     return sorted(problems, key=lambda problem: problem.line or 0)
 
 
-def _time(table: InputTable, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
+def _column_times(table: InputTable, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
     if one.time is not None:
         return table.column(one.time) * TIME_UNITS[one.time_unit]
     own = table.own_time(one.column)

@@ -111,7 +111,7 @@ class _Guesser:
             alternatives = tuple(name for _, name in entries[1:3])
             found.columns[role] = GuessedColumn(entries[0][1], "by its name", alternatives=alternatives)
         self._drop_half_positions()
-        motion = self._motion()
+        motion = self._ground_motion()
         self._wheels(motion)
         for role in [role for role in found.columns if not role.startswith("wheel_")]:
             self._unit(role, found.columns[role], motion)
@@ -175,7 +175,7 @@ class _Guesser:
         for role in whole[0] if whole else ():
             self._named_unit(role, columns[role])
 
-    def _motion(self) -> by_value.GroundMotion | None:
+    def _ground_motion(self) -> by_value.GroundMotion | None:
         columns = self._found.columns
         for first, second in _POSITIONS:
             if first not in columns or second not in columns:
@@ -222,7 +222,7 @@ class _Guesser:
         elif role in ("gnss_course", "gnss_heading"):
             self._direction(one, named, time_s, values, motion)
         elif role == "yaw_rate":
-            self._yaw(one, named, time_s, values, motion)
+            self._guess_yaw_unit(one, named, time_s, values, motion)
 
     def _direction(
         self,
@@ -255,7 +255,7 @@ class _Guesser:
         if kind != role and kind not in columns:
             columns[kind] = columns.pop(role)
 
-    def _yaw(
+    def _guess_yaw_unit(
         self,
         one: GuessedColumn,
         named: bool,

@@ -102,7 +102,7 @@ class _Reader:
                 self._report(
                     BadValueError("unknown", allowed=" ".join(known), suggestion=nearest(name, known)), name
                 )
-        config = self._config(data.get("vehicle"))
+        config = self._read_vehicle(data.get("vehicle"))
         car = {name: dict(data[name]) for name in cars if isinstance(data.get(name), dict)}
         table = self._checked_table(data.get("table", {}), "table", _TABLE_KEYS)
         time = self._text(table.get("time"), "table", "time")
@@ -113,7 +113,7 @@ class _Reader:
         found = TableMap(self._document.file, time, unit, line, columns, car, config, named)
         return found, sorted(self._problems, key=lambda problem: problem.line or 0)
 
-    def _config(self, vehicle: object) -> Config | None:
+    def _read_vehicle(self, vehicle: object) -> Config | None:
         if isinstance(vehicle, str):
             try:
                 return load_config(self._document.file.parent / vehicle)
@@ -138,7 +138,7 @@ class _Reader:
                 bad = BadValueError("not a column", show(value), "a name in quotes, or { column = ... }")
                 self._report(bad, "columns", role)
                 continue
-            made = self._column(role, entry)
+            made = self._read_column(role, entry)
             if made is not None:
                 found[role] = made
         return found
@@ -152,7 +152,7 @@ class _Reader:
             if isinstance(name, str):
                 self._named.append((name, f"[columns] {shown}", line))
 
-    def _column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
+    def _read_column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
         before = len(self._problems)
         self._checked_table(entry, f"columns.{role}", _COLUMN_KEYS, ("columns", role))
         where = ("columns", role)

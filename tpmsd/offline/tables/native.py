@@ -64,11 +64,11 @@ class NativeTable:
 
     def column(self, name: str) -> FloatArray:
         """Return the column; InputError where it holds no numbers, or more than are read."""
-        return self._asked("column", name)
+        return self._child_array("column", name)
 
     def own_time(self, name: str) -> FloatArray | None:
         """Return seconds at which a signal was read, where it brings its own times."""
-        return self._asked("time", name) if self._has_times else None
+        return self._child_array("time", name) if self._has_times else None
 
     def line(self, row: int) -> int | None:
         """Return None: the file is no text."""
@@ -78,7 +78,7 @@ class NativeTable:
         """End the child."""
         self._child.close()
 
-    def _asked(self, what: str, name: str) -> FloatArray:
+    def _child_array(self, what: str, name: str) -> FloatArray:
         if (what, name) not in self._cached:
             try:
                 self._child.ask(json.dumps([what, name, self._left]))

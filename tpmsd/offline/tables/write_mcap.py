@@ -78,7 +78,7 @@ def messages(table: TickTable) -> Iterator[Message]:
         yield time_s, "/input", _known({**turns, **{name: row[name] for name in _INPUT}})
         yield from _state(row, time_s)
         if math.isfinite(row["gnss_latitude_deg"]):
-            yield row["gnss_arrival_s"], "/gnss/fix", _fix(row)
+            yield row["gnss_arrival_s"], "/gnss/fix", _location_fix(row)
         while said < len(alarms) and alarms[said].time_s <= time_s:
             yield alarms[said].time_s, "/alarms", _log(alarms[said])
             said += 1
@@ -106,7 +106,7 @@ def _wheel(row: dict[str, float], wheel: str, state: str, standing: list[str]) -
     return {**_known(out), "state": state}
 
 
-def _fix(row: dict[str, float]) -> dict[str, Any]:
+def _location_fix(row: dict[str, float]) -> dict[str, Any]:
     variance = row["gnss_position_std_m"] ** 2
     known = math.isfinite(variance)
     # Heights of a receiver are half as good again.

@@ -50,21 +50,21 @@ def _value(config: Config, table: str, name: str, dbc: str) -> str | None:
     if isinstance(value, tuple) and (table == "tyre" or name == "measurements"):
         # None of the measurements is a choice; an empty curve is none at all.
         return json.dumps(list(value)) if value or table == "filter" else None
-    return None if value is None or value == () or isinstance(value, dict) else _toml(value)
+    return None if value is None or value == () or isinstance(value, dict) else _toml_value(value)
 
 
 def signal_toml(can: CanConfig, role: str) -> str:
     """Return a signal as the file has it: its name, or a table where it has options."""
-    option, name = can.option(role), _toml(can.signals[role])
+    option, name = can.option(role), _toml_value(can.signals[role])
     parts = [f"signal = {name}"]
     for field in dataclasses.fields(option):
         value = getattr(option, field.name)
         if value is None or value == () or (field.name == "sign" and value == 1.0):
             continue
         if isinstance(value, Condition):
-            text = _toml(f"{value.signal} {value.operator} {value.value:g}")
+            text = _toml_value(f"{value.signal} {value.operator} {value.value:g}")
         else:
-            text = repr(list(value)) if isinstance(value, tuple) else _toml(value)
+            text = repr(list(value)) if isinstance(value, tuple) else _toml_value(value)
         parts.append(f"{'sign' if field.name == 'backward_when' else field.name} = {text}")
     return name if len(parts) == 1 else "{ " + ", ".join(parts) + " }"
 
@@ -72,21 +72,21 @@ def signal_toml(can: CanConfig, role: str) -> str:
 def _bus_table(bus: BusConfig, dbc: str) -> str:
     """Return a further bus as an inline table."""
     values = {"channel": bus.channel, "interface": bus.interface, "fd": bus.fd, "bitrate": bus.bitrate}
-    parts = [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
-    return "{ " + ", ".join([*parts, f"dbc = {_toml(dbc)}"]) + " }"
+    parts = [f"{key} = {_toml_value(value)}" for key, value in values.items() if value is not None]
+    return "{ " + ", ".join([*parts, f"dbc = {_toml_value(dbc)}"]) + " }"
 
 
 def _key(name: str) -> str:
     return json.dumps(name, ensure_ascii=False)
 
 
-def _toml(value: object) -> str:
+def _toml_value(value: object) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
         return repr(value)
     if isinstance(value, tuple):
-        return "{ " + ", ".join(f"{w} = {_toml(x)}" for w, x in zip(WHEELS, value, strict=True)) + " }"
+        return "{ " + ", ".join(f"{w} = {_toml_value(x)}" for w, x in zip(WHEELS, value, strict=True)) + " }"
     if isinstance(value, str | Path):
         return json.dumps(str(value), ensure_ascii=False)
     raise TypeError(f"{type(value).__name__} has no place in a configuration")

@@ -94,15 +94,15 @@ class DriveRecording:
                     self._receiver.service(monotonic_s)
                     descriptors.follow(self._receiver)
                 descriptors.wait(WAIT_S)
-                self._collect(monotonic_s)
+                self._collect_input(monotonic_s)
                 if monotonic_s - flushed_s >= FLUSH_S:
                     self.seen.frames_per_s = (self.seen.frames - frames_before) / (monotonic_s - flushed_s)
                     flushed_s, frames_before = monotonic_s, self.seen.frames
-                    self._flush(sync=monotonic_s - synced_s >= SYNC_S)
+                    self._flush_files(sync=monotonic_s - synced_s >= SYNC_S)
                     synced_s = monotonic_s if monotonic_s - synced_s >= SYNC_S else synced_s
                     report(self.seen)
         finally:
-            self._flush(sync=True)
+            self._flush_files(sync=True)
             self._can.close()
             self._nmea.close()
             self._bus.close()
@@ -121,7 +121,7 @@ class DriveRecording:
             if self._new_folder:
                 self._folder.rmdir()
 
-    def _collect(self, monotonic_s: float) -> None:
+    def _collect_input(self, monotonic_s: float) -> None:
         seen = self.seen
         for frame in self._bus.read(monotonic_s):
             line = candump_line(frame, "_".join(frame.channel.split()) or "can0")
@@ -130,7 +130,7 @@ class DriveRecording:
             if len(seen.identifiers) < 4096:
                 seen.identifiers.add(frame.arbitration_id)
             if self._can.add(line):
-                self._flush(sync=False)
+                self._flush_files(sync=False)
         if self._receiver is None:
             return
         for stamp_s, sentence in self._receiver.read(monotonic_s, self._now()):
@@ -142,7 +142,7 @@ class DriveRecording:
                 if isinstance(event, GnssFix):
                     seen.speed_mps, seen.quality = event.speed_mps, event.quality
 
-    def _flush(self, sync: bool) -> None:
+    def _flush_files(self, sync: bool) -> None:
         if self.seen.why:
             return
         try:

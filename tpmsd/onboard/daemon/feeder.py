@@ -58,13 +58,13 @@ class Feeder:
         steps: list[Step] = []
         if self._clock_stepped(now_s, monotonic_s):
             for item in self._queue.clock_stepped(now_s):
-                steps += self._hand(item)
+                steps += self._hand_to_pipeline(item)
             # A replay will notice the step with the first stamp behind it, so that is waited for.
             self._hold_until_s = monotonic_s + HOLD_S
             self._written_s = self._advanced_s = -math.inf
         for item in self._queue.release(until_s):
             self._hold_until_s = -math.inf
-            steps += self._hand(item)
+            steps += self._hand_to_pipeline(item)
         if monotonic_s < self._hold_until_s:
             return steps
         self._mark(until_s)
@@ -78,12 +78,12 @@ class Feeder:
         """Hand over everything at the end; return the ticks that can be completed."""
         steps: list[Step] = []
         for item in self._queue.release(math.inf):
-            steps += self._hand(item)
+            steps += self._hand_to_pipeline(item)
         if self._recorder is not None and self._advanced_s > self._written_s:
             self._recorder.mark(self._advanced_s)
         return steps + self._pipeline.finish()
 
-    def _hand(self, item: Input) -> list[Step]:
+    def _hand_to_pipeline(self, item: Input) -> list[Step]:
         self._written_s = max(self._written_s, item.time_s)
         if isinstance(item, CanFrame):
             if self._recorder is not None:

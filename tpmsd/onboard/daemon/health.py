@@ -84,8 +84,8 @@ class Health:
         return build_status(
             None if self.last is None else self.last.report,
             loop=LoopHealth(now_s - self._start_s, self.ticks, missed),
-            can=self._can(pipeline, now_s),
-            gnss=self._gnss(pipeline, now_s),
+            can=self._can_health(pipeline, now_s),
+            gnss=self._gnss_health(pipeline, now_s),
             estimate=None if self.last is None else self.last.estimate,
             method=self._config.filter.method,
             resonance=None if pipeline.resonance is None else pipeline.resonance.status(),
@@ -103,7 +103,7 @@ class Health:
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
         """Return the most important in one line."""
-        bus, gnss = self._can(pipeline, now_s), self._gnss(pipeline, now_s)
+        bus, gnss = self._can_health(pipeline, now_s), self._gnss_health(pipeline, now_s)
         parts = ["starting" if self.last is None else tyres_line(self.last.report)]
         if self.last is not None and math.isfinite(self.last.estimate.speed_mps):
             parts.append(f"{3.6 * self.last.estimate.speed_mps:.0f} km/h")
@@ -111,7 +111,7 @@ class Health:
         parts.append(f"{self.ticks} ticks, {missed} late")
         return "; ".join(parts)
 
-    def _can(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
+    def _can_health(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
         faults: Counter[str] = Counter()
         for name, count in pipeline.decoder.counts.items():
             if name not in _COUNTS_OF_DECODING and not name.startswith("decode."):
@@ -143,7 +143,7 @@ class Health:
             self._can_recent.update(now_s, faults),
         )
 
-    def _gnss(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
+    def _gnss_health(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
         receiver, source = self._receiver, self._source
         if source is None:
             return SourceHealth(SourceState.OFF)

@@ -216,7 +216,7 @@ class Daemon:
             stack.callback(self._close)
             self._start(stack)
             while not self._stopping:
-                self._round(end_s)
+                self._run_once(end_s)
                 if self._clock.monotonic() >= end_s:
                     self.stop(f"{duration_s:g} s are over")
             self._finish()
@@ -243,7 +243,7 @@ class Daemon:
         else:
             self._descriptors.add(self._server.fileno(), self._server)
 
-    def _round(self, end_s: float) -> None:
+    def _run_once(self, end_s: float) -> None:
         now_s = self._clock.monotonic()
         for link in self._links():
             link.service(now_s)

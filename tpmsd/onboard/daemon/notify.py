@@ -56,7 +56,7 @@ class Notices:
             self._look_after(self._process, now_s)
         due = now_s - self._last_s >= self._config.min_interval_s
         if self._process is None and self._waiting and due:
-            self._start(self._waiting.popleft(), now_s)
+            self._start_process(self._waiting.popleft(), now_s)
 
     def close(self) -> None:
         """End with the daemon: the running program may go on, events that wait are left out."""
@@ -80,7 +80,7 @@ class Notices:
             else:
                 self._last_logged = ""
 
-    def _start(self, event: AlarmEvent, now_s: float) -> None:
+    def _start_process(self, event: AlarmEvent, now_s: float) -> None:
         self._last_s = self._begun_s = now_s
         try:
             self._process = subprocess.Popen(

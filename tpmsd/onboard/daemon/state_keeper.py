@@ -63,7 +63,7 @@ class StateKeeper:
     def restored(self, make: Callable[[], Pipeline]) -> Pipeline:
         """Return a pipeline with what was learned before, where there is a state that fits; else a new
         one."""
-        pipeline, snapshot = make(), self._load()
+        pipeline, snapshot = make(), self._load_snapshot()
         if snapshot is None:
             return pipeline
         try:
@@ -74,7 +74,7 @@ class StateKeeper:
         self._log.info("%s: taken up what was learned before", self._file)
         return pipeline
 
-    def _load(self) -> Snapshot | None:
+    def _load_snapshot(self) -> Snapshot | None:
         if self._file is None:
             return None
         try:

@@ -32,7 +32,7 @@ def state_lock(file: Path | None) -> Iterator[None]:
     Raises:
         StateInUseError: another process holds it; the line names the process.
     """
-    descriptor = None if file is None else _open(file.with_name(f".{file.name}{SUFFIX}"))
+    descriptor = None if file is None else _open_lock(file.with_name(f".{file.name}{SUFFIX}"))
     if file is None or descriptor is None:
         yield
         return
@@ -55,7 +55,7 @@ def state_lock(file: Path | None) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _open(lock: Path) -> int | None:
+def _open_lock(lock: Path) -> int | None:
     # Not blocking and no links: a pipe or a link of that name must not hang the start or lead elsewhere.
     flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:

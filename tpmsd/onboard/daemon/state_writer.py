@@ -30,13 +30,15 @@ class StateWriter:
         self.busy, self._error = True, None
         self._done.clear()
         # A daemon thread: a disk that hangs for ever must not keep the process from its end.
-        thread = threading.Thread(target=self._run, args=(file, content), name="state", daemon=True)
+        thread = threading.Thread(
+            target=self._write_or_keep_error, args=(file, content), name="state", daemon=True
+        )
         try:
             thread.start()
         except RuntimeError:  # no memory for its stack
-            self._run(file, content)
+            self._write_or_keep_error(file, content)
 
-    def _run(self, file: Path, content: bytes) -> None:
+    def _write_or_keep_error(self, file: Path, content: bytes) -> None:
         try:
             self._write(file, content)
         except StateError as error:

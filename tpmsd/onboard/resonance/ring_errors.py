@@ -52,7 +52,7 @@ class RingErrors:
         trend = np.polynomial.legendre.legvander(abscissa, POLYNOMIAL)
         flat = speed - trend @ np.linalg.lstsq(trend, speed, rcond=None)[0]
         if not block.counted and self._searched < SEARCH_BLOCKS:
-            self._search(flat, angle)
+            self._search_scale(flat, angle)
         terms = np.empty((POLYNOMIAL + 1 + 2 * HARMONICS, speed.size))
         terms[: POLYNOMIAL + 1] = trend.T
         turn = np.exp(1j * self.scale * angle)
@@ -66,7 +66,7 @@ class RingErrors:
         gram = terms @ terms.T + 1e-9 * speed.size * np.eye(len(terms))
         return np.asarray(flat - np.linalg.solve(gram, terms @ flat) @ terms)
 
-    def _search(self, flat: FloatArray, angle: FloatArray) -> None:
+    def _search_scale(self, flat: FloatArray, angle: FloatArray) -> None:
         self._searched += 1
         turn = np.exp(1j * np.outer(self._scales, angle))
         harmonic = np.ones_like(turn)

@@ -180,7 +180,7 @@ class ResonanceWatch:
 
     def status(self) -> tuple[ResonanceStatus, ...]:
         """Return one entry per wheel."""
-        return tuple(self._status(number) for number in range(len(WHEELS)))
+        return tuple(self._wheel_status(number) for number in range(len(WHEELS)))
 
     # -- per block -------------------------------------------------------------------------------------------
 
@@ -232,7 +232,7 @@ class ResonanceWatch:
                 shifts[number] = np.sum(logs, axis=0)
         self._evidence = ResonanceEvidence.of(shifts)
 
-    def _status(self, number: int) -> ResonanceStatus:
+    def _wheel_status(self, number: int) -> ResonanceStatus:
         wheel = self._wheels[number]
         received_hz = wheel.rate_hz if math.isfinite(wheel.rate_hz) else wheel.stream.rate_hz
         if not math.isfinite(received_hz):
@@ -288,7 +288,7 @@ class ResonanceWatch:
     def restore(self, saved: Mapping[str, Any]) -> None:
         """Restore a snapshot; ValueError if it is none (then nothing is restored)."""
         try:
-            wheels = [self._restored(saved[name]) for name in WHEELS]
+            wheels = [self._restore_wheel(saved[name]) for name in WHEELS]
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"the saved resonances are none: {type(error).__name__}: {error}") from error
         self._wheels = wheels
@@ -296,7 +296,7 @@ class ResonanceWatch:
         self._past.clear()
 
     @staticmethod
-    def _restored(saved: Mapping[str, Any]) -> _Wheel:
+    def _restore_wheel(saved: Mapping[str, Any]) -> _Wheel:
         wheel = _Wheel()
         baselines = saved["baselines"].items()
         if saved["rate_hz"] is None:

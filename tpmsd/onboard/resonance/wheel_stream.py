@@ -84,7 +84,7 @@ class WheelStream:
         self._angle_rad.append(sample.angle_rad)
         if times[-1] - times[0] < BLOCK_S and len(times) < MAX_SAMPLES:
             return None
-        block = self._block()
+        block = self._take_block()
         del times[:-1]
         del self._angle_rad[:-1]
         return block
@@ -113,7 +113,7 @@ class WheelStream:
             return 1.0
         return max(GAP_PERIODS * (times[-1] - times[0]) / (len(times) - 1), MIN_GAP_S)
 
-    def _block(self) -> SpeedBlock | None:
+    def _take_block(self) -> SpeedBlock | None:
         time_s, angle_rad = np.array(self._time_s), np.array(self._angle_rad)
         intervals = time_s.size - 1
         self.rate_hz = rate_hz = float(intervals / (time_s[-1] - time_s[0]))

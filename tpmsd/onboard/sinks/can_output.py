@@ -62,7 +62,7 @@ class CanOutputs:
     def __init__(self, config: Config, database: Database) -> None:
         """Raises ConfigError for a message, signal or identifier that does not fit."""
         can, alarms = config.can, config.alarms
-        self._outputs = [_output(can, number, output) for number, output in enumerate(can.output, 1)]
+        self._outputs = [_make_output(can, number, output) for number, output in enumerate(can.output, 1)]
         own = {alarms.status_id, alarms.alarm_id} if alarms.can else set()
         for out in self._outputs:
             read = {(one["extended"], one["can_id"]) for one in can_filters(config, database, out.bus)}
@@ -142,7 +142,7 @@ class CanOutputs:
         ]
 
 
-def _output(can: CanConfig, number: int, output: OutputConfig) -> Output:
+def _make_output(can: CanConfig, number: int, output: OutputConfig) -> Output:
     where = f"[[can.output]] {number}"
     bus = 0
     if output.bus is not None:
@@ -218,7 +218,7 @@ class _Filler:
         filled = dict(self._rest)
         for signal, option in self._given:
             if option.value != CHECKSUM:
-                filled[signal.name] = _limited(signal, self._value(signal, option, values, counter))
+                filled[signal.name] = _limited(signal, self._signal_value(signal, option, values, counter))
         data = bytearray(self._message.encode(filled, strict=False))
         for signal, option in self._checksums:
             at = signal.start // 8
@@ -228,7 +228,9 @@ class _Filler:
         return [bytes(data)]
 
     @staticmethod
-    def _value(signal: Signal, option: OutputSignal, values: Mapping[str, float], counter: int) -> float:
+    def _signal_value(
+        signal: Signal, option: OutputSignal, values: Mapping[str, float], counter: int
+    ) -> float:
         if option.value is None:
             return option.constant
         if option.value == COUNTER:

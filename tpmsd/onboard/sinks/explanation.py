@@ -141,11 +141,13 @@ class Explanation:
                 "before_mm": before,
                 "evidence": evidence,
                 "alternatives": self._alternatives(),
-                "clears_when": self._clears(event) if event.state == "raised" else "it is cleared",
+                "clears_when": self._clearing_condition(event)
+                if event.state == "raised"
+                else "it is cleared",
             }
         )
 
-    def _clears(self, event: AlarmEvent) -> str:
+    def _clearing_condition(self, event: AlarmEvent) -> str:
         if event.kind is AlarmKind.MALFUNCTION:
             return "the signals have been in order for a tenth of the time that raised it"
         if event.kind is AlarmKind.SLOW_LEAK:
@@ -182,7 +184,7 @@ class Explanation:
         wheels: dict[str, Any] = {}
         for wheel in self._wheels:
             name = WHEELS[wheel]
-            wheels[name] = {"state": states[name], **self._wheel(wheel)}
+            wheels[name] = {"state": states[name], **self._wheel_entry(wheel)}
         return {
             "time": _number(self._time_s),
             "alarms": list(self._alarms),
@@ -202,10 +204,10 @@ class Explanation:
                 },
                 "learning": learning,
             },
-            "why_no_alarm": [*missing, *self._why()],
+            "why_no_alarm": [*missing, *self._no_alarm_reasons()],
         }
 
-    def _why(self) -> list[str]:
+    def _no_alarm_reasons(self) -> list[str]:
         out = []
         if self._moving < 0.05:
             out.append(
@@ -232,7 +234,7 @@ class Explanation:
         ]
         return out
 
-    def _wheel(self, wheel: int) -> dict[str, Any]:
+    def _wheel_entry(self, wheel: int) -> dict[str, Any]:
         if self._judged is None:
             return {"why_no_alarm": "nothing was judged yet"}
         judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
@@ -251,10 +253,10 @@ class Explanation:
     def _in_words(self, judged: _JudgementRecord) -> dict[str, Any]:
         """Return one moment of the evidence."""
         if self._cached is None or self._cached[0] is not judged:
-            self._cached = (judged, self._moment(judged))
+            self._cached = (judged, self._evidence_entry(judged))
         return self._cached[1]
 
-    def _moment(self, judged: _JudgementRecord) -> dict[str, Any]:
+    def _evidence_entry(self, judged: _JudgementRecord) -> dict[str, Any]:
         estimate, judgement, change, resonance = (
             judged.estimate,
             judged.judgement,

@@ -33,10 +33,10 @@ def j1939_identifier(kind: str, source_address: int) -> int:
 
 def j1939_frames(kind: str, values: Mapping[str, float]) -> list[bytes]:
     """Return four frames of TIRE, or one of DM1."""
-    return [_tire(wheel, values) for wheel in WHEELS] if kind == "tire" else [_dm1(values)]
+    return [_tire_bytes(wheel, values) for wheel in WHEELS] if kind == "tire" else [_dm1_bytes(values)]
 
 
-def _tire(wheel: str, values: Mapping[str, float]) -> bytes:
+def _tire_bytes(wheel: str, values: Mapping[str, float]) -> bytes:
     if values[f"deflation_{wheel}"] == 1.0:
         status, threshold = LEAK, UNDER_PRESSURE
     elif values["malfunction"] == 1.0:
@@ -49,7 +49,7 @@ def _tire(wheel: str, values: Mapping[str, float]) -> bytes:
     return bytes((LOCATIONS[wheel], 0xFF, 0xFF, 0xFF, 0xF3 | status << 2, 0xFF, 0xFF, threshold << 5 | 0x1F))
 
 
-def _dm1(values: Mapping[str, float]) -> bytes:
+def _dm1_bytes(values: Mapping[str, float]) -> bytes:
     if values["malfunction"] == 1.0:
         fmi = FMI_NOT_WORKING
     elif values["alarm"] == 1.0:

@@ -29,29 +29,29 @@ class StatusError(TpmsdError):
 
 def read_status(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
     """Return the status now. Raises StatusError; ConfigError for a path no socket can have."""
-    with contextlib.closing(_documents(path, "status", timeout_s)) as documents:
+    with contextlib.closing(_read_documents(path, "status", timeout_s)) as documents:
         return next(documents)
 
 
 def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
     """Ask to learn the tyres again; return the status as it was when the request was taken. Raises
     StatusError."""
-    with contextlib.closing(_documents(path, "reset", timeout_s, tyres)) as documents:
+    with contextlib.closing(_read_documents(path, "reset", timeout_s, tyres)) as documents:
         return next(documents)
 
 
 def read_explanation(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
     """Return the reasons for which alarms stand, or for which none does. Raises StatusError."""
-    with contextlib.closing(_documents(path, "explain", timeout_s)) as documents:
+    with contextlib.closing(_read_documents(path, "explain", timeout_s)) as documents:
         return next(documents)
 
 
 def watch_status(path: Path, timeout_s: float = TIMEOUT_S) -> Generator[dict[str, Any], None, None]:
     """Return the status now and with every update; ends only by StatusError (the daemon has gone)."""
-    return _documents(path, "watch", timeout_s)
+    return _read_documents(path, "watch", timeout_s)
 
 
-def _documents(
+def _read_documents(
     path: Path, request: str, timeout_s: float, tyres: str | None = None
 ) -> Generator[dict[str, Any], None, None]:
     check_socket_path(path)

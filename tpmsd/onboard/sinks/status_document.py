@@ -100,19 +100,19 @@ def build_status(
         "ticks": loop.ticks,
         "missed_deadlines": loop.missed_deadlines,
         "learning_fraction": None if report is None else finite(report.learning_fraction),
-        "baseline": None if report is None or report.learning is None else _baseline(report.learning),
-        "can": {**_source(can, "channel"), "frames": can.received},
-        "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
+        "baseline": None if report is None or report.learning is None else _baseline_entry(report.learning),
+        "can": {**_source_entry(can, "channel"), "frames": can.received},
+        "gnss": {**_source_entry(gnss, "device"), "fixes": gnss.received},
         "wheels": {}
         if report is None
         else {
-            wheel.wheel: _wheel(wheel) | _last(report.time_s, (last_known or {}).get(wheel.wheel))
+            wheel.wheel: _wheel_entry(wheel) | _last(report.time_s, (last_known or {}).get(wheel.wheel))
             for wheel in report.wheels
         },
         "watch": None if report is None else _watch(report),
         "resonance": None if resonance is None else _resonance(report, resonance),
         "alarms": [] if report is None else [alarm_entry(alarm) for alarm in report.active],
-        "estimator": None if estimate is None else _estimator(estimate, method),
+        "estimator": None if estimate is None else _estimator_entry(estimate, method),
     }
     if vehicle_name is not None:
         document["vehicle"] = {"name": vehicle_name}
@@ -128,7 +128,7 @@ def state_entry(method: str, state: VehicleState | None) -> dict[str, Any]:
     return {"method": method, **entry}
 
 
-def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
+def _source_entry(source: SourceHealth, name_key: str) -> dict[str, Any]:
     return {
         "state": str(source.state),
         name_key: source.name,
@@ -196,7 +196,7 @@ def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus
     return {name: status.to_json() for name, status in zip(WHEELS, resonance, strict=True) if name in watched}
 
 
-def _wheel(wheel: WheelReport) -> dict[str, Any]:
+def _wheel_entry(wheel: WheelReport) -> dict[str, Any]:
     return {
         "state": str(wheel.state),
         "deviation_mm": millimetres(wheel.deviation_m),
@@ -221,7 +221,7 @@ def _last(time_s: float, last: tuple[float, WheelReport] | None) -> dict[str, An
     }
 
 
-def _baseline(learning: LearningReport) -> dict[str, Any]:
+def _baseline_entry(learning: LearningReport) -> dict[str, Any]:
     return {
         "tyres": learning.tyres,
         "sets": list(learning.sets),
@@ -233,7 +233,7 @@ def _baseline(learning: LearningReport) -> dict[str, Any]:
     }
 
 
-def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
+def _estimator_entry(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
     return {
         "method": method,
         "informative": bool(estimate.informative),

@@ -154,13 +154,13 @@ class StatusServer:
             self._accept_on(True)
         for key, events in self._selector.select(timeout=0):
             if key.fileobj is self._listener:
-                self._accept(now_s)
+                self._accept_clients(now_s)
                 continue
             client: _Client = key.data
             if events & selectors.EVENT_READ:
-                self._read(client, now_s)
+                self._read_request(client, now_s)
             if events & selectors.EVENT_WRITE and client in self._clients:
-                self._flush(client)
+                self._send_pending(client)
         for client in [client for client in self._clients if now_s >= client.deadline_s]:
             if client.answered or client.request:
                 self._drop(client)
@@ -171,7 +171,7 @@ class StatusServer:
         """Give every watching client the status as it is now; costs nothing if there is none."""
         self._latest = None
         if self.watchers:
-            line = self._line()
+            line = self._document_line()
             for client in [client for client in self._clients if client.watching]:
                 self._send(client, line)
         self.service(now_s)
@@ -199,7 +199,7 @@ class StatusServer:
             self._selector.unregister(self._listener)
         self._accepting = on
 
-    def _accept(self, now_s: float) -> None:
+    def _accept_clients(self, now_s: float) -> None:
         assert self._listener is not None
         for _ in range(_ACCEPTS_PER_CALL):
             try:
@@ -222,9 +222,9 @@ class StatusServer:
             client = _Client(connection, now_s + SILENT_S, now_s)
             client.turned_away = len(self._clients) >= MAX_CLIENTS
             self._clients.add(client)
-            self._watch(client, selectors.EVENT_READ)
+            self._watch_events(client, selectors.EVENT_READ)
 
-    def _read(self, client: _Client, now_s: float) -> None:
+    def _read_request(self, client: _Client, now_s: float) -> None:
         try:
             data = client.connection.recv(MAX_REQUEST_BYTES + 1 - len(client.request))
         except BlockingIOError:
@@ -254,7 +254,7 @@ class StatusServer:
         except ValueError as error:
             line = _error_line(str(error))
         else:
-            line = self._explanation() if asked == "explain" else self._line()
+            line = self._explanation() if asked == "explain" else self._document_line()
         if client.watching:
             client.deadline_s = math.inf
         self._send(client, line)
@@ -275,7 +275,7 @@ class StatusServer:
             _log.error("the explanation is no JSON: %s", error)
             return _error_line("the explanation cannot be written")
 
-    def _line(self) -> bytes:
+    def _document_line(self) -> bytes:
         if self._latest is None:
             try:
                 text = json.dumps(self._document(), allow_nan=False)
@@ -287,11 +287,11 @@ class StatusServer:
 
     def _send(self, client: _Client, line: bytes) -> None:
         client.pending += line
-        self._flush(client)
+        self._send_pending(client)
         if client.watching and len(client.pending) > MAX_PENDING_BYTES:
             self._drop(client)
 
-    def _flush(self, client: _Client) -> None:
+    def _send_pending(self, client: _Client) -> None:
         try:
             while client.pending:
                 sent = client.connection.send(client.pending, socket.MSG_NOSIGNAL)
@@ -305,9 +305,9 @@ class StatusServer:
             self._drop(client)
         else:
             # What a client says after its request is not read: so it cannot keep the loop busy.
-            self._watch(client, selectors.EVENT_WRITE if client.pending else 0)
+            self._watch_events(client, selectors.EVENT_WRITE if client.pending else 0)
 
-    def _watch(self, client: _Client, events: int) -> None:
+    def _watch_events(self, client: _Client, events: int) -> None:
         if events == client.events:
             return
         if not client.events:
@@ -323,7 +323,7 @@ class StatusServer:
             return
         self._clients.discard(client)
         client.watching = False
-        self._watch(client, 0)
+        self._watch_events(client, 0)
         client.connection.close()
 
 

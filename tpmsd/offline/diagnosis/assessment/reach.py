@@ -112,7 +112,7 @@ def reach(drives: Sequence[WhitenedColumns]) -> Reach:
         left=float(left_gain.sum()),
         left_std=float(np.sqrt(len(by_block) * by_block.var())),
         channels={
-            name: _channel(name, measured, found_gain, left_gain, np.concatenate(residuals))
+            name: _channel_reach(name, measured, found_gain, left_gain, np.concatenate(residuals))
             for name in dict.fromkeys(CHANNEL_NAMES)
             if measured[:, _columns(name)].any()
         },
@@ -175,7 +175,7 @@ def _columns(name: str) -> np.ndarray:
     return np.array([channel == name for channel in CHANNEL_NAMES])
 
 
-def _channel(
+def _channel_reach(
     name: str, measured: np.ndarray, found: FloatArray, left: FloatArray, residual: FloatArray
 ) -> ChannelReach:
     at = _columns(name)

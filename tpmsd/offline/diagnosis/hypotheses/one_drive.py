@@ -54,8 +54,8 @@ class DriveHypotheses(Hypotheses):
             self._ramps[a:b, k] = 1.0 / (b - a)
         super().__init__(
             nuisance=self._unit([name for name in names if name[0] in ALWAYS]),
-            catalogue=[term for term in self._catalogue() if term.effect not in unusable],
-            splines=self._splines(),
+            catalogue=[term for term in self._catalogue_terms() if term.effect not in unusable],
+            splines=self._spline_terms(),
             car=car,
         )
 
@@ -65,7 +65,7 @@ class DriveHypotheses(Hypotheses):
             out[self._column_of[name], k] = 1.0
         return out
 
-    def _catalogue(self) -> list[Term]:
+    def _catalogue_terms(self) -> list[Term]:
         out = []
         for group in groups():
             if any(probe.key not in self._column_of for probe in group):
@@ -149,7 +149,7 @@ class DriveHypotheses(Hypotheses):
             [self._column_of[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)]
         )
 
-    def _splines(self) -> list[Term]:
+    def _spline_terms(self) -> list[Term]:
         number: dict[tuple[str, str], int] = {}
         for name in self._column_of:
             if name[0] == "smooth":

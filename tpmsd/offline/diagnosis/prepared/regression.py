@@ -54,7 +54,9 @@ class Regression:
         nats = SETTINGS.hypotheses.impossible_nats
         rates = [possible_rates(one.recording, one.reference, nats) for one in readers]
         car = limits_of(readers[0].reference.car, rates)
-        self.hypotheses: Hypotheses = self._alone(car) if len(readers) == 1 else self._together(car)
+        self.hypotheses: Hypotheses = (
+            self._single_drive_hypotheses(car) if len(readers) == 1 else self._joint_hypotheses(car)
+        )
         self.grid = self.hypotheses.width
         """Places in the common index from here on are of exact columns."""
         self.width = self.grid
@@ -123,11 +125,11 @@ class Regression:
         self.hypotheses.widen(self.width)
         return indices
 
-    def _alone(self, car: CarLimits) -> DriveHypotheses:
+    def _single_drive_hypotheses(self, car: CarLimits) -> DriveHypotheses:
         drive = self.drives[0]
         return DriveHypotheses(drive.names, ramp_knots(drive.reader), unusable(drive.reader), car)
 
-    def _together(self, car: CarLimits) -> JointHypotheses:
+    def _joint_hypotheses(self, car: CarLimits) -> JointHypotheses:
         lost = [unusable(drive.reader) for drive in self.drives]
         shared: list[Name] = [("data",)]
         for drive in self.drives:

@@ -48,7 +48,7 @@ class Shape:
 
 def finest_shape(regression: Regression, term: Term) -> Shape:
     """Return the finest shape instead of a term."""
-    return _shape(regression, term, _finest(regression, term))
+    return _shape_with_knots(regression, term, _finest(regression, term))
 
 
 def finer_shape(regression: Regression, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
@@ -58,7 +58,7 @@ def finer_shape(regression: Regression, evidence: Evidence, others: list[Term], 
         return None
     found = best_knots(regression, selector.design(others), term)
     least = selector.gain([*others, term]) - found.without - term.penalty + SETTINGS.refinement.finer_nats
-    return None if found.score <= least else _shape(regression, term, found.at)
+    return None if found.score <= least else _shape_with_knots(regression, term, found.at)
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _first(term: Term) -> int:
     return 1 if term.pattern in ANTISYMMETRIC else first_hat(term.pattern)
 
 
-def _shape(regression: Regression, term: Term, knots: FloatArray) -> Shape:
+def _shape_with_knots(regression: Regression, term: Term, knots: FloatArray) -> Shape:
     acting = regression.acting(term)
     read = set.intersection(*(set(regression.drives[number].reader.recording.wheels) for number in acting))
     patterns = (term.pattern,) if term.pattern in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))

@@ -187,7 +187,7 @@ def _onset(point: Point) -> float:
     return point.first if point.course else point.first - point.second / 2
 
 
-def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
+def _trial_points(term: Term, centre: Point, width: Point) -> list[Point]:
     if term.ramp and centre.course:
         return [
             Point(centre.first + a * width.first, centre.second * width.second**b, centre.course)
@@ -276,7 +276,7 @@ def _searched(
     values, gain = term.design.shape[1], 0.0
     columns: list[ByDrive] = []
     for _ in range(SETTINGS.refinement.rounds):
-        points = _trials(term, centre, width)
+        points = _trial_points(term, centre, width)
         parts = [part for point in points for part in _refined(term, point)]
         cross = np.zeros((len(accepted), len(points), values))
         size = np.zeros((len(points), values, values))

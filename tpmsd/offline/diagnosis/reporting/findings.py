@@ -81,7 +81,7 @@ def report(
             left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
             written.term(regression, selection, k, status, (_rms(left_out, rows), _rms(whole, rows)))
     for one in whole_model(regression, selection):
-        written.model(regression, one, _quantities(one, {}))
+        written.model(regression, one, _parameter_quantities(one, {}))
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
     for finding in [*_apart(regression, selection, written.findings), *teeth(regression, rings, seconds)]:
@@ -151,7 +151,9 @@ class _ReportParts:
     ) -> None:
         """Write a chosen term down as a finding, with the held-out residual without it and with it."""
         one, seconds = selection.chosen[which], regression.driving_s
-        quantities = _quantities(_in_full(regression, selection, which), self.nonlinear.get(which, {}))
+        quantities = _parameter_quantities(
+            _in_full(regression, selection, which), self.nonlinear.get(which, {})
+        )
         versus = self.versus
         self.findings.append(
             Finding(
@@ -168,7 +170,7 @@ class _ReportParts:
                 shape=shape_of(one, regression.knots(one.term)) if one.term.free else (),
                 drives=_drives(regression, [each.term for each in selection.chosen], one.term),
                 held_by=versus[which].by if versus else "",
-                simulated=_quantities(versus[which].simulated, {}) if versus else {},
+                simulated=_parameter_quantities(versus[which].simulated, {}) if versus else {},
                 status=status,
             )
         )
@@ -259,7 +261,7 @@ def _reported(quantities: dict[str, Quantity]) -> dict[str, Quantity]:
     return {"wheels" if name == "wheel" else name: quantity for name, quantity in quantities.items()}
 
 
-def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:
+def _parameter_quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:
     term = one.term
     if term.free:
         return {}

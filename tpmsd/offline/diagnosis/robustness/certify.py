@@ -98,7 +98,9 @@ def certified(
     if replicates < 1 or regression.simulation:
         return diagnosis
     dispersion = max(diagnosis.model_rms**2, 1.0)
-    statistics = [_statistic(regression, selection, evidence, one, dispersion) for one in diagnosis.findings]
+    statistics = [
+        _statistic_of(regression, selection, evidence, one, dispersion) for one in diagnosis.findings
+    ]
     statistics.append(_of_the_rest(regression, selection, evidence))
     models = [_model(regression, selection, number) for number in range(len(regression.drives))]
     drawn = _drawn(regression, models, statistics, replicates, rng, progress)
@@ -133,7 +135,7 @@ def _drawn(
     """Return, for each statistic, its largest values in replicates, drawn until all is decided."""
     drawn: list[list[float]] = [[] for _ in statistics]
     for number in range(replicates):
-        again = _again(regression, models, rng)
+        again = _draw_replicate(regression, models, rng)
         for values, one in zip(drawn, statistics, strict=True):
             values.append(one.largest(again))
         progress((number + 1) / replicates)
@@ -188,7 +190,9 @@ def _of(selection: Selection, finding: Finding) -> int | None:
     return None
 
 
-def _again(regression: Regression, models: Sequence[ExtendedModel], rng: np.random.Generator) -> Replicate:
+def _draw_replicate(
+    regression: Regression, models: Sequence[ExtendedModel], rng: np.random.Generator
+) -> Replicate:
     recordings = [
         replicate(drive.reader, model, drive.noise, rng)
         for drive, model in zip(regression.drives, models, strict=True)
@@ -222,7 +226,7 @@ def _acting(one: Chosen) -> tuple[Effect, FloatArray]:
     return made if made is not None else (make_effect(one.term.effect), np.ones(1))
 
 
-def _statistic(
+def _statistic_of(
     regression: Regression, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
 ) -> Statistic:
     own = finding.own_chance or 0.0

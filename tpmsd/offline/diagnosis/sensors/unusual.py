@@ -27,7 +27,7 @@ def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Fin
         for name, errors in by_effect.items():
             beyond = [one for one in errors if deviations_beyond(one, speeds) > SETTINGS.sensors.beyond_stds]
             if beyond:
-                finding = _finding(EFFECTS[name], beyond, reader, seconds, speeds)
+                finding = _sensor_finding(EFFECTS[name], beyond, reader, seconds, speeds)
                 if name not in best or finding.gain > best[name][0]:
                     best[name] = finding.gain, finding
     return [finding for _, finding in best.values()]
@@ -45,7 +45,7 @@ def deviations_beyond(one: SensorError, speeds: bool) -> float:
     return 2.0 * low / one.std  # an effect calls unusual what is so by two standard deviations
 
 
-def _finding(
+def _sensor_finding(
     effect: type[Effect], errors: Sequence[SensorError], reader: Reader, seconds: float, speeds: bool
 ) -> Finding:
     beyond = max(deviations_beyond(one, speeds) for one in errors)

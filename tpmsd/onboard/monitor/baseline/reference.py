@@ -75,11 +75,11 @@ class RadiusReference:
         self._share = 1.0 / max(int(self._driven.sum()), 1)
         """Fraction of the force that each driven axle transmits."""
         self._acts = self._signs()
-        self.mean, self.covariance = self._prior()
+        self.mean, self.covariance = self._prior_moments()
         self.ranges = [0] * KNOTS_MPS.size
         """Samples learned in each range of speed, by its knot."""
 
-    def _prior(self) -> tuple[FloatArray, FloatArray]:
+    def _prior_moments(self) -> tuple[FloatArray, FloatArray]:
         mean, std = np.zeros(SIZE), np.zeros(SIZE)
         radius_m = float(self._radius.mean())
         warmths = WARM.stop - WARM.start
@@ -258,7 +258,7 @@ class RadiusReference:
         Learning only ever narrows the prior, so no variance may be much wider and no parameter far from it.
         """
         out = cls(vehicle)
-        prior_mean, prior = out._prior()
+        prior_mean, prior = out._prior_moments()
         std = np.sqrt(np.diag(prior))
         try:
             if len(saved["mean"]) == SIZE - 1:

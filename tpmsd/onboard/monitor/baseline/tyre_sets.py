@@ -75,10 +75,10 @@ class TyreSets:
                 return True, self.reason
             if self._allowance < TYRE_SETS.cost_other:
                 return False, TOO_MANY
-        taken = self._take(name, standing)
+        taken = self._accept_request(name, standing)
         return taken, self.reason
 
-    def _take(self, name: str | None, standing: list[str]) -> bool:
+    def _accept_request(self, name: str | None, standing: list[str]) -> bool:
         self._requests += 1
         wanted = self.name if name is None else name
         cost = TYRE_SETS.cost_same if wanted == self.name else TYRE_SETS.cost_other

@@ -79,10 +79,10 @@ class ConfigurationWatch:
         self._rotation = self._rotation + tick.rotation_rad
         self._yaw_rad += tick.yaw_rate_radps * tick.dt_s
         for fix in tick.fixes:
-            self._take(fix)
+            self._add_interval(fix)
         return self.contradiction
 
-    def _take(self, fix: Fix) -> None:
+    def _add_interval(self, fix: Fix) -> None:
         before, rotation, yaw = self._before, self._rotation, self._yaw_rad
         if not math.isfinite(fix.speed_mps):
             return
@@ -95,7 +95,7 @@ class ConfigurationWatch:
             return
         step_s = fix.time_s - before.time_s
         self._driven_s += step_s
-        self._level(0.5 * (fix.speed_mps + before.speed_mps) * step_s, rotation)
+        self._check_radius(0.5 * (fix.speed_mps + before.speed_mps) * step_s, rotation)
         turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
         if not abs(turn) > CONFIGURATION.min_turn_radps * step_s:  # also where there is no course
             return
@@ -104,9 +104,9 @@ class ConfigurationWatch:
             shown = float(rotation[right] - rotation[left]) * self._radius[left] / self._track[name]
             turns.add(turn, shown, 0.5 * (fix.speed_mps + before.speed_mps) * step_s)
         self._gyro.add(turn, yaw, step_s)
-        self._decide()
+        self._find_contradiction()
 
-    def _decide(self) -> None:
+    def _find_contradiction(self) -> None:
         wrong = [name for name, turns in self._turns.items() if turns.against()]
         if wrong:
             axles = " and ".join(wrong)
@@ -116,7 +116,7 @@ class ConfigurationWatch:
         elif self._gyro.against():
             self.contradiction = "the yaw rate turns against the receiver's course: its sign seems wrong"
 
-    def _level(self, distance_m: float, rotation: FloatArray) -> None:
+    def _check_radius(self, distance_m: float, rotation: FloatArray) -> None:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = distance_m / (rotation * self._radius)
         seen = ratio[self._wheels]

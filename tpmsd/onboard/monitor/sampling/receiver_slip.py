@@ -56,13 +56,13 @@ class ReceiverSlip:
         out = []
         while self._fixes and self._fixes[0][0] + SLIP_SLOPE.span_s <= tick.time_s:
             at_s, fix = self._fixes.popleft()
-            point = self._point(at_s, fix)
+            point = self._slip_of_second(at_s, fix)
             if point is not None:
                 out += self._end_second(at_s)
                 self._second.append(point)
         return out
 
-    def _point(self, at_s: float, fix: Fix) -> SlipSecond | None:
+    def _slip_of_second(self, at_s: float, fix: Fix) -> SlipSecond | None:
         times, distances, aparts = zip(*self._distances, strict=True)
         span_s = SLIP_SLOPE.span_s
         if at_s - span_s < times[0]:

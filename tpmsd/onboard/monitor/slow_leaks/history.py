@@ -133,7 +133,7 @@ class LeakHistory:
         """Restore from the state file; ValueError if it is none."""
         out = cls()
         try:
-            readings = [_reading(entry) for entry in saved["days"]]
+            readings = [_read_entry(entry) for entry in saved["days"]]
             step_next = saved["step_next"]
         except (KeyError, TypeError, IndexError) as error:
             raise ValueError(f"the saved days of the tyres are none: {error}") from error
@@ -149,7 +149,7 @@ def _three(values: Sequence[float] | FloatArray) -> Three:
     return first, second, third
 
 
-def _reading(entry: list[Any]) -> Reading:
+def _read_entry(entry: list[Any]) -> Reading:
     if len(entry) == _FIRST:
         entry = [*entry[:3], None, *entry[3:5], None, *entry[5:]]
     if len(entry) == _MERGED:

@@ -166,9 +166,9 @@ class SlowLeakWatch:
             del self._histories[next(iter(self._histories))]
         if not history.add(self._day, *reading):
             return []
-        return self._judge(history, tick)
+        return self._judge_history(history, tick)
 
-    def _judge(self, history: LeakHistory, tick: Tick) -> list[AlarmEvent]:
+    def _judge_history(self, history: LeakHistory, tick: Tick) -> list[AlarmEvent]:
         for wheel, notice in self._notices.items():
             since = notice.time_s / DAY_S
             rate = (notice.rate_percent_per_week, notice.rate_std_percent_per_week)
