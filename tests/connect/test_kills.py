@@ -140,7 +140,7 @@ def ticks(path: Path) -> int:
 
 
 def test_one_of_five_is_killed_again_and_again(tmp_path: Path) -> None:
-    """Daemon and bridges die in random order; after each the same alarm stands everywhere."""
+    """Daemon and bridges die in random order; after each the same alarm is active everywhere."""
     rng = np.random.default_rng(23)
     path, port = car_with_an_alarm(tmp_path / "car"), free_port()
     owners, soft = 1, ("deflation", "rl", RAISED_S)

@@ -1,4 +1,4 @@
-"""An alarm stands while one fault after the other befalls bus, receiver, clock and daemon."""
+"""An alarm is active while one fault after the other befalls bus, receiver, clock and daemon."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _received(items: tuple[Item, ...]) -> Iterator[Item]:
 
 @pytest.fixture(scope="module")
 def steps(method: str) -> list[Step]:
-    """The steps from the time on at which the alarm stands."""
+    """The steps from the time on at which the alarm is active."""
     config, items = drive(duration_s=END_S)
     config = with_method(config)
     database = load_database(config.can.dbc)

@@ -239,7 +239,7 @@ NAMED = (
     Named(_WHEEL_COUNTER, "np.where(period_s > 0.0, period_s", "np.where(period_s < 0.0, period_s", _AHEAD),
     Named(_WHEEL_COUNTER, "(step + modulus // 4)", "(step ^ modulus // 4)", _STEADY),
     # Trend of the offset, heights of roads, a gap, a block without a tick.
-    Named(_OFFSET, "if ages[0] > _TREND", "if ages[1] > _TREND", (f"{_OFFSET_TEST}::{_TREND}",)),
+    Named(_OFFSET, "times_s[0] > _TREND", "times_s[1] > _TREND", (f"{_OFFSET_TEST}::{_TREND}",)),
     Named(
         "tpmsd/onboard/timeline/local_plane.py",
         "= -500.0, 9000.0",
@@ -285,10 +285,10 @@ NAMED = (
         "or now_s >= min(self._until_s",
         ("tests/onboard/daemon/test_obd.py::test_the_minute_ends_with_its_last_instant",),
     ),
-    # A baseline does not learn while an alarm stands, or while a loss is likelier than none.
+    # A baseline does not learn while an alarm is active, or while a loss is likelier than none.
     Named(
         "tpmsd/onboard/monitor/monitor.py",
-        "judging.settled) and not self._standing",
+        "judging.settled) and not self._active",
         "judging.settled)",
         (_LEARNS,),
     ),
@@ -581,11 +581,11 @@ NAMED = (
             ),
             (
                 "timeline/utc_offset.py",
-                "len(ages) - len(late",
-                "len(ages) * len(late",
+                "if half >= _WARM_FIXES",
+                "if half > _WARM_FIXES",
                 "gnss/test_utc_offset",
             ),
-            ("daemon/notify.py", "MAX_WAITING = 32", "MOST_WAITING = 33", "daemon/test_notify"),
+            ("daemon/notify.py", "MAX_WAITING = 32", "MAX_WAITING = 33", "daemon/test_notify"),
             ("daemon/obd_asker.py", "if not self:", "if not not self:", "daemon/test_obd"),
             ("daemon/input_queue.py", "if entry[0] > now_s", "if entry[0] >= now_s", "daemon/test_inputs"),
             ("daemon/frame_stamps.py", "if not 0.0 <=", "if not -1.0 <=", "daemon/test_inputs"),

@@ -34,7 +34,8 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def test_the_fault_stays_and_the_physics_goes(document: dict[str, Any]) -> None:
-    """The leak is found and named as what is not compensated; its alarm stands in the compensated replay."""
+    """The leak is found and named as what is not compensated; its alarm is active in the compensated
+    replay."""
     (alarms,) = document["alarms"]
     effects = {finding["effect"] for finding in document["findings"]}
     after = [(one["kind"], one["wheel"]) for one in alarms["after"] if one["state"] == "raised"]

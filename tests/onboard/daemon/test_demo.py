@@ -73,7 +73,7 @@ def received(panel: Panel, reporter: CanReporter, now_s: float, alarm: AlarmEven
 
 
 def test_the_panel_shows_an_alarm_once(database: Database) -> None:
-    """An alarm frame is repeated while the alarm stands; a driver is told once."""
+    """An alarm frame is repeated while the alarm is active; a driver is told once."""
     out = io.StringIO()
     panel = Panel(database, out, False, lambda: 163.0, 150.0)
     reporter = CanReporter(AlarmsConfig())

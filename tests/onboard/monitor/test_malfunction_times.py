@@ -101,10 +101,10 @@ def test_a_malfunction_takes_its_time_to_come_and_a_tenth_of_it_to_go(
     assert [] == ticks.until("raised", max_s=20.0)
     ((raised, reason),) = ticks.until("raised", **wrong(kind))
     assert raised_s == raised
-    assert [reason] == [event.reason for event in ticks.watch.standing]
+    assert [reason] == [event.reason for event in ticks.watch.active]
     ((cleared, over),) = ticks.until("cleared")
     assert (cleared_s, f"over: {reason}") == (cleared, over)
-    assert () == ticks.watch.standing
+    assert () == ticks.watch.active
 
 
 @pytest.mark.parametrize(
@@ -156,8 +156,8 @@ def test_a_malfunction_of_a_missing_signal_stands_again_after_a_restart(
     saved = json.loads(json.dumps(before.watch.to_json()))
     assert name in [entry["of"] for entry in saved]
     after.watch.restore(saved)
-    assert [(one.reason, one.time_s) for one in before.watch.standing] == [
-        (one.reason, one.time_s) for one in after.watch.standing
+    assert [(one.reason, one.time_s) for one in before.watch.active] == [
+        (one.reason, one.time_s) for one in after.watch.active
     ]
     assert [] == after.until("raised", max_s=5.0, **wrong(kind))  # type: ignore[arg-type]
     assert [cleared_s] == [after_s for after_s, _ in after.until("cleared", max_s=60.0)][:1]
@@ -171,7 +171,7 @@ def test_other_malfunctions_are_found_anew(kind: str) -> None:
     """They say nothing of a signal that is missing."""
     ticks = Ticks()
     ticks.until("raised", **wrong(kind))  # type: ignore[arg-type]
-    assert ticks.watch.standing
+    assert ticks.watch.active
     assert [] == ticks.watch.to_json()
 
 
@@ -182,10 +182,10 @@ def test_what_is_no_malfunction_is_not_taken_up(saved: object) -> None:
     """And what stands goes on standing."""
     ticks = Ticks()
     ticks.until("raised", lost=(1,))
-    standing = ticks.watch.standing
+    standing = ticks.watch.active
     with pytest.raises((ValueError, KeyError, TypeError)):
         ticks.watch.restore(saved)  # type: ignore[arg-type]
-    assert standing == ticks.watch.standing
+    assert standing == ticks.watch.active
 
 
 def test_a_slow_car_without_fixes_is_in_order() -> None:

@@ -120,7 +120,7 @@ def test_a_leak_on_the_very_first_drive_is_seen_and_stays() -> None:
 
 def test_an_axle_found_by_the_first_drive_stands_while_little_is_known() -> None:
     """Both front tyres lose 2.2 mm ten minutes after the first start; where estimates are poor afterwards
-    (0.6 mm), as on mountain roads, the alarms stand."""
+    (0.6 mm), as on mountain roads, the alarms are active."""
     player = learned()
     player.dt_s = 1.0
     player.play(600.0)
@@ -416,7 +416,8 @@ def restarted(player: Player, wheels: tuple[int, ...] = ALL) -> Player:
 
 
 def test_baseline_and_standing_alarms_survive_a_restart() -> None:
-    """After a restart the alarm stands at once, stays while the tyre is soft, and health alone clears it."""
+    """After a restart the alarm is active at once, stays while the tyre is soft, and health alone clears
+    it."""
     player = learned()
     player.play(60.0, one(2, -0.02))
     assert {(AlarmKind.DEFLATION, "rl"), (AlarmKind.RADIUS_DEVIATION, "rl")} == set(player.active())

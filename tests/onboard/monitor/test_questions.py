@@ -35,7 +35,7 @@ def asked(questions: Questions, of_front: float, seconds: int, *, said: bool = F
     for second in range(seconds):
         models = {"as learned": of_front, "another load": 1.0 - of_front}
         questions.update(found(of_front, **models), 1.0, float(second), said=said)
-    return questions.standing[0].wheels if questions.standing else ()
+    return questions.open[0].wheels if questions.open else ()
 
 
 def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
@@ -44,7 +44,7 @@ def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
     questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), round(JUDGE.all_hold_s)
     assert () == asked(questions, 0.64, hold_s - 5)
     assert ("fl", "fr") == asked(questions, 0.64, 10)
-    assert "fl fr soft (0.64) or another load (0.36)" in questions.standing[0].question
+    assert "fl fr soft (0.64) or another load (0.36)" in questions.open[0].question
     assert ("fl", "fr") == asked(questions, 0.1, 100)
     assert () == asked(questions, 0.001, 70)
     assert () == asked(questions, SETTINGS.clear_probability - 0.01, 2 * hold_s)
@@ -60,7 +60,7 @@ def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
         for _ in range(round(seconds)):
             questions.at_first((2, probability, "soft"), 1.0)
             questions.update(None, 1.0, 0.0, said=False)
-        return bool(questions.standing)
+        return bool(questions.open)
 
     assert not stands(SETTINGS.clear_probability - 0.01, 2.0 * hold_s)
     assert stands(SETTINGS.clear_probability + 0.01, hold_s + 5.0)
@@ -80,9 +80,9 @@ def test_a_question_keeps_the_time_at_which_it_was_first_asked() -> None:
     """And says the present probability."""
     questions = Questions(SETTINGS, [0, 1, 2, 3])
     asked(questions, 0.64, 200)
-    since_s = questions.standing[0].since_s
+    since_s = questions.open[0].since_s
     questions.update(found(0.5), 1.0, 9999.0, said=False)
-    (standing,) = questions.standing
+    (standing,) = questions.open
     assert standing == replace(standing, since_s=since_s, probability=0.5)
     assert {"wheels", "question", "probability", "since"} == set(standing.entry())
 
@@ -116,8 +116,8 @@ def test_what_is_certainly_other_than_learned_is_asked_and_names_the_axle_that_i
         questions = Questions(SETTINGS, [0, 1, 2, 3])
         for second in range(200):
             questions.update(found(0.01, unusual), 1.0, float(second), said=False)
-        assert wheels == (questions.standing[0].wheels if questions.standing else ())
-        assert all("trailer" in one.question for one in questions.standing)
+        assert wheels == (questions.open[0].wheels if questions.open else ())
+        assert all("trailer" in one.question for one in questions.open)
 
 
 def test_even_slip_of_driven_wheels_is_asked_about_as_slip() -> None:
@@ -127,8 +127,8 @@ def test_even_slip_of_driven_wheels_is_asked_about_as_slip() -> None:
         questions = Questions(SETTINGS, [0, 1, 2, 3])
         for second in range(200):
             questions.update(found(0.01, 0.995, **models), 1.0, float(second), said=False)
-        assert ("fl", "fr") == questions.standing[0].wheels
-        assert cause in questions.standing[0].question
+        assert ("fl", "fr") == questions.open[0].wheels
+        assert cause in questions.open[0].question
 
 
 def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() -> None:
@@ -140,7 +140,7 @@ def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() 
             questions.at_first((1, chance, "2.1 mm smaller"), 1.0)
             questions.update(None, 1.0, float(second), said=False)
         questions.update(found(0.0), 1.0, 999.0, said=False)
-        assert wheels == (questions.standing[0].wheels if questions.standing else ())
-        assert all("fr is 2.1 mm smaller?" == one.question for one in questions.standing)
+        assert wheels == (questions.open[0].wheels if questions.open else ())
+        assert all("fr is 2.1 mm smaller?" == one.question for one in questions.open)
     questions.forget()
-    assert () == questions.standing
+    assert () == questions.open

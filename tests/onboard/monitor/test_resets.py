@@ -62,7 +62,7 @@ def test_a_reset_while_an_alarm_stands_is_refused_at_once() -> None:
     player = learned()
     player.play(60.0, one(2, -SOFT))
     taken, reason = player.monitor.reset()
-    assert (False, True) == (taken, "the alarm of rl stands" in reason)
+    assert (False, True) == (taken, "the alarm of rl is active" in reason)
     player.play(30.0, one(2, -SOFT))
     assert (AlarmKind.DEFLATION, "rl") in player.active()
     assert "refused" == learning(player.last).reset

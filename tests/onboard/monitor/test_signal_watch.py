@@ -38,7 +38,7 @@ class Watched:
     @property
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand."""
-        return self._watch.standing
+        return self._watch.active
 
     def play(
         self,

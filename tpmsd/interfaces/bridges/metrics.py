@@ -48,15 +48,15 @@ def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
     info.add(1, summary.version)
     yield info
     yield from _wheel_metrics(document)
-    alarms = Family("tpmsd_alarm_active", "gauge", "1 while an alarm stands", ("kind", "wheel"))
-    standing = {(alarm.kind, alarm.wheel or "all") for alarm in summary.alarms}
+    alarms = Family("tpmsd_alarm_active", "gauge", "1 while an alarm is active", ("kind", "wheel"))
+    active = {(alarm.kind, alarm.wheel or "all") for alarm in summary.alarms}
     for wheel in summary.wheels:
         for kind in ALARM_KINDS[:3]:
-            alarms.add(int((kind, wheel.name) in standing), kind, wheel.name)
-            standing.discard((kind, wheel.name))
-    standing_malfunction = ("malfunction", "all")
-    alarms.samples.append((standing_malfunction, float(summary.malfunction)))
-    alarms.samples += [(key, 1.0) for key in sorted(standing - {standing_malfunction})[:_MAX_KINDS]]
+            alarms.add(int((kind, wheel.name) in active), kind, wheel.name)
+            active.discard((kind, wheel.name))
+    active_malfunction = ("malfunction", "all")
+    alarms.samples.append((active_malfunction, float(summary.malfunction)))
+    alarms.samples += [(key, 1.0) for key in sorted(active - {active_malfunction})[:_MAX_KINDS]]
     yield alarms
     yield from _source_metrics(document)
     for name, kind, text, key in (

@@ -102,14 +102,14 @@ class Announcer:
             if not self._waiting or self._waiting[-1].alarms != summary.alarms:
                 self._waiting.append(summary)
             return
-        standing = {alarm.key: alarm for alarm in summary.alarms}
+        active = {alarm.key: alarm for alarm in summary.alarms}
         for key, alarm in self._known.items():
-            if key not in standing:
+            if key not in active:
                 self._event("cleared", alarm)
-        for key, alarm in standing.items():
+        for key, alarm in active.items():
             if key not in self._known:
                 self._event("raised", alarm)
-        self._known = standing
+        self._known = active
 
     def state(self, summary: DaemonSummary, now_s: float, again: bool = False) -> list[Message]:
         """Return the state and alarms, if they are due; `again`: the broker may have forgotten them."""

@@ -56,7 +56,7 @@ class DaemonSummary:
 
     version: str
     ready: bool
-    """True if the daemon has made a tick; before that it does not state which alarms stand."""
+    """True if the daemon has made a tick; before that it does not state which alarms are active."""
     wheels: tuple[WheelSummary, ...]
     alarms: tuple[Alarm, ...]
     malfunction: bool

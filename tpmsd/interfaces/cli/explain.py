@@ -1,4 +1,4 @@
-"""`tpmsd explain [DRIVE]`: why an alarm stands, or why none does.
+"""`tpmsd explain [DRIVE]`: why an alarm is active, or why none is.
 
 In: the running daemon's socket, or a drive folder that is replayed. Out: what was believed before, the
 evidence by contrast of wheels over time, the alternatives and why they lost, what would clear it; as text or
@@ -48,7 +48,7 @@ examples:
 def add_parser(subparsers: Subparsers) -> None:
     """Declare the command's arguments."""
     parser = subparsers.add_parser(
-        "explain", help="why an alarm stands, or why none does", description=_DESCRIPTION, epilog=_EPILOG
+        "explain", help="why an alarm is active, or why none is", description=_DESCRIPTION, epilog=_EPILOG
     )
     parser.add_argument("drive", type=Path, metavar="DRIVE", nargs="?", help="drive folder to replay")
     parser.add_argument(

@@ -41,7 +41,7 @@ COMMANDS: Commands = (
     ("status", "tpmsd.interfaces.cli.status", "ask the running daemon how the tyres are"),
     ("reset", "tpmsd.interfaces.cli.reset", "tell the running daemon to learn the tyres again"),
     ("replay", "tpmsd.interfaces.cli.replay", "run a recorded drive through the same core, at full speed"),
-    ("explain", "tpmsd.interfaces.cli.explain", "why an alarm stands, or why none does"),
+    ("explain", "tpmsd.interfaces.cli.explain", "why an alarm is active, or why none is"),
     (
         "bridge",
         "tpmsd.interfaces.cli.bridge",

@@ -35,7 +35,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "status",
         help="ask the running daemon how the tyres are",
-        description="Shows how each tyre is, how the daemon's inputs are, and which alarms stand.",
+        description="Shows how each tyre is, how the daemon's inputs are, and which alarms are active.",
         epilog=_EPILOG,
     )
     add_socket_options(parser)

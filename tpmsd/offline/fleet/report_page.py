@@ -69,7 +69,9 @@ def _summary_tiles(document: Mapping[str, Any]) -> list[Tile]:
     cars = len({row["car"] for row in document["attention"]})
     return [
         Tile(str(document["cars"]), "Vehicles", f"Models: {len(document['models'])}."),
-        Tile(str(cars), "Need attention", "An alarm stands, a trend was found, or a drive cannot be used."),
+        Tile(
+            str(cars), "Need attention", "An alarm is active, a trend was found, or a drive cannot be used."
+        ),
         Tile(str(document["drives"]), "Drives", "All in the store, those that could not be used among them."),
         Tile(f"{document['distance_km']:.0f} km", "Distance", "By the estimated speed."),
         Tile(f"{document['duration_h']:.1f} h", "Time", "Of recording."),

@@ -34,7 +34,7 @@ WHEEL = _object(
         "change_lower_mm": _number("the same minus two standard deviations"),
         "change_upper_mm": _number("the same plus two standard deviations"),
         "deflation_probability": _number("probability of a deflation"),
-        "alarm": _number("1 while an alarm of this wheel stands"),
+        "alarm": _number("1 while an alarm of this wheel is active"),
         "state": {"type": "string", "enum": ["unavailable", "learning", "monitoring", "alarm"]},
     },
 )

@@ -133,8 +133,8 @@ class TickTableRecorder:
         states = {wheel.wheel: wheel.state.value for wheel in wheels}
         for wheel in WHEELS:
             self._texts[f"state_{wheel}"].append(states.get(wheel, "unavailable"))
-        standing = " ".join(f"{alarm.kind}:{alarm.wheel or 'car'}" for alarm in report.active)
-        self._texts["alarms"].append(standing)
+        active = " ".join(f"{alarm.kind}:{alarm.wheel or 'car'}" for alarm in report.active)
+        self._texts["alarms"].append(active)
         self._events += report.events
 
     def table(self) -> TickTable:

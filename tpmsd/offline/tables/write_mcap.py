@@ -69,9 +69,9 @@ def messages(table: TickTable) -> Iterator[Message]:
     said = 0
     for k, time_s in enumerate(columns["time_s"]):
         row = {name: values[k] for name, values in columns.items()}
-        standing = table.texts["alarms"][k].split()
+        active = table.texts["alarms"][k].split()
         for wheel in WHEELS:
-            yield time_s, f"/wheel/{wheel}", _wheel(row, wheel, table.texts[f"state_{wheel}"][k], standing)
+            yield time_s, f"/wheel/{wheel}", _wheel(row, wheel, table.texts[f"state_{wheel}"][k], active)
         motion = {name: row[name] for name in _MOTION}
         yield time_s, "/motion", _known({**motion, "yaw_rate_radps": row["estimated_yaw_rate_radps"]})
         turns = {f"rotation_{wheel}_radps": rotation[wheel][k] for wheel in WHEELS}
@@ -96,13 +96,13 @@ def _has_vehicle_state(table: TickTable) -> bool:
     return VEHICLE_STATE[0].name in table.numbers
 
 
-def _wheel(row: dict[str, float], wheel: str, state: str, standing: list[str]) -> dict[str, Any]:
+def _wheel(row: dict[str, float], wheel: str, state: str, active: list[str]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, prefix in (("deviation", ""), ("change", "change_")):
         middle, band = 1e3 * row[f"{name}_{wheel}_m"], 2e3 * row[f"{name}_std_{wheel}_m"]
         out |= {f"{name}_mm": middle, f"{prefix}lower_mm": middle - band, f"{prefix}upper_mm": middle + band}
     out["deflation_probability"] = row[f"deflation_probability_{wheel}"]
-    out["alarm"] = float(any(alarm.endswith(f":{wheel}") for alarm in standing))
+    out["alarm"] = float(any(alarm.endswith(f":{wheel}") for alarm in active))
     return {**_known(out), "state": state}
 
 

@@ -186,7 +186,7 @@ class Daemon:
         return {**self._provenance, **document, **own}
 
     def explain(self) -> dict[str, Any]:
-        """Return the reasons for which alarms stand, or for which none does."""
+        """Return the reasons for which alarms are active, or for which none is."""
         return {"version": DOCUMENT_VERSION, **self._pipeline.explain()}
 
     def reset(self, tyres: str | None) -> str:

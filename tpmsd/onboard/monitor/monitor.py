@@ -86,7 +86,7 @@ class Monitor:
         }
         nominal = np.array(vehicle.wheel_radius_m)[self._wheels]
         self._first = FirstStart(self._wheels, nominal, hysteresis)
-        self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
+        self._active: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._signals = SignalWatch(settings, self._wheels)
         self._configuration = ConfigurationWatch(vehicle, self._wheels)
@@ -114,7 +114,7 @@ class Monitor:
     @property
     def questions(self) -> tuple[Question, ...]:
         """Questions: what has probably changed and cannot be distinguished."""
-        return self._questions.standing
+        return self._questions.open
 
     def learning(self) -> LearningReport:
         """Report of what is learned, of which tyres."""
@@ -156,7 +156,7 @@ class Monitor:
         return MonitorReport(
             time_s=tick.host_time_s,
             wheels=self._wheel_reports(tick, estimate),
-            active=(*self._standing.values(), *self._leaks.standing, *self._signals.standing),
+            active=(*self._active.values(), *self._leaks.active, *self._signals.active),
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
@@ -190,13 +190,13 @@ class Monitor:
             if changes is None:
                 return []
             judging.observe(estimate, self._judge.nuisance_m2)
-            drive = judging.change_hypotheses(alarm_active=bool(self._standing))
+            drive = judging.change_hypotheses(alarm_active=bool(self._active))
             before = judging.before(changes[0]), judging.before(changes[1])
             others = self._sets.other_tyres
             self._judged = self._judge.judge(*changes, self._resonance, others, drive, before)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
-            trusted = self._judged.trusted(judging.settled) and not self._standing
-            soft_before, min_hold_s = self._first.standing, self._judged.min_hold_s
+            trusted = self._judged.trusted(judging.settled) and not self._active
+            soft_before, min_hold_s = self._first.reported, self._judged.min_hold_s
             for (kind, wheel), alarm in self._alarms.items():
                 if wheel in soft_before:
                     alarm.hold_elapsed_s = 0.0
@@ -219,10 +219,10 @@ class Monitor:
     def _judge_first(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """Hold the first radii of a car against what cars have."""
         deviation, spread = estimate.deviation_m[self._wheels], estimate.covariance_m2[self._grid]
-        if not (self._sets.is_first(bool(self._first.standing)) and np.isfinite(deviation).all()):
+        if not (self._sets.is_first(bool(self._first.reported)) and np.isfinite(deviation).all()):
             return []
         events = []
-        ordinary = {wheel for (_, wheel), event in self._standing.items() if not event.since}
+        ordinary = {wheel for (_, wheel), event in self._active.items() if not event.since}
         changed = self._first.changed(self._judged.change_m, ordinary)
         for transition in self._first.update(deviation, spread, elapsed_s, changed):
             pressure, pressure_std = math.nan, math.nan
@@ -238,20 +238,20 @@ class Monitor:
             )
             event = self._event(tick, estimate, *about, (pressure, pressure_std), BEFORE)
             if transition.state == "raised":
-                self._standing[(transition.kind, transition.wheel)] = event
+                self._active[(transition.kind, transition.wheel)] = event
             else:
-                self._standing.pop((transition.kind, transition.wheel), None)
-                if not self._first.standing:
+                self._active.pop((transition.kind, transition.wheel), None)
+                if not self._first.reported:
                     self._sets.begin_again()  # what was learned was the soft tyre's radius
             events.append(event)
         return events
 
     def _ask(self, elapsed_s: float, time_s: float) -> None:
         """Ask what this second of driving leaves open; nothing of tyres that may be others."""
-        if self._sets.is_first(bool(self._first.standing)):
+        if self._sets.is_first(bool(self._first.reported)):
             self._questions.at_first(self._first.suspected, elapsed_s)
         found = None if self._sets.other_tyres else self._judged
-        self._questions.update(found, elapsed_s, time_s, said=bool(self._standing))
+        self._questions.update(found, elapsed_s, time_s, said=bool(self._active))
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
         judged = self._judged
@@ -286,18 +286,18 @@ class Monitor:
             tick, estimate, kind, wheel, transition, probability, reason, (pressure, pressure_std)
         )
         if transition == "raised":
-            self._standing[(kind, wheel)] = event
+            self._active[(kind, wheel)] = event
         else:
-            self._standing.pop((kind, wheel), None)
+            self._active.pop((kind, wheel), None)
         return event
 
     # -- resets ----------------------------------------------------------------------------------------------
 
     def reset(self, tyres: str | None = None) -> tuple[bool, str]:
         """Learn the radii again, or change to the set `tyres`; whether it was taken up, and why (not)."""
-        standing = [WHEELS[w] for kind, w in self._standing if kind is AlarmKind.DEFLATION]
+        active = [WHEELS[w] for kind, w in self._active if kind is AlarmKind.DEFLATION]
         before = self._sets.baseline
-        taken, reason = self._sets.request(tyres, standing)
+        taken, reason = self._sets.request(tyres, active)
         if taken:
             self._leaks.reset(self._sets.name)
         if self._sets.baseline is not before:
@@ -313,17 +313,17 @@ class Monitor:
         """Other radii are normal now: alarms that stood against the old ones are to be taken back."""
         self._judged = Judgement.unknown()
         self._questions.forget()
-        self._first.stand(())
+        self._first.restore_reported(())
         for key, alarm in self._alarms.items():
             alarm.active, alarm.hold_elapsed_s = False, 0.0
-            if key in self._standing:
+            if key in self._active:
                 self._taken_back.append(key)
 
     def _announce_taken_back(self, tick: Tick, estimate: RadiusEstimate) -> list[AlarmEvent]:
         """Events for what a reset has taken back: no alarm goes without a word."""
         events = []
         for kind, wheel in self._taken_back:
-            if self._standing.pop((kind, wheel), None) is None:
+            if self._active.pop((kind, wheel), None) is None:
                 continue
             reason = f"taken back by a reset: {self._sets.reason}"
             events.append(self._event(tick, estimate, kind, wheel, "cleared", 0.0, reason))
@@ -368,7 +368,7 @@ class Monitor:
             sound = WheelState.MONITORING
         deviation, variance = estimate.deviation_m.tolist(), estimate.covariance_m2.ravel().tolist()[::5]
         states = [sound] * 4
-        for _, wheel in self._standing:
+        for _, wheel in self._active:
             states[wheel] = WheelState.ALARM
         if len(watched) < 4 or not math.isfinite(sum(deviation)):
             for wheel, off_m in enumerate(deviation):
@@ -385,11 +385,11 @@ class Monitor:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Baselines, standing tyre alarms and malfunctions of missing signals as plain numbers."""
+        """Baselines, active tyre alarms and malfunctions of missing signals as plain numbers."""
         return {
             "sets": self._sets.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
-            "alarms": [alarm_to_json(e) for key, e in self._standing.items() if key not in self._taken_back],
+            "alarms": [alarm_to_json(e) for key, e in self._active.items() if key not in self._taken_back],
             "leaks": self._leaks.to_json(),
             "malfunctions": self._signals.to_json(),
         }
@@ -402,9 +402,9 @@ class Monitor:
         try:
             if saved["wheels"] != [WHEELS[i] for i in self._wheels]:
                 raise ValueError("the saved baseline belongs to another set of wheels")
-            standing = [alarm_from_json(entry, self._alarms) for entry in saved["alarms"]]
+            active = [alarm_from_json(entry, self._alarms) for entry in saved["alarms"]]
             sets = saved["sets"]
-            if any(not event.since for event in standing) and not (
+            if any(not event.since for event in active) and not (
                 sets["baseline"]["ready"] or sets["before"] is not None
             ):
                 raise ValueError("the saved alarms have no baseline that they stand against")
@@ -419,15 +419,15 @@ class Monitor:
         self._leaks, self._signals, self._restored = leaks, signals, True
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
-        self._standing.clear()
+        self._active.clear()
         self._taken_back.clear()
         for alarm in self._alarms.values():
             alarm.active, alarm.hold_elapsed_s = False, 0.0
-        for event in standing:
+        for event in active:
             key = (event.kind, WHEELS.index(event.wheel or ""))
             self._alarms[key].active = not event.since
-            self._standing[key] = event
-        self._first.stand(key for key, event in self._standing.items() if event.since)
+            self._active[key] = event
+        self._first.restore_reported(key for key, event in self._active.items() if event.since)
         self._learning = self.learning()
 
 

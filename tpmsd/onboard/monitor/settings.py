@@ -22,7 +22,7 @@ class ConditionSettings:
 
     memory_s: tuple[float, float] = (4.0, 40.0)
     """Shortest and longest memory of an estimate that is believed."""
-    standing_mps: float = 0.5
+    standstill_mps: float = 0.5
     """Below, the car stands."""
     parked_s: float = 90.0
     """From so long a standstill the car may have been loaded otherwise."""

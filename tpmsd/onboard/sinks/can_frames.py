@@ -4,7 +4,7 @@ In: one `MonitorReport` per tick and the logical time. Out: the frames that are 
 Pure: neither bus nor clock.
 
 TPMSD_STATUS is cyclic: three pages (front, rear, change) every `status_period_s`. TPMSD_ALARM is sent at once
-for every alarm raised or cleared, then repeated every `alarm_period_s` while the alarm stands, and
+for every alarm raised or cleared, then repeated every `alarm_period_s` while the alarm is active, and
 `CLEARED_REPEATS` times after it was cleared, so that a receiver that lost frames still learns of it.
 A repetition carries the sequence number of its event: a receiver counts events by it, frames by the counter.
 """

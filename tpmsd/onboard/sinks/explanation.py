@@ -1,4 +1,4 @@
-"""Reasons why an alarm stands and why none does: the posterior, the evidence, the alternatives.
+"""Reasons why an alarm is active and why none is: the posterior, the evidence, the alternatives.
 
 In: every tick with its estimate, the monitor and its report. Out: a document of plain JSON types, for
 `tpmsd explain`. Nothing here decides anything; what is kept is bounded.

@@ -41,7 +41,7 @@ def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -
 
 
 def read_explanation(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
-    """Return the reasons for which alarms stand, or for which none does. Raises StatusError."""
+    """Return the reasons for which alarms are active, or for which none is. Raises StatusError."""
     with contextlib.closing(_read_documents(path, "explain", timeout_s)) as documents:
         return next(documents)
 

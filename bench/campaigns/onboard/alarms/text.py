@@ -138,7 +138,7 @@ def _detections(found: Figures) -> list[str]:
         "Times are seconds of driving above 40 km/h from when all the air is lost that will be; a "
         "case without an alarm counts as longer than all others (-: not reached). `early`: alarm while "
         "the air still went. `By law`: within the time that the regulation allows, of the driving that it "
-        "counts; `stands`: of those detected, the alarm stands after five minutes with the ignition off.",
+        "counts; `stands`: of those detected, the alarm is active after five minutes with the ignition off.",
         "",
         "| cases | detected in time | by law | median s | 95 % s | longest s | right wheels of those named "
         "| early | stands |",

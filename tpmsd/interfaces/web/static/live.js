@@ -51,7 +51,7 @@ function showVerdict(document_) {
   if (node.textContent !== text) node.textContent = text;
   node.className = style;
   const times = (document_.alarms ?? []).map((alarm) => alarm.time).filter(Number.isFinite);
-  const said = times.length ? `Since ${timeOfDay(Math.min(...times))}.` : `No alarm stands; tpmsd has watched for ${duration(document_.uptime_s)}.`;
+  const said = times.length ? `Since ${timeOfDay(Math.min(...times))}.` : `No alarm is active; tpmsd has watched for ${duration(document_.uptime_s)}.`;
   if (byId("since").textContent !== said) byId("since").textContent = said;
   const name = document_.vehicle?.name ?? "Tyres";
   byId("name").textContent = name;

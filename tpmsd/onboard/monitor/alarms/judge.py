@@ -71,7 +71,7 @@ class Judgement:
     deviates: FloatArray
     """Probability of a change of either sign beyond its threshold."""
     possible: FloatArray
-    """Probability of such a loss, or of what passes and looks the same now: an alarm stands as long."""
+    """Probability of such a loss, or of what passes and looks the same now: an alarm is active as long."""
     loss_m: FloatArray
     pressure_loss: FloatArray
     """Share of the pressure."""

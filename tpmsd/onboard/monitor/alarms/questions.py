@@ -75,7 +75,7 @@ class Questions:
             for index, one in enumerate(self._subsets)
             if len(one) == 2 and wheels[one[0]] ^ 1 == wheels[one[1]]
         ]
-        self.standing: tuple[Question, ...] = ()
+        self.open: tuple[Question, ...] = ()
 
     def update(
         self,
@@ -86,7 +86,7 @@ class Questions:
         said: bool,
     ) -> None:
         """Take a judgement that stands for `elapsed_s` of driving; None: of tyres that may be others. `said`:
-        whether an alarm of a tyre stands."""
+        whether an alarm of a tyre is active."""
         if said:
             self.forget()
             return
@@ -96,8 +96,8 @@ class Questions:
         if self._of_first.active and self._first is not None:
             wheel, probability, words = self._first
             asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", probability)]
-        since = {one.wheels: one.since_s for one in self.standing}
-        self.standing = tuple(
+        since = {one.wheels: one.since_s for one in self.open}
+        self.open = tuple(
             Question(wheels, question, probability, since.get(wheels, time_s))
             for wheels, question, probability in asked
         )
@@ -125,7 +125,7 @@ class Questions:
         """Nothing is asked: an alarm says it, or other tyres are on the car."""
         for asked in (self._of_tyres, self._of_load, self._of_first):
             asked.active, asked.hold_elapsed_s = False, 0.0
-        self.standing = ()
+        self.open = ()
 
     def _of_axle(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
         """Return the axle of which a loss would look the same, and the question."""

@@ -17,7 +17,7 @@ from tpmsd.onboard.monitor.settings import TYRE_SETS
 
 
 def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:
-    """Return what is kept of an alarm that stands; radii are left out, for they are estimated again."""
+    """Return what is kept of an active alarm; radii are left out, for they are estimated again."""
     return {
         "kind": str(event.kind),
         "wheel": event.wheel,

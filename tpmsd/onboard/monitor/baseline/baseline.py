@@ -265,8 +265,8 @@ class TyreSetBaseline:
         self._evidence, self._closed, self._first_drive = None, False, False
 
     def change_hypotheses(self, *, alarm_active: bool) -> ChangeHypotheses | None:
-        """Return the changes by the drive as a whole; None as long as it is too short. While an alarm stands
-        a first drive is asked if it alone raised it.
+        """Return the changes by the drive as a whole; None as long as it is too short. While an alarm is
+        active a first drive is asked if it alone raised it.
         """
         asked = self.settled or self._by_drive or not alarm_active
         return self._evidence.change_hypotheses if asked and self._evidence is not None else None

@@ -62,10 +62,10 @@ class TyreSets:
         if self._before is not None:
             self._before.update(tick, estimate)
 
-    def request(self, name: str | None, standing: list[str]) -> tuple[bool, str]:
+    def request(self, name: str | None, announced: list[str]) -> tuple[bool, str]:
         """Learn again, or change to another set; whether it was taken, and why (not).
 
-        `standing`: wheels for which a deflation is announced now. To ask for the set that is being learned
+        `announced`: wheels for which a deflation is announced now. To ask for the set that is being learned
         changes nothing: else whoever asks every minute keeps the car unlearned.
         """
         wanted = self.name if name is None else name
@@ -75,28 +75,27 @@ class TyreSets:
                 return True, self.reason
             if self._allowance < TYRE_SETS.cost_other:
                 return False, TOO_MANY
-        taken = self._accept_request(name, standing)
+        taken = self._accept_request(name, announced)
         return taken, self.reason
 
-    def _accept_request(self, name: str | None, standing: list[str]) -> bool:
+    def _accept_request(self, name: str | None, announced: list[str]) -> bool:
         self._requests += 1
         wanted = self.name if name is None else name
         cost = TYRE_SETS.cost_same if wanted == self.name else TYRE_SETS.cost_other
-        why = self._why_not(wanted, standing, cost)
+        why = self._why_not(wanted, announced, cost)
         if why:
             return self._refuse(why)
         self._allowance -= cost
         self._change_to(wanted)
         return True
 
-    def _why_not(self, wanted: str, standing: list[str], cost: float) -> str:
+    def _why_not(self, wanted: str, announced: list[str], cost: float) -> str:
         """Reason to refuse a reset to this set; empty if there is none."""
         if NAME.fullmatch(wanted) is None:
             return f"{wanted!r:.40} is no name of a set of tyres (a-z 0-9 _ -, at most 24)"
-        if standing and wanted == self.name:
-            return (
-                f"the alarm of {' '.join(standing)} stands: inflate the tyre and drive on until it is cleared"
-            )
+        if announced and wanted == self.name:
+            what = f"the alarm of {' '.join(announced)} is active"
+            return f"{what}: inflate the tyre and drive on until it is cleared"
         known = wanted == self.name or wanted in self._others
         if not known and len(self._others) + 1 >= TYRE_SETS.max_sets:
             return f"{TYRE_SETS.max_sets} sets of tyres are kept already"

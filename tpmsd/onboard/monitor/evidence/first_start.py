@@ -191,12 +191,12 @@ class FirstStart:
         anything was judged."""
 
     @property
-    def standing(self) -> set[int]:
+    def reported(self) -> set[int]:
         """Wheels that were reported."""
         return {wheel for (_, wheel), alarm in self._alarms.items() if alarm.active}
 
-    def stand(self, keys: Iterable[tuple[AlarmKind, int]]) -> None:
-        """Set what stands after a restart or a reset; nothing else does."""
+    def restore_reported(self, keys: Iterable[tuple[AlarmKind, int]]) -> None:
+        """Set the reported wheels after a restart or a reset, and no others."""
         wanted = set(keys)
         for key, alarm in self._alarms.items():
             alarm.active, alarm.hold_elapsed_s = key in wanted, 0.0

@@ -18,7 +18,7 @@ A size may also have come in a young window: a row of its own there, and an alte
 wheel of its axle.
 
 What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
-have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An alarm that stands is not
+have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An active alarm is not
 cleared while such a thing is seen of its tyre (`possible`).
 
 A change of either sign is asked alike: of it a window knows P_w(S off), and P_w(none off) takes the place of

@@ -39,8 +39,8 @@ class EncoderWatch:
         """Take one tick."""
         for axle in self._axles:
             if axle.update(tick):
-                standing = {wheel for wheel in axle.wheels if self.losing.pop(wheel, None) is not None}
-                self.losing |= axle.losing(standing)
+                already_losing = {wheel for wheel in axle.wheels if self.losing.pop(wheel, None) is not None}
+                self.losing |= axle.losing(already_losing)
 
 
 class _Axle:
@@ -72,12 +72,13 @@ class _Axle:
         self._lasted_s = 0.0
         return True
 
-    def losing(self, standing: set[int]) -> dict[int, float]:
+    def losing(self, already_losing: set[int]) -> dict[int, float]:
         """Wheels that lose counts since any of the last minutes, and which share by the minutes that show it
-        best; of those that are `standing` less evidence is enough."""
+        best; of those that are `already_losing` less evidence is enough."""
         out: dict[int, float] = {}
         limits = {
-            wheel: ENCODERS.clear_nats if wheel in standing else ENCODERS.raise_nats for wheel in self.wheels
+            wheel: ENCODERS.clear_nats if wheel in already_losing else ENCODERS.raise_nats
+            for wheel in self.wheels
         }
         shown = dict(limits)
         for minutes, gains in enumerate(np.cumsum(list(self._gains)[::-1], axis=0), 1):

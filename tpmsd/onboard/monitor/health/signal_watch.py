@@ -110,7 +110,7 @@ class _Malfunction:
             return [self._event("cleared", f"over: {self.reason}", tick)]
         return []
 
-    def stand(self, time_s: float | None) -> None:
+    def restore_active(self, time_s: float | None) -> None:
         """Stand since that time, or not (None), as before the program was started again."""
         self.bad_s = self.good_s = 0.0
         self.raised = None if time_s is None else self._at("raised", self.reason, time_s)
@@ -175,7 +175,7 @@ class SignalWatch:
         self._last_valid_s = dict.fromkeys(wheels, -math.inf)
 
     @property
-    def standing(self) -> tuple[AlarmEvent, ...]:
+    def active(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
         return tuple([m.raised for m in self._all if m.raised is not None])
 
@@ -197,7 +197,7 @@ class SignalWatch:
         if unknown := times.keys() - self._kept.keys():
             raise ValueError(f"the saved malfunction of {min(unknown)} is not one of this car")
         for name, one in self._kept.items():
-            one.stand(times.get(name))
+            one.restore_active(times.get(name))
 
     def received(self, time_s: float) -> list[int]:
         """Wheels of which there was a usable signal within the time that a malfunction takes."""

@@ -63,7 +63,7 @@ class ConditionTracker:
             self._stand(max(tick.time_s - tick.dt_s - self._time_s, 0.0))
         self._time_s = tick.time_s
         speed = estimate.speed_mps
-        if not math.isfinite(speed) or speed < CONDITIONS.standing_mps:
+        if not math.isfinite(speed) or speed < CONDITIONS.standstill_mps:
             self._stand(tick.dt_s)
             return 0.0
         self._cold = [

@@ -22,7 +22,7 @@ class ReadingSettings:
     """Between two samples, as in the baseline."""
     new_drive_s: float = 1800.0
     """A standstill from which the next reading is another drive's."""
-    standing_mps: float = 0.5
+    standstill_mps: float = 0.5
     """Below, the car stands."""
     max_std_m: float = 4e-4
     """A difference known less well says nothing of a leak that costs 0.14 mm a week."""

@@ -85,7 +85,7 @@ class SlowLeakWatch:
         self._moved_s = math.nan
 
     @property
-    def standing(self) -> tuple[AlarmEvent, ...]:
+    def active(self) -> tuple[AlarmEvent, ...]:
         """The notices that stand, each as it was raised."""
         return tuple(self._notices.values())
 
@@ -104,7 +104,7 @@ class SlowLeakWatch:
         if begins:
             events += self._commit(tick, over=True)
             self._reading = DriveReading()
-        if not estimate.speed_mps < READINGS.standing_mps:
+        if not estimate.speed_mps < READINGS.standstill_mps:
             self._moved_s = tick.time_s
         if not (estimate.informative and trusted and tick.host_time_s >= READINGS.earliest_s):
             return events
