@@ -90,6 +90,8 @@ class Body:
         self.drive_gain = 1.0 + hidden.get("drive_force_error", "relative")
         self.brake_gain = 1.0 + hidden.get("brake_force_error", "relative")
         self.outside = hidden.get("beyond", "moment_per_speed2")
+        self.instant = hidden.get("instant_loads", "coefficient")
+        self.beside = 0.0  # lateral acceleration beside u r, a step ago
 
     def run(self, steer: Array, speed: Array) -> dict[str, Array]:
         """Return the truth every millisecond."""
@@ -110,6 +112,7 @@ class Body:
                 ax = ax - v * r
             t = k * STEP_S
             first = self._rates(t, float(steer[k]), u, v, r, ax, drive, brake, lag)
+            self.beside = first[3] - u * r
             v1, r1 = v + STEP_S * first[0], r + STEP_S * first[1]
             u1 = u + STEP_S * first[2] if self.forces else float(speed[min(k + 1, n - 1)])
             l1 = [lag[i] + STEP_S * first[5 + i] for i in (0, 1)]
@@ -249,10 +252,11 @@ class Body:
         load_f, load_r = self._axle_load(ax)
         load_f += 0.5 * RHO * self.lift[0] * u * u
         load_r += 0.5 * RHO * self.lift[1] * u * u
-        side_f = self.m * self.b / base * u * r * self.h / car.tf
-        side_r = self.m * self.a / base * u * r * self.h / car.tr
+        lat = u * r + self.instant * self.beside
+        side_f = self.m * self.b / base * lat * self.h / car.tf
+        side_r = self.m * self.a / base * lat * self.h / car.tr
         fx = fy = mz = 0.0
-        move = 2.0 * self.h * u * r / G
+        move = 2.0 * self.h * lat / G
         mean = [0.0, 0.0]
         wheels = []
         for front in (True, False):

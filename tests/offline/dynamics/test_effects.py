@@ -487,3 +487,29 @@ def test_two_wheels_of_unequal_load_carry_less_than_two_of_equal_load() -> None:
     assert frame.side[0][0] == pytest.approx(0.5 * linear * float(inner[0] + outer[0]))
     alone = SingleTrack(CAR).frame(np.array([[0.1, 0.4]]), held(0.1, 20.0), (limited,))
     assert abs(frame.side[0][0]) < abs(alone.side[0][0])
+
+
+def test_wheel_loads_follow_the_accelerations_of_the_instant() -> None:
+    """In a turn-in dv/dt is most of a_y: dF = m a_y h b / (l t), a_y = F_y / m with these loads."""
+    entering, state = replace(held(0.06, 25.0), drive_n=np.array([2000.0])), np.array([[0.0, 0.05, 25.0]])
+    instant = (make_dynamics_effect("instant_loads", coefficient=1.0),)
+    frame = ThreeDof(CAR, forces=True).frame(state, entering, instant)
+    across, ahead = float(frame.outputs["accel_lat"][0]), float(frame.outputs["accel_long"][0])
+    base = CAR.front_m + CAR.rear_m
+    transfer = CAR.mass_kg * across * CAR.height_m * CAR.rear_m / (base * CAR.track_front_m)
+    rise = 0.5 * CAR.mass_kg * ahead * CAR.height_m / base
+
+    assert across > 2.0 * 25.0 * 0.05
+    assert 0.5 * (frame.load[1] - frame.load[0])[0] == pytest.approx(transfer, rel=0.02)
+    rest = 0.5 * CAR.mass_kg * G * CAR.rear_m / base
+    assert 0.5 * (frame.load[1] + frame.load[0])[0] == pytest.approx(rest - rise, abs=10.0)
+
+
+def test_the_rate_of_the_speed_is_the_specific_force_and_v_r() -> None:
+    """Where no accelerometer is recorded, F_x / m = du/dt - v r."""
+    moving = held(0.1, 20.0, -2.0)
+    state = np.array([[0.5, 0.4]])
+
+    assert float(np.asarray(ThreeDof(CAR).frame(state, moving, ()).accel_long)[0]) == -2.0
+    of_speed = ThreeDof(CAR, of_speed=True).frame(state, moving, ())
+    assert np.asarray(of_speed.accel_long)[0] == pytest.approx(-2.0 - 0.5 * 0.4)

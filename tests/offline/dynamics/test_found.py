@@ -27,6 +27,7 @@ from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.document import dynamics_document
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics
 from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing, spread_of_blocks
+from tpmsd.offline.dynamics.located import _edges
 from tpmsd.offline.dynamics.look import Look, p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
@@ -52,6 +53,24 @@ SINGLE = {
 def root(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A folder for the drives."""
     return str(tmp_path_factory.mktemp("drives"))
+
+
+def test_loads_that_follow_the_instant_are_no_finding(root: str) -> None:
+    """Such a car is as configured: that loads wait for the steady bend is the baseline's simplification."""
+    found = diagnosed(root, hidden(instant_loads={"coefficient": 1.0}), "three-dof", forces=True)
+
+    assert found.verdict == CONSISTENT
+    assert "instant_loads" in [one.effect for one in found.nuisances]
+
+
+def test_a_drive_without_wind_has_no_empty_span(root: str) -> None:
+    """Where no span of wind is likely the best one still has a length."""
+    setup = Setup(*loaded(folder(Path(root) / "calm", duration_s=30.0), "single-track"), ("yaw_rate",))
+    wind = (make_dynamics_effect("side_wind", speed_mps=1.0),)
+    span = _edges(Search(setup), wind, (20.0, 25.0 + 1e-7), 6.0, 1e9)
+
+    assert 17.5 <= span.onset_s <= 22.5
+    assert span.duration_s >= 0.5
 
 
 @pytest.mark.parametrize("seed", [1, 2])

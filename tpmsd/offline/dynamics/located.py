@@ -158,10 +158,11 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
     time, reach, step = search.setup.drive.time_s, SETTINGS.wind_box_s, SETTINGS.wind_edge_s
     offsets = np.arange(-reach, reach + 0.5 * step, step)
     middle = 0.5 * (coarse[0] + coarse[1])
+    # half a step from the middle on either side: where no span is likely the best one would be an empty one
     begins = coarse[0] + offsets
-    begins = begins[(begins >= time[0]) & (begins < middle)]
+    begins = begins[(begins >= time[0]) & (begins <= middle - 0.5 * step)]
     ends = coarse[1] + offsets
-    ends = ends[(ends > middle) & (ends <= time[-1] + step)]
+    ends = ends[(ends >= middle + 0.5 * step) & (ends <= time[-1] + step)]
     begins = begins if len(begins) else np.array([max(coarse[0], float(time[0]))])
     ends = ends if len(ends) else np.array([coarse[1]])
     addition = _boxes(search, moved, np.concatenate([begins, ends]), std)

@@ -111,7 +111,8 @@ def make_drive(
     steer, ratio = _steering(table, columns, tables, time)
     given = _forces_given(columns)
     forces = BASELINES[baseline].nonlinear and len(given) == 2 and _has(columns, OUTPUTS["speed"])
-    model = BASELINES[baseline](car_of(tables, ratio), forces)
+    of_speed = not forces and not _has(columns, OUTPUTS["accel_long"])
+    model = BASELINES[baseline](car_of(tables, ratio), forces, of_speed)
     speed = _speed(table, columns, tables, time)
     inputs = make_inputs(
         time,

@@ -74,10 +74,13 @@ class Rolled:
 
 @dataclass(frozen=True, slots=True)
 class Baseline(ABC):
-    """A baseline of one car; `forces` says that drive and brake forces are inputs and speed a state."""
+    """A baseline of one car; `forces` says that drive and brake forces are inputs and speed a state,
+    `of_speed` that the longitudinal acceleration is du/dt: the specific force is du/dt - v r.
+    """
 
     car: DynamicCar
     forces: bool = False
+    of_speed: bool = False
     name: ClassVar[str] = ""
     nonlinear: ClassVar[bool] = False
 
@@ -186,6 +189,8 @@ class Baseline(ABC):
     def _on_tyres(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
         """Return a frame with the tyres' forces."""
         frame = frame_of(self.car, state, u, self.nonlinear, MIN_MPS)
+        if self.of_speed:
+            frame.accel_long = frame.accel_long - frame.v * frame.r
         for effect in theta:
             effect.adapt_car(frame)
         for effect in theta:
@@ -193,6 +198,25 @@ class Baseline(ABC):
         if not self.forces:
             force = frame.mass * frame.accel_long + resistance(frame)
             frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
+        frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
+        frame.across = frame.u * frame.r
+        if not (isinstance(frame.instant_loads, float) and frame.instant_loads == 0.0):
+            self._follow_instant(frame, theta)
+        self._to_tyres(frame, theta)
+        return frame
+
+    def _follow_instant(self, frame: Frame, theta: Theta) -> None:
+        """Let loads and roll follow the accelerations that the tyres give with the steady ones."""
+        first = copy(frame)
+        self._to_tyres(first, theta)
+        across = np.asarray(first.force_y / frame.mass)
+        frame.across = frame.across + frame.instant_loads * (across - frame.across)
+        if self.forces:
+            ahead = np.asarray((first.force_x - resistance(frame)) / frame.mass)
+            frame.ahead = frame.ahead + frame.instant_loads * (ahead - frame.ahead)
+
+    def _to_tyres(self, frame: Frame, theta: Theta) -> None:
+        """Go on from accelerations to the tyres' forces."""
         self._loads(frame)
         for effect in theta:
             effect.adapt_loads(frame)
@@ -202,7 +226,6 @@ class Baseline(ABC):
         for effect in theta:
             effect.adapt_tyres(frame)
         self._tyres(frame)
-        return frame
 
     def _pushed(self, frame: Frame, theta: Theta) -> Frame:
         """Return a frame with the tyres' forces, all other forces and rates added."""
@@ -347,9 +370,9 @@ def within(share: Real) -> Real:
 def lateral_transfer(frame: Frame) -> FloatArray:
     """Return the lateral load transfer of each axle over its wheel's static load, (2, ...).
 
-    Each axle takes the transfer of the mass that it carries: dF / F0 = 2 h a_y / (g t), a_y = u r.
+    Each axle takes the transfer of the mass that it carries: dF / F0 = 2 h a_y / (g t).
     """
-    pull = 2.0 * frame.height * frame.u * frame.r / GRAVITY_MPS2
+    pull = 2.0 * frame.height * frame.across / GRAVITY_MPS2
     return np.stack(np.broadcast_arrays(pull / frame.track_front, pull / frame.track_rear))
 
 

@@ -73,6 +73,8 @@ class Frame:
     """Share of the friction ellipse in how longitudinal force takes side force; 0: the baseline's own way."""
     wheel_loads: Real = field(default=0.0, kw_only=True)
     """Share of the lateral load transfer that friction of an axle's two wheels feels; axles only."""
+    instant_loads: Real = field(default=0.0, kw_only=True)
+    """Share of what loads and roll follow of the accelerations beside the steady ones."""
     drive_front_share: Real
     brake_front_share: Real
     drag_area: Real
@@ -86,6 +88,10 @@ class Frame:
     accel_long: FloatArray
 
     # stage by stage
+    ahead: Real = field(default=0.0, kw_only=True)
+    """Longitudinal acceleration that loads follow, m/s2."""
+    across: Real = field(default=0.0, kw_only=True)
+    """Lateral acceleration that loads and roll follow, m/s2."""
     load: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) N."""
     transfer: FloatArray = field(default_factory=lambda: np.zeros(0))

@@ -43,7 +43,7 @@ class SingleTrack(Baseline):
     def _loads(self, frame: Frame) -> None:
         """Axle loads with the transfer of longitudinal acceleration; lateral transfer for the effects."""
         base = frame.front + frame.rear
-        rise = frame.mass * frame.accel_long * frame.height / base
+        rise = frame.mass * frame.ahead * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
         frame.load = np.stack(np.broadcast_arrays(weight * frame.rear - rise, weight * frame.front + rise))
         frame.transfer = lateral_transfer(frame)

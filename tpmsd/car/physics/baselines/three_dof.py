@@ -2,8 +2,8 @@
 
 Hub i lies x_i ahead and y_i to the left of the centre of gravity and moves with (u - r y_i, v + r x_i). A
 wheel's longitudinal slip is that which carries its share of the force, sigma / (1 + sigma) = F / C_sigma, of
-the given forces or of m a_x. Loads follow from a_x and the steady a_y = u r. Each sign is taken from a
-free-body drawing.
+the given forces or of m a_x. Loads follow from a_x and the steady a_y = u r; `instant_loads` lets them
+follow all of a_y. Each sign is taken from a free-body drawing.
 """
 
 from __future__ import annotations
@@ -34,8 +34,7 @@ class ThreeDof(Baseline):
     def _loads(self, frame: Frame) -> None:
         """Quasi-static wheel loads, [Liu 2022, eq. 8] with the division by the wheelbase."""
         base = frame.front + frame.rear
-        ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
-        rise = frame.mass * ahead * frame.height / base
+        rise = frame.mass * frame.ahead * frame.height / base
         weight = frame.mass * GRAVITY_MPS2 / base
         front, rear = 0.5 * (weight * frame.rear - rise), 0.5 * (weight * frame.front + rise)
         frame.transfer = lateral_transfer(frame)

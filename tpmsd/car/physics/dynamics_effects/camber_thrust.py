@@ -45,7 +45,7 @@ class CamberThrust(DynamicsEffect):
 
     def add_forces(self, frame: Frame) -> None:
         """Push both axles outwards."""
-        pull = -self.coefficient * frame.u * frame.r / GRAVITY_MPS2
+        pull = -self.coefficient * frame.across / GRAVITY_MPS2
         if frame.axles:
             front, rear = frame.load[0] * pull, frame.load[1] * pull
         else:

@@ -46,7 +46,7 @@ class RollSteer(DynamicsEffect):
 
     def adapt_angles(self, frame: Frame) -> None:
         """Turn the rear wheels."""
-        turn = self.coefficient * frame.u * frame.r
+        turn = np.asarray(self.coefficient * frame.across)
         still = np.zeros_like(turn)
         turned = (still, turn) if frame.axles else (still, still, turn, turn)
         frame.angle = frame.angle + np.stack(np.broadcast_arrays(*turned))

@@ -1,0 +1,43 @@
+"""Loads and roll follow the accelerations of the instant."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import NUISANCE, DynamicsEffect
+from tpmsd.car.physics.dynamics_parameters import physical_share
+from tpmsd.car.physics.effect_records import Wording
+
+
+@dataclass(frozen=True)
+class InstantLoads(DynamicsEffect):
+    """a_y = u r + c * (F_y / m - u r), a_x likewise from (F_drive - F_brake) / m to F_x / m, c = 1.
+
+    Loads, and what the body's roll does, follow these. With 0 they follow the steady accelerations alone, in
+    which no force waits for a load; a car that turns in has dv/dt beside u r. Source: [Liu 2022], eqs (1) and
+    (8).
+    """
+
+    name = "instant_loads"
+    kind = NUISANCE
+    wording = Wording(
+        formula="loads and roll follow a_y = u * r + c * (F_y / m - u * r), a_x likewise",
+        sentence="wheel loads follow the accelerations of the instant",
+        distinguished_by="change lanes quickly near the limit",
+    )
+    channel = "accel_lat"
+    covariate = "steering_rate"
+    twins = ("cg_height_error", "wheel_loads")
+    grid = ({"coefficient": 1.0},)
+    parameters = (
+        physical_share(
+            "share of the accelerations beside the steady ones",
+            "1 by statics; springs and dampers delay it",
+        ),
+    )
+    coefficient: float = 0.0
+
+    def adapt_car(self, frame: Frame) -> None:
+        """Set the share."""
+        frame.instant_loads = self.coefficient
