@@ -21,6 +21,7 @@ from tpmsd.car.physics.baselines.table import BASELINES
 from tpmsd.car.physics.baselines.three_dof import ThreeDof
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS, make_dynamics_effect
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.dynamics_effects.time_spline import covariate_of
 from tpmsd.car.physics.parameters import Parameter
 from tpmsd.foundation.errors import ConfigError
 
@@ -513,3 +514,11 @@ def test_the_rate_of_the_speed_is_the_specific_force_and_v_r() -> None:
     assert float(np.asarray(ThreeDof(CAR).frame(state, moving, ()).accel_long)[0]) == -2.0
     of_speed = ThreeDof(CAR, of_speed=True).frame(state, moving, ())
     assert np.asarray(of_speed.accel_long)[0] == pytest.approx(-2.0 - 0.5 * 0.4)
+
+
+def test_a_covariate_does_not_share_the_noise_of_a_reading() -> None:
+    """Over its own noisy reading an output has errors that grow with it; the forces have that noise not."""
+    frame = ThreeDof(CAR, forces=True).frame(FORCED, U, ())
+
+    assert covariate_of(frame, "accel_long") == pytest.approx((500.0 - 900.0) / CAR.mass_kg)
+    assert float(np.asarray(covariate_of(ThreeDof(CAR).frame(X, U, ()), "accel_long"))[0]) == -1.5

@@ -147,13 +147,14 @@ class DynamicsUnknown(_Spline):
 
 
 def covariate_of(frame: Frame, name: str) -> FloatArray:
-    """Return a covariate of one evaluation; lateral acceleration is the steady one, u r."""
+    """Return a covariate of one evaluation: lateral acceleration is the steady one, u r, the longitudinal one
+    that of loads. A reading would share its noise with what is explained."""
     values = {
         "time": frame.inputs.time_s,
         "speed": frame.u,
         "steering": frame.steer,
         "steering_rate": frame.inputs.steer_rate_radps,
-        "accel_long": frame.accel_long,
+        "accel_long": np.asarray(frame.ahead),
         "accel_lat": frame.u * frame.r,
         "yaw_rate": frame.r,
     }
