@@ -134,13 +134,18 @@ def compile_on_demand() -> None:
 
 
 def _written_at_first(write: Callable[[], Callable[..., None]]) -> Callable[..., None]:
-    """Return an `__init__` that puts the one that `write` returns into its class, in its own place."""
+    """Return an `__init__` that puts the one that `write` returns into its class, in its own place.
+
+    Where a decorator has wrapped it no class holds it, and it goes on to call the other one.
+    """
+    compiled = cache(write)
 
     def __init__(self: object, *given: Any, **named: Any) -> None:  # noqa: N807
-        made = write()
+        made = compiled()
         made.__qualname__ = __init__.__qualname__
-        owner = next(one for one in type(self).__mro__ if one.__dict__.get("__init__") is __init__)
-        setattr(owner, "__init__", made)  # noqa: B010  (mypy refuses the assignment)
+        for owner in type(self).__mro__:
+            if owner.__dict__.get("__init__") is __init__:
+                setattr(owner, "__init__", made)  # noqa: B010  (mypy refuses the assignment)
         made(self, *given, **named)
 
     return __init__

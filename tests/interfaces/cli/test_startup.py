@@ -168,6 +168,12 @@ def made():
         def __init__(self, y):
             super().__init__(x=y)
     assert Heir(7).x == 7 and Heir(8).x == 8
+    @dataclass
+    class Wrapped:
+        x: int = 1
+    own = Wrapped.__init__
+    Wrapped.__init__ = lambda self, **given: own(self, given["y"])
+    assert Wrapped(y=7).x == 7 and Wrapped(y=8).x == 8
     return Point, Other, Loose
 def said(point, other, loose):
     yield from map(repr, (point(1.0), other(2.0, z=3), loose(5), point.__eq__.__qualname__))
