@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.car.physics.catalogue import EFFECTS, FREE
+from tpmsd.car.physics.catalogue import EFFECTS, NONPARAMETRIC
 
 REPO = Path(__file__).resolve().parents[3]
 PACKAGE = REPO / "tpmsd"
@@ -19,7 +19,7 @@ EXAMPLES = {
     "tpmsd/interfaces/cli/plan.py",
 }
 """Help texts whose examples name effects as a user types them."""
-NOT_NAMES = {FREE.name, *(name for name in EFFECTS if "_" not in name)}
+NOT_NAMES = {NONPARAMETRIC.name, *(name for name in EFFECTS if "_" not in name)}
 """Words of the language that stand for other things as well."""
 
 

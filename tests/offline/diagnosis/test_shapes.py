@@ -127,7 +127,9 @@ def test_a_shape_that_is_hardly_better_than_two_effects_gets_their_names() -> No
     regression = Regression([Reader(recording, reference(recording))])
     selector = Selector(regression.evidence(), regression.hypotheses)
     shape = next(
-        terms for _, terms in selector.candidates([]) if terms[0].free and "accel_long" == terms[0].covariate
+        terms
+        for _, terms in selector.candidates([])
+        if terms[0].nonparametric and "accel_long" == terms[0].covariate
     )
     penalised_gain, _ = selector.pairs_over("accel_long", [])[0]
 

@@ -67,7 +67,7 @@ def test_every_pattern_is_held_against_an_effect_on_the_same_wheels(
     selection = Selector(regressions[number].evidence(), regressions[number].hypotheses).judged([])
     found = {}
     for term in terms:
-        if term.free and not term.pulse:
+        if term.nonparametric and not term.pulse:
             both = replace(selection, chosen=(chosen(missed, 9.0), chosen(term, 10.0)))
             found[term.pattern] = outweighed(both.chosen[0], both)
 

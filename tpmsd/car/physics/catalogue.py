@@ -111,7 +111,7 @@ def probes() -> tuple[FittedParameter, ...]:
             or effect.identification.reads
         ):
             continue
-        if effect.kind is Kind.FREE:
+        if effect.kind is Kind.NONPARAMETRIC:
             continue
         for wheel_pattern in effect.identification.wheel_patterns or ("",):
             if not effect.parameters:
@@ -163,7 +163,7 @@ def _the(what: str, rule: Callable[[type[Effect]], bool]) -> type[Effect]:
     return found[0]
 
 
-FREE = _the("free", lambda effect: effect.kind is Kind.FREE)
+NONPARAMETRIC = _the("free", lambda effect: effect.kind is Kind.NONPARAMETRIC)
 """The description without a formula."""
 FAULT = _the("a ramp of a radius", lambda effect: effect.nonlinear.ramp)
 """The tyre that changes."""

@@ -80,7 +80,7 @@ class Kind(Enum):
     """A tyre that changes: what the daemon watches, never compensated."""
     EVENT = "event"
     """Events of a span of time."""
-    FREE = "free"
+    NONPARAMETRIC = "free"
     """A description without a formula."""
     NUISANCE = "nuisance"
     """Fitted along and never a finding: calibration, and what instruments always do."""

@@ -193,7 +193,7 @@ def checked(effect: type[Effect], where: str) -> type[Effect]:
     if made is None or not made.frozen:
         raise ConfigError(f"{where}: not a frozen dataclass")
     check_parameters(effect.parameters, {one.name for one in dataclasses.fields(effect)}, where)
-    if effect.kind in (Kind.FREE, Kind.NUISANCE):
+    if effect.kind in (Kind.NONPARAMETRIC, Kind.NUISANCE):
         raise ConfigError(f"{where}: an effect of one's own cannot be {effect.kind.value}")
     for mark in RESERVED:
         if attrgetter(mark)(effect):

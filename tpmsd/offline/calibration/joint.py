@@ -37,7 +37,7 @@ from tpmsd.offline.inference.state_space import geometry
 from tpmsd.offline.inference.whitening import Whitener
 from tpmsd.offline.inference.windows import EAST
 
-FREE = 0.2
+WIDE_PRIOR_STD = 0.2
 """Relative standard deviation of what a calibration is made for, radii and tracks: they are let free."""
 
 
@@ -54,7 +54,9 @@ def _usual() -> dict[str, tuple[float, float]]:
 
 PRIOR = {
     **_usual(),
-    **dict.fromkeys((*(f"radius_{wheel}" for wheel in WHEELS), "track_rear", "track_front"), (0.0, FREE)),
+    **dict.fromkeys(
+        (*(f"radius_{wheel}" for wheel in WHEELS), "track_rear", "track_front"), (0.0, WIDE_PRIOR_STD)
+    ),
     **dict.fromkeys(CHANGES, (0.0, 1e-2)),
 }
 """Prior mean and standard deviation, by `equations.COLUMNS`. Radii, tracks and gyro

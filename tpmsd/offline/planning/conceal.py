@@ -163,7 +163,7 @@ def _usual(name: str) -> bool:
     """Return whether an effect is one that acts of itself and that a recording does not hold already."""
     effect = EFFECTS[name]
     if (
-        effect.kind in (Kind.FREE, Kind.NUISANCE)
+        effect.kind in (Kind.NONPARAMETRIC, Kind.NUISANCE)
         or effect.identification.always_fitted
         or effect.shortens
         or effect.confounding.mirror_of

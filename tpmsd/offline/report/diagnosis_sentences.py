@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tpmsd.car.physics import in_words
-from tpmsd.car.physics.catalogue import FREE
+from tpmsd.car.physics.catalogue import NONPARAMETRIC
 from tpmsd.foundation.english import listed
 from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
@@ -51,7 +51,7 @@ def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
 
 def clause(finding: Finding) -> str:
     """Return what was found, as a clause with its numbers."""
-    if finding.effect == FREE.name:
+    if finding.effect == NONPARAMETRIC.name:
         over = covariate_name(finding.where.covariate or "time")
         on = _wheels(" ".join(finding.where.wheels)) or finding.where.channel.replace("_", " ")
         return f"something without a name acts on {on} over {over}"

@@ -225,7 +225,7 @@ def _coverage() -> list[str]:
     ]
     windows = {probe.effect for probe in probes()}
     for name, effect in EFFECTS.items():
-        if effect.kind not in (Kind.NUISANCE, Kind.FREE):
+        if effect.kind not in (Kind.NUISANCE, Kind.NONPARAMETRIC):
             notes = [_looked_for_in(effect, name in windows)]
             if effect.confounding.confounded:
                 same = ", ".join(f"`{other}`" for other in effect.confounding.confounded)

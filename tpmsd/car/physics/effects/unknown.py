@@ -36,7 +36,7 @@ class Unknown(Effect):
     """
 
     name = "unknown"
-    kind = Kind.FREE
+    kind = Kind.NONPARAMETRIC
     wording = Wording(
         formula="delta_r, or a reading's error, = f(covariate), piecewise linear",
         sentence="something that no effect of the catalogue explains",

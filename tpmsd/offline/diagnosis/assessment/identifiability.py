@@ -63,7 +63,7 @@ def _one_each(catalogue: list[Term]) -> dict[str, Term]:
     """Per effect the term of most values, at the middle of its grid and its first wheel pattern."""
     out: dict[str, Term] = {}
     for term in catalogue:
-        if term.drive is None and term.typical and not term.calibrates and not term.free:
+        if term.drive is None and term.typical and not term.calibrates and not term.nonparametric:
             known = out.get(term.effect)
             if known is None or term.design.shape[1] > known.design.shape[1]:
                 out[term.effect] = term

@@ -250,7 +250,7 @@ def _tangents(drive: DriveRegression, one: Chosen) -> dict[str, _Tangent]:
     or its end may be anywhere in the stop: how far is asked of the likelihood.
     """
     term, size = one.term, float(one.values[0])
-    event = term.pulse and not term.free
+    event = term.pulse and not term.nonparametric
     if not term.ramp and not event:
         return {}
     onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]

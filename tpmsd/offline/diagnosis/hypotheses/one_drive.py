@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
+from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, NONPARAMETRIC, groups
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.penalties import RAMPED_PATTERNS, grid_penalty, ramp_penalty
 from tpmsd.offline.diagnosis.hypotheses.terms import (
@@ -104,7 +104,7 @@ class DriveHypotheses(Hypotheses):
             span = (float(middle[i]), float(middle[j]))
             slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(pattern)
             # Of an axle, events alone: a shape over what both wheels share is told better by its covariate.
-            free = (FREE.name,) if len(wheels) == 1 else ()
+            free = (NONPARAMETRIC.name,) if len(wheels) == 1 else ()
             for effect in (*free, *self._events(pattern, slip, span[1] - span[0])):
                 out.append((float(gain[i, j]), self._pulse(effect, pattern, span, design)))
         return out

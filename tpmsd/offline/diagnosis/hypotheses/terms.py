@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import EFFECTS, FAULT, FREE
+from tpmsd.car.physics.catalogue import EFFECTS, FAULT, NONPARAMETRIC
 from tpmsd.car.physics.effect import Effect, Kind
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import gain_of_rows
@@ -103,9 +103,9 @@ class Term:
         return EFFECTS[self.effect]
 
     @property
-    def free(self) -> bool:
+    def nonparametric(self) -> bool:
         """True if this is a description without a formula."""
-        return self.kind_of.kind is Kind.FREE
+        return self.kind_of.kind is Kind.NONPARAMETRIC
 
     @property
     def ramp(self) -> bool:
@@ -115,7 +115,9 @@ class Term:
     @property
     def on_radii(self) -> bool:
         """True if the values are changes of single wheels' radii in metres."""
-        return (self.free and self.pattern not in ("gnss_speed", "gnss_course", "yaw_rate")) or self.ramp
+        return (
+            self.nonparametric and self.pattern not in ("gnss_speed", "gnss_course", "yaw_rate")
+        ) or self.ramp
 
     @property
     def calibrates(self) -> bool:
@@ -250,7 +252,7 @@ class Hypotheses(ABC):
         penalty = SETTINGS.hypotheses.per_value_nats + math.log(
             len(PULSED) / 2 * SETTINGS.hypotheses.ramp_knots**2
         )
-        if effect == FREE.name:
+        if effect == NONPARAMETRIC.name:
             return Term(
                 effect, design, ("height_m",), penalty, span_s=span_s, pattern=pattern, covariate="time"
             )
@@ -271,7 +273,7 @@ class Hypotheses(ABC):
 
     def shapes_over(self, like: Term) -> list[Term]:
         """Return all smooth terms over a term's covariate, of any pattern and knots."""
-        pool = [term for term in self.catalogue if term.free and not term.pulse]
+        pool = [term for term in self.catalogue if term.nonparametric and not term.pulse]
         both = (like.covariate, like.drive)
         return [term for term in (*pool, *self.splines) if (term.covariate, term.drive) == both]
 
@@ -284,7 +286,9 @@ def spline_term(pattern: str, covariate: str, design: FloatArray, knots: tuple[f
     """Return a smooth term whose values (k,) are its heights at the knots."""
     values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
     penalty = spline_penalty(design.shape[1])
-    return Term(FREE.name, design, values, penalty, pattern=pattern, covariate=covariate, knots=knots)
+    return Term(
+        NONPARAMETRIC.name, design, values, penalty, pattern=pattern, covariate=covariate, knots=knots
+    )
 
 
 def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:

@@ -41,7 +41,7 @@ def proposals(regression: Regression, selection: Selection) -> tuple[Proposal, .
     Where a simulation takes the rolling model's place, a form acts in the recording alone; the simulation's
     windows hold what both have in common.
     """
-    unnamed = [one.term for one in selection.chosen if one.term.free and not one.term.pulse]
+    unnamed = [one.term for one in selection.chosen if one.term.nonparametric and not one.term.pulse]
     if not unnamed:
         return ()
     stay = [one.term.design for one in selection.chosen if one.term not in unnamed]

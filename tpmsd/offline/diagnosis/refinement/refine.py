@@ -174,7 +174,7 @@ def _shapes(regression: Regression, evidence: Evidence, terms: list[Term]) -> li
 
 def _is_coarse(term: Term) -> bool:
     """Over time knots stay as wide as the blocks that are held out: finer ones predict none of them."""
-    shape = term.free and not term.pulse and not term.knots
+    shape = term.nonparametric and not term.pulse and not term.knots
     return shape and term.covariate not in ("time", "distance")
 
 

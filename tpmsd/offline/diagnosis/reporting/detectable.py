@@ -58,7 +58,7 @@ def not_detectable(
 
 
 def _is_asked_for(effect: type[Effect]) -> bool:
-    if effect.kind in (Kind.FREE, Kind.NUISANCE, Kind.EVENT):
+    if effect.kind in (Kind.NONPARAMETRIC, Kind.NUISANCE, Kind.EVENT):
         return False
     # These have searches of their own, and no column tells their sizes.
     how, change = effect.identification, effect.nonlinear

@@ -167,7 +167,7 @@ class _ReportParts:
                 gain=one.heldout_gain,
                 indistinguishable_from=one.confounded_with,
                 advice=advice(one.term.effect, one.confounded_with),
-                shape=shape_of(one, regression.knots(one.term)) if one.term.free else (),
+                shape=shape_of(one, regression.knots(one.term)) if one.term.nonparametric else (),
                 drives=_drives(regression, [each.term for each in selection.chosen], one.term),
                 held_by=versus[which].by if versus else "",
                 simulated=_parameter_quantities(versus[which].simulated, {}) if versus else {},
@@ -180,7 +180,9 @@ class _ReportParts:
     def model(self, regression: Regression, one: Chosen, quantities: dict[str, Quantity]) -> None:
         """Write a term down for the model file."""
         effect, stds = (
-            empirical_effect(one, regression.knots(one.term)) if one.term.free else _effect(one, quantities)
+            empirical_effect(one, regression.knots(one.term))
+            if one.term.nonparametric
+            else _effect(one, quantities)
         )
         self.effects.append(effect)
         self.stds.append(stds)
@@ -225,7 +227,7 @@ def _drives(regression: Regression, terms: list[Term], term: Term) -> tuple[str,
 
 def _of_car(term: Term) -> bool:
     """Return whether a term is an effect of the catalogue whose value may be common to all drives."""
-    return not (term.free or term.kind_of.own_per_drive)
+    return not (term.nonparametric or term.kind_of.own_per_drive)
 
 
 def _in_full(regression: Regression, selection: Selection, which: int) -> Chosen:
@@ -263,7 +265,7 @@ def _reported(quantities: dict[str, Quantity]) -> dict[str, Quantity]:
 
 def _parameter_quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:
     term = one.term
-    if term.free:
+    if term.nonparametric:
         return {}
     known = parameters_of(term.effect)
     out: dict[str, Quantity] = {}

@@ -27,10 +27,10 @@ def where_of(regression: Regression, one: Chosen) -> Where:
     """Return where a term acts, as its report has it."""
     term = one.term
     wheels, channel, covariate = location_of(regression, term)
-    if term.ramp or (term.pulse and not term.free):
+    if term.ramp or (term.pulse and not term.nonparametric):
         spans = _spans(regression, one)
         return Where(wheels, channel, "time", (spans[0][0], spans[-1][1]), spans)
-    if term.free and covariate == "time":
+    if term.nonparametric and covariate == "time":
         return Where(wheels, channel, None, None, _spans(regression, one))
     values = values_of(regression, term, covariate)
     if values is None:
@@ -64,7 +64,7 @@ def location_of(regression: Regression, term: Term) -> tuple[tuple[str, ...], st
     """Wheels, channel and covariate of a term."""
     drives = [regression.drives[number] for number in regression.acting(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
-    if term.free:
+    if term.nonparametric:
         return *_location_of_spline(term, read), term.covariate
     channel, covariate = EFFECTS[term.effect].identification.shows_in
     if channel.startswith(("gnss", "yaw")):

@@ -157,7 +157,7 @@ def _without_splines(
     """Return, by number of the finding, the chance of a term in replicates without spline terms, where
     replicates with them reach it.
     """
-    if not any(one.term.free for one in selection.chosen):
+    if not any(one.term.nonparametric for one in selection.chosen):
         return {}
     asked: list[tuple[int, int]] = []
     for k, (finding, one) in enumerate(zip(findings, chances, strict=True)):
@@ -169,7 +169,12 @@ def _without_splines(
         return {}
     statistics = [
         _of_term(
-            regression, selection, evidence, which, dispersion, acts=not selection.chosen[which].term.free
+            regression,
+            selection,
+            evidence,
+            which,
+            dispersion,
+            acts=not selection.chosen[which].term.nonparametric,
         )
         for _, which in asked
     ]
@@ -208,9 +213,13 @@ def _model(regression: Regression, selection: Selection, drive: int, splines: bo
     """Return all that was chosen, as it acts in one drive; `splines`: with the spline terms."""
     effects: list[Effect] = []
     for one in selection.chosen:
-        if drive not in regression.acting(one.term) or one.term.calibrates or (one.term.free and not splines):
+        if (
+            drive not in regression.acting(one.term)
+            or one.term.calibrates
+            or (one.term.nonparametric and not splines)
+        ):
             continue
-        if one.term.free:
+        if one.term.nonparametric:
             effects.append(empirical_effect(one, regression.knots(one.term))[0])
         else:
             effects.append(_acting(one)[0])
@@ -302,7 +311,9 @@ def _of_term(
         (penalised_gain + one.term.penalty) / dispersion - one.term.penalty,
     )
     response = (
-        acts * one.term.design @ (one.values if one.term.free or one.term.calibrates else _acting(one)[1])
+        acts
+        * one.term.design
+        @ (one.values if one.term.nonparametric or one.term.calibrates else _acting(one)[1])
     )
 
     def largest(again: Replicate) -> float:

@@ -102,7 +102,9 @@ def outweighed(one: Chosen, selection: Selection) -> bool:
     if effect.kind is not Kind.INSTRUMENT or effect.identification.shows_in[0] != "wheel_ratio":
         return False
     shapes = (
-        each for each in selection.chosen if each.term.free and each.term.on_radii and not each.term.pulse
+        each
+        for each in selection.chosen
+        if each.term.nonparametric and each.term.on_radii and not each.term.pulse
     )
     wheels = _wheels(one.term)
     return any(each.heldout_gain > one.heldout_gain and wheels & _wheels(each.term) for each in shapes)

@@ -123,7 +123,8 @@ class Candidates:
             shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
             scanned = self.hypotheses.ramp_gains(gram, b)
             scanned += [
-                ((1.0 - handicap(one)) * brings if one.free else brings, one) for brings, one in shapes
+                ((1.0 - handicap(one)) * brings if one.nonparametric else brings, one)
+                for brings, one in shapes
             ]
             out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
@@ -165,7 +166,7 @@ class Candidates:
         over = [
             term
             for term in self.hypotheses.catalogue
-            if not term.free
+            if not term.nonparametric
             and term.kind_of.identification.shows_in[1] == covariate
             and term.key not in taken
         ]
@@ -192,7 +193,7 @@ class Candidates:
     @staticmethod
     def penalised_gain(term: Term, gain: float, first: float) -> float:
         """Return what a term's gain is worth against alternatives to it."""
-        if not term.free:
+        if not term.nonparametric:
             return gain - likeliest_penalty(term, gain, first)
         return (1.0 - handicap(term)) * gain - term.total_penalty(first)
 

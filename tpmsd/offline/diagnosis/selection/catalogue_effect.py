@@ -51,7 +51,7 @@ def nonlinear_of(term: Term) -> dict[str, float]:
         out[grid.parameter] = term.at
         if grid.second is not None and term.second is not None:
             out[grid.second.parameter] = term.second
-    if term.ramp or (term.pulse and not term.free):
+    if term.ramp or (term.pulse and not term.nonparametric):
         onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
         if duration < SETTINGS.selection.step_s and term.ramp and not term.course:
             onset, duration = onset + 0.5 * duration, 0.0
@@ -63,7 +63,7 @@ def effect_of(term: Term, values: FloatArray) -> tuple[Effect, FloatArray] | Non
     """Return the effect with values (k,) within its bounds, and the values that it has there; None of what
     has no formula or is fitted again on every drive.
     """
-    if term.free or term.calibrates or not term.parameters[0]:
+    if term.nonparametric or term.calibrates or not term.parameters[0]:
         return None
     known = parameters_of(term.effect)
     given: dict[str, object] = {**words_of(term), **nonlinear_of(term)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import FREE, make_effect
+from tpmsd.car.physics.catalogue import NONPARAMETRIC, make_effect
 from tpmsd.car.physics.effect import Effect, Std
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS
@@ -38,10 +38,10 @@ def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float]
 def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, Std]]:
     """Return the effect for the model file, its heights limited to plausible ones."""
     on = pattern_text(one.term.pattern)
-    largest = FREE.largest(on)
+    largest = NONPARAMETRIC.largest(on)
     x, heights, stds = zip(*shape_of(one, knots), strict=True)
     effect = make_effect(
-        FREE.name,
+        NONPARAMETRIC.name,
         on=on,
         covariate=one.term.covariate,
         knots=tuple(x),

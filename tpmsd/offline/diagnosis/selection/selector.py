@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import FAULT, FREE
+from tpmsd.car.physics.catalogue import FAULT, NONPARAMETRIC
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.offline.diagnosis.hypotheses.plausible import (
@@ -103,7 +103,7 @@ class Selector(Candidates):
     def _coarser(self, chosen: list[Term], which: int) -> list[Term]:
         """Return the finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
         term = chosen[which]
-        if not term.free or term.pulse:
+        if not term.nonparametric or term.pulse:
             return []
         size = term.design.shape[1]
         coarser = [
@@ -138,7 +138,7 @@ class Selector(Candidates):
         threshold = self._threshold(chosen)
         if self._completes(chosen, term):
             return threshold
-        free = [one for one in chosen if one.free or one.ramp]
+        free = [one for one in chosen if one.nonparametric or one.ramp]
         effects = self.gain(chosen) - self.gain(free)
         return max(threshold, SETTINGS.selection.spline_over_effects * effects)
 
@@ -239,9 +239,13 @@ class Selector(Candidates):
     def _over(self, terms: list[Term], which: int) -> list[Term]:
         """Return the spline terms among the terms over the covariate that an effect depends on."""
         effect = terms[which].kind_of
-        if not self.last or effect is FREE or effect.identification.shows_in[1] in ("time", "distance"):
+        if (
+            not self.last
+            or effect is NONPARAMETRIC
+            or effect.identification.shows_in[1] in ("time", "distance")
+        ):
             return []
-        return [t for t in terms if t.free and t.covariate == effect.identification.shows_in[1]]
+        return [t for t in terms if t.nonparametric and t.covariate == effect.identification.shows_in[1]]
 
     def _apart(self, terms: list[Term], which: int) -> list[Term]:
         """Return the spline terms of wheels among the terms over another covariate than that of an effect
@@ -249,18 +253,18 @@ class Selector(Candidates):
         """
         term = terms[which]
         effect = term.kind_of
-        if not self.last or effect is FREE or term.wheel or term.pattern:
+        if not self.last or effect is NONPARAMETRIC or term.wheel or term.pattern:
             return []
         if effect.identification.shows_in[0] != "wheel_ratio":
             return []
-        shapes = [t for t in terms if t.free and t.on_radii and not t.pulse]
+        shapes = [t for t in terms if t.nonparametric and t.on_radii and not t.pulse]
         return [t for t in shapes if t.covariate != effect.identification.shows_in[1]]
 
     @staticmethod
     def _completes(chosen: list[Term], term: Term) -> bool:
         """Return whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
-        return not term.free or any(
-            other.free and other.covariate == term.covariate != "time" for other in chosen
+        return not term.nonparametric or any(
+            other.nonparametric and other.covariate == term.covariate != "time" for other in chosen
         )
 
     def _joint_terms(self, terms: list[Term], which: int) -> list[Term]:
@@ -323,11 +327,11 @@ class Selector(Candidates):
         their block-wise variance, as either is added: a description must be better by both, an effect by one.
         """
         by_gain = other[0] > one[0] + SETTINGS.selection.exchange_nats
-        if one[1].free == other[1].free:
+        if one[1].nonparametric == other[1].nonparametric:
             return by_gain
         now, then = (self.studentised(rest, term, penalised_gain) for penalised_gain, term in (one, other))
         by_scatter = then > now + SETTINGS.selection.exchange_nats
-        return by_gain or by_scatter if one[1].free else by_gain and by_scatter
+        return by_gain or by_scatter if one[1].nonparametric else by_gain and by_scatter
 
     def _stays(self, terms: list[Term]) -> bool:
         """Return whether the last of some terms may stand beside the others and a backward step keeps it.
@@ -344,7 +348,7 @@ class Selector(Candidates):
         A shape of both axles' difference puts half of what one axle does on the other, and the speed of the
         free wheels is then wrong by what looks like GNSS latency.
         """
-        for shape in [term for term in chosen if term.free and not term.pulse]:
+        for shape in [term for term in chosen if term.nonparametric and not term.pulse]:
             options = self._elsewhere(shape)
             for other in [term for term in chosen if term is not shape]:
                 rest = [term for term in chosen if term is not shape and term is not other]
@@ -372,7 +376,7 @@ class Selector(Candidates):
 
         Neither alone need explain it: driven wheels slip under power, all wheels under braking.
         """
-        for shape in [term for term in chosen if term.free and not term.pulse]:
+        for shape in [term for term in chosen if term.nonparametric and not term.pulse]:
             others = [term for term in chosen if term is not shape]
             ahead = handicap(shape) * (self.gain(chosen) - self.gain(others))
             must = self._margin(chosen) - ahead + SETTINGS.selection.exchange_nats
@@ -498,7 +502,7 @@ class Selector(Candidates):
             one = Alternative(
                 f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight
             )
-            if not (other.free or other.effect == term.effect or other.calibrates):
+            if not (other.nonparametric or other.effect == term.effect or other.calibrates):
                 if divided and raw < gain - similar:
                     one = self._of_part(rest, other, term, gain, alone, better - raw, doubt, one)
                 elif raw > gain - similar:
@@ -511,7 +515,7 @@ class Selector(Candidates):
         term, beyond what their linear responses bring, nats; nothing of a description, which is as linear as
         it is told.
         """
-        if alternative.free or term.free:
+        if alternative.nonparametric or term.nonparametric:
             return 0.0
         return self.beyond([*rest, alternative]) - self.beyond([*rest, term])
 
