@@ -30,7 +30,8 @@ FILES = {
 HEADERS = ("foundation/_arrays.h", "foundation/_sources.h")
 """Headers of the kernels, below the package's folder."""
 COMPILED, NUMPY = "compiled", "numpy"
-_NO_CODE = re.compile(rb"/\*.*?\*/|\s+", re.DOTALL)
+_COMMENT = re.compile(rb"/\*.*?\*/", re.DOTALL)
+_SPACES = b" \t\n\r\f\v"
 
 
 def sources_number(package: Path, name: str) -> int | None:
@@ -39,7 +40,7 @@ def sources_number(package: Path, name: str) -> int | None:
     """
     files = [package / f"{FILES[name]}.c", *(package / header for header in HEADERS)]
     try:
-        code = b"".join(_NO_CODE.sub(b"", file.read_bytes()) for file in files)
+        code = b"".join(_COMMENT.sub(b"", file.read_bytes()) for file in files).translate(None, _SPACES)
     except OSError:
         return None
     return zlib.crc32(code) & 0x7FFFFFFF  # a C long has 32 bits on some machines, one of them a sign
@@ -69,12 +70,19 @@ def is_outdated(package: Path, name: str, module: ModuleType | None) -> bool:
 
 
 @cache
+def _installed(name: str) -> tuple[ModuleType | None, bool]:
+    """Return the compiled module of a kernel of this installation, and whether it is outdated."""
+    module = found(_PACKAGE, name)
+    return module, is_outdated(_PACKAGE, name, module)
+
+
+@cache
 def loaded(name: str) -> ModuleType | None:
     """Return the compiled module of a kernel; None where it is absent or outdated. One warning names all that
     are outdated.
     """
-    module = found(_PACKAGE, name)
-    if module is None or not is_outdated(_PACKAGE, name, module):
+    module, is_old = _installed(name)
+    if not is_old:
         if module is not None:
             sys.modules.setdefault(module.__name__, module)  # pickle looks for its functions there
         return module
@@ -85,17 +93,14 @@ def loaded(name: str) -> ModuleType | None:
 @cache
 def kernels() -> dict[str, bool]:
     """Return a mapping kernel -> whether its compiled form can be loaded, and is of the present sources."""
-    modules = {name: found(_PACKAGE, name) for name in FILES}
-    return {
-        name: module is not None and not is_outdated(_PACKAGE, name, module)
-        for name, module in modules.items()
-    }
+    modules = {name: _installed(name) for name in FILES}
+    return {name: module is not None and not is_old for name, (module, is_old) in modules.items()}
 
 
 @cache
 def outdated() -> tuple[str, ...]:
     """Return the kernels whose compiled form was built of other sources."""
-    return tuple(name for name in FILES if is_outdated(_PACKAGE, name, found(_PACKAGE, name)))
+    return tuple(name for name in FILES if _installed(name)[1])
 
 
 def kernel() -> str:
