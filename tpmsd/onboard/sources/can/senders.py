@@ -205,16 +205,19 @@ class SenderWatch:
         """Take stamps from an index on as `frame` does, as long as the rate is known and they keep to it;
         return their number."""
         period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
-        window_s, passed = self._window_s, 0
+        window_s, grace_until_s, passed = self._window_s, self._grace_until_s, 0
         if not period_s or self.fast:
             return 0
         for time_s in islice(times_s, start, None):
             elapsed_s = time_s - last_s
-            left = min(tokens + FASTER * elapsed_s / period_s, burst) - 1.0
+            left = tokens + FASTER * elapsed_s / period_s
+            if left > burst:
+                left = burst
+            left -= 1.0
             if (
                 left < 0.0
                 or elapsed_s > GAP_S
-                or time_s < self._grace_until_s
+                or time_s < grace_until_s
                 or not 0.0 <= time_s - window_s < WINDOW_S
             ):
                 break
