@@ -501,7 +501,7 @@ def test_wheel_loads_follow_the_accelerations_of_the_instant() -> None:
     rise = 0.5 * CAR.mass_kg * ahead * CAR.height_m / base
 
     assert across > 2.0 * 25.0 * 0.05
-    assert 0.5 * (frame.load[1] - frame.load[0])[0] == pytest.approx(transfer, rel=0.02)
+    assert 0.5 * (frame.load[1] - frame.load[0])[0] == pytest.approx(transfer, rel=0.002)
     rest = 0.5 * CAR.mass_kg * G * CAR.rear_m / base
     assert 0.5 * (frame.load[1] + frame.load[0])[0] == pytest.approx(rest - rise, abs=10.0)
 

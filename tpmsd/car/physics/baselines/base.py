@@ -46,6 +46,8 @@ shows.
 """
 MAX_STIFF = 0.8
 """Largest rate constant times step of the integration."""
+INSTANT_ROUNDS = 2
+"""Rounds from the steady accelerations to those of the instant: 4 m/s2 apart they leave 0.03 m/s2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,14 +208,18 @@ class Baseline(ABC):
         return frame
 
     def _follow_instant(self, frame: Frame, theta: Theta) -> None:
-        """Let loads and roll follow the accelerations that the tyres give with the steady ones."""
-        first = copy(frame)
-        self._to_tyres(first, theta)
-        across = np.asarray(first.force_y / frame.mass)
-        frame.across = frame.across + frame.instant_loads * (across - frame.across)
-        if self.forces:
-            ahead = np.asarray((first.force_x - resistance(frame)) / frame.mass)
-            frame.ahead = frame.ahead + frame.instant_loads * (ahead - frame.ahead)
+        """Let loads and roll follow the accelerations that the tyres give: they are those of the loads before,
+        so that an error of theirs falls by the tyres' sensitivity to load, a fifth near the limit, each time.
+        """
+        steady = frame.across, frame.ahead
+        for _ in range(INSTANT_ROUNDS):
+            first = copy(frame)
+            self._to_tyres(first, theta)
+            across = np.asarray(first.force_y / frame.mass)
+            frame.across = steady[0] + frame.instant_loads * (across - steady[0])
+            if self.forces:
+                ahead = np.asarray((first.force_x - resistance(frame)) / frame.mass)
+                frame.ahead = steady[1] + frame.instant_loads * (ahead - steady[1])
 
     def _to_tyres(self, frame: Frame, theta: Theta) -> None:
         """Go on from accelerations to the tyres' forces."""
