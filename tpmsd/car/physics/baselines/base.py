@@ -208,8 +208,8 @@ class Baseline(ABC):
         return frame
 
     def _follow_instant(self, frame: Frame, theta: Theta) -> None:
-        """Let loads and roll follow the accelerations that the tyres give: they are those of the loads before,
-        so that an error of theirs falls by the tyres' sensitivity to load, a fifth near the limit, each time.
+        """Let loads and roll follow the accelerations that the tyres give: those of the loads before, so that
+        their error falls by the tyres' sensitivity to load, a fifth near the limit, each time.
         """
         steady = frame.across, frame.ahead
         for _ in range(INSTANT_ROUNDS):
