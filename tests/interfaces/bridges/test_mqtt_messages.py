@@ -32,7 +32,7 @@ def test_an_alarm_is_announced_once_raised_and_once_cleared() -> None:
     """However often the document says it, the events are two."""
     announcer = ready()
     for alarms in ([], [alarm()], [alarm()], [], []):
-        announcer.take(summarise(document(*alarms)))
+        announcer.update(summarise(document(*alarms)))
 
     assert [("raised", "deflation:rl:1000.000"), ("cleared", "deflation:rl:1000.000")] == said(announcer)
 
@@ -55,9 +55,9 @@ def test_state_is_reported_when_it_changes_and_now_and_then() -> None:
 def test_a_daemon_that_has_just_started_clears_nothing() -> None:
     """Before its first tick a daemon does not know its alarms; that is no clearance."""
     announcer = ready()
-    announcer.take(summarise(document(alarm())))
-    announcer.take(summarise(document(time=None)))
-    announcer.take(summarise(document(alarm())))
+    announcer.update(summarise(document(alarm())))
+    announcer.update(summarise(document(time=None)))
+    announcer.update(summarise(document(alarm())))
 
     assert [("raised", "deflation:rl:1000.000")] == said(announcer)
 
@@ -66,7 +66,7 @@ def test_what_happened_before_the_broker_was_reached_is_not_lost() -> None:
     """An alarm that came and went while nobody knew what had been announced is announced after all."""
     announcer = Announcer(TOPICS, 10.0)
     for alarms in ([alarm("slow_leak")], [alarm("slow_leak"), alarm()], [alarm("slow_leak")]):
-        announcer.take(summarise(document(*alarms)))
+        announcer.update(summarise(document(*alarms)))
     assert [] == said(announcer)
     announcer.recall(announcer.state(summarise(document(alarm("slow_leak"))), 0.0)[1].payload.encode())
 
@@ -77,7 +77,7 @@ def test_an_hour_without_broker_takes_bounded_memory() -> None:
     """The newest events are kept, the others counted."""
     announcer = ready()
     for k in range(3600):
-        announcer.take(summarise(document(*([alarm(time_s=float(k))] if k % 2 else []))))
+        announcer.update(summarise(document(*([alarm(time_s=float(k))] if k % 2 else []))))
 
     assert (MAX_EVENTS, 3599 - MAX_EVENTS) == (len(announcer.events), announcer.dropped)
     assert "cleared" == said(announcer)[-2][0]
@@ -123,7 +123,7 @@ def test_no_alarm_is_lost_or_doubled_whatever_dies_when(course: list[list[str] |
         if isinstance(step, list):
             raised_at = {wheel: raised_at.get(wheel, clock_s) for wheel in step}
             current = summarise(document(*(alarm(wheel=w, time_s=t) for w, t in sorted(raised_at.items()))))
-            announcer.take(current)
+            announcer.update(current)
             deliver(True)
         elif step == "broker away":
             online = False
@@ -132,11 +132,11 @@ def test_no_alarm_is_lost_or_doubled_whatever_dies_when(course: list[list[str] |
             deliver(True)
         elif online:
             if step == "killed after events":
-                announcer.take(current)
+                announcer.update(current)
                 deliver(False)
                 may_repeat = True
             announcer = ready(retained)
-            announcer.take(current)
+            announcer.update(current)
             deliver(True)
     assert {a.key for a in current.alarms} == raised_by(log, may_repeat)
 
@@ -158,7 +158,7 @@ def raised_by(log: list[tuple[str, str]], may_repeat: bool) -> set[str]:
 def test_anything_retained_is_borne(payload: bytes) -> None:
     """A stranger's message on our topic raises nothing."""
     announcer = ready(payload)
-    announcer.take(summarise(document(alarm())))
+    announcer.update(summarise(document(alarm())))
 
     assert [("raised", "deflation:rl:1000.000")] == [
         event for event in said(announcer) if event[0] == "raised"
@@ -190,7 +190,7 @@ def test_a_retained_message_puts_no_text_of_its_own_into_ours() -> None:
     retained = b"""[{"kind": "deflation", "wheel": "fl", "time": 5, "reason": "\\u001b]0;x", "key": "#"},
         {"kind": "deflation", "wheel": "fr", "time": NaN}, {"kind": "\\u0000", "wheel": null, "time": 5}]"""
     announcer = ready(retained)
-    announcer.take(summarise(document()))
+    announcer.update(summarise(document()))
     (event,) = announcer.events
     assert "\\u" not in event.payload
     assert event.payload.isprintable()

@@ -73,7 +73,7 @@ def test_paths_are_those_of_the_specification() -> None:
 )
 def test_a_value_and_its_frame(path: str, value: object, identifier: int, data: bytes) -> None:
     """Little endian, in the steps that the DBC states; times are Unix milliseconds."""
-    assert VssFrame(identifier, data) == VssFrames().take(path, 5.0, value, 5.0)
+    assert VssFrame(identifier, data) == VssFrames().to_frame(path, 5.0, value, 5.0)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_a_value_and_its_frame(path: str, value: object, identifier: int, data: 
 )
 def test_values_that_are_not_sent(path: str, value: object, why: NotSent) -> None:
     """No value, no number, another type than the specification's, a number that cannot be."""
-    assert why is VssFrames().take(path, 5.0, value, 5.0)
+    assert why is VssFrames().to_frame(path, 5.0, value, 5.0)
 
 
 def test_what_is_not_renewed_is_not_sent_again() -> None:
@@ -106,10 +106,10 @@ def test_what_is_not_renewed_is_not_sent_again() -> None:
     frames = VssFrames()
     frames.note(FL, 1.0)
 
-    assert NotSent.NOT_RENEWED is frames.take(FL, 1.0, 50.0, 1.1)
-    assert isinstance(frames.take(FL, 2.0, 50.0, 2.1), VssFrame)
-    assert NotSent.NOT_RENEWED is frames.take(FL, 2.0, 50.0, 2.2)
-    assert isinstance(frames.take(FL, 3.0, 50.0, 3.1), VssFrame)
+    assert NotSent.NOT_RENEWED is frames.to_frame(FL, 1.0, 50.0, 1.1)
+    assert isinstance(frames.to_frame(FL, 2.0, 50.0, 2.1), VssFrame)
+    assert NotSent.NOT_RENEWED is frames.to_frame(FL, 2.0, 50.0, 2.2)
+    assert isinstance(frames.to_frame(FL, 3.0, 50.0, 3.1), VssFrame)
 
 
 def test_what_was_held_up_is_not_sent() -> None:
@@ -118,7 +118,7 @@ def test_what_was_held_up_is_not_sent() -> None:
     for k in range(500):
         stamp_s = 0.02 * k
         now_s = max(stamp_s, 5.0 if 2.0 < stamp_s < 5.0 else 0.0) + 0.005
-        if isinstance(frames.take(FL, stamp_s, 50.0, now_s), VssFrame):
+        if isinstance(frames.to_frame(FL, stamp_s, 50.0, now_s), VssFrame):
             sent.append(stamp_s)
 
     assert [0.02 * k for k in range(500) if not 2.0 < 0.02 * k < 5.0 - LATE_S] == sent
@@ -148,7 +148,7 @@ def test_whatever_comes_is_a_frame_in_range_or_a_reason(
     path: str, stamp_s: float, delay_s: float, value: object
 ) -> None:
     """No value of any type raises; what is sent is what was said, within half a step."""
-    made = FRAMES.take(path, stamp_s, value, stamp_s + delay_s)
+    made = FRAMES.to_frame(path, stamp_s, value, stamp_s + delay_s)
     if isinstance(made, NotSent):
         return
     (signal,) = DATABASE.get_message_by_frame_id(made.identifier).signals
@@ -197,7 +197,7 @@ def replayable(drive: Path, folder: Path, angular: bool) -> Path:
     folder.mkdir()
     frames, lines = VssFrames(), []
     for point in sorted(written(drive, angular), key=lambda one: one.time_s):
-        made = frames.take(point.path, point.time_s, point.value, point.time_s)
+        made = frames.to_frame(point.path, point.time_s, point.value, point.time_s)
         assert isinstance(made, VssFrame)
         lines.append(f"({point.time_s:.6f}) vcan0 {made.identifier:03X}#{made.data.hex().upper()}")
     (folder / "can.log").write_text("\n".join(lines) + "\n", "ascii")

@@ -52,7 +52,7 @@ def test_the_screen_keeps_within_the_terminal(width: int) -> None:
     """No line is wider, no more lines than there are; trend, rates and keys are there."""
     view = View()
     for second in range(90):
-        view.take(document(second, 0.01 * second))
+        view.update(document(second, 0.01 * second))
     text = view.text(colour=False, width=width, height=24)
 
     assert width >= max(map(len, text.split("\n")))
@@ -75,7 +75,7 @@ def test_keys_change_range_and_pause() -> None:
     assert (list(RANGES_S), RANGES_S[0]) == (seen, view.range_s)
     view.key(" ")
     assert view.paused
-    view.take(document(1))
+    view.update(document(1))
     assert "goes on (paused)" in view.text(colour=False, width=80, height=24)
 
 
@@ -83,8 +83,8 @@ def test_keys_change_range_and_pause() -> None:
 def test_odd_documents_are_shown(odd: dict[str, Any]) -> None:
     """What comes from another process is not taken for granted."""
     view = View()
-    view.take(document(1))
-    view.take(odd)
+    view.update(document(1))
+    view.update(odd)
     assert "q ends" in view.text(colour=True, width=40, height=24)
 
 

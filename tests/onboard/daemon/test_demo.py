@@ -69,7 +69,7 @@ def report(alarm: AlarmEvent | None, fresh: bool = True) -> MonitorReport:
 
 def received(panel: Panel, reporter: CanReporter, now_s: float, alarm: AlarmEvent | None) -> None:
     for frame in reporter.frames(now_s, report(alarm, now_s == 0.0)):
-        panel.take(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=False))
+        panel.decode(can.Message(arbitration_id=frame.arbitration_id, data=frame.data, is_extended_id=False))
 
 
 def test_the_panel_shows_an_alarm_once(database: Database) -> None:
@@ -123,7 +123,7 @@ def test_the_panel_trusts_no_damaged_frame(database: Database) -> None:
     panel = Panel(database, io.StringIO(), False, lambda: math.nan, 150.0)
     frame = CanReporter(AlarmsConfig()).frames(0.0, report(None))[0]
     damaged = frame.data[:5] + bytes((frame.data[5] ^ 1,)) + frame.data[6:]
-    panel.take(can.Message(arbitration_id=frame.arbitration_id, data=damaged, is_extended_id=False))
+    panel.decode(can.Message(arbitration_id=frame.arbitration_id, data=damaged, is_extended_id=False))
 
     assert 1 == panel.damaged
     assert [] == panel.alarms

@@ -51,7 +51,7 @@ def test_a_program_receives_what_happened(tmp_path: Path) -> None:
         tmp_path, 'printf "%s\\n" "$1" > "$2.new"; env | grep -e TPMSD -e PASS >> "$2.new"; mv "$2.new" "$2"'
     )
     made = notices(*command)
-    made.take(DEFLATION)
+    made.add(DEFLATION)
     serve(made, until=tmp_path / "out")
     first, *rest = (tmp_path / "out").read_text("utf-8").splitlines()
 
@@ -71,7 +71,7 @@ def test_a_program_receives_what_happened(tmp_path: Path) -> None:
 def test_what_nobody_knows_is_empty(tmp_path: Path) -> None:
     """A malfunction has no wheel and no numbers; a reason is one line."""
     made = notices(*script(tmp_path, 'env | grep TPMSD > "$2.new"; mv "$2.new" "$2"'))
-    made.take(MALFUNCTION)
+    made.add(MALFUNCTION)
     serve(made, until=tmp_path / "out")
     said = (tmp_path / "out").read_text("utf-8").splitlines()
 
@@ -84,7 +84,7 @@ def test_events_take_turns_and_the_rate_is_limited(tmp_path: Path) -> None:
     """One program at a time, no sooner than the interval; each event has its turn, in order."""
     made = notices(*script(tmp_path, 'echo "$TPMSD_KIND $TPMSD_STATE" >> "$2"'), min_interval_s=10.0)
     for event in (DEFLATION, MALFUNCTION):
-        made.take(event)
+        made.add(event)
     begins = []
     for now_s in range(100, 130):
         before = made.counts["run"]
@@ -102,7 +102,7 @@ def test_a_program_that_hangs_is_killed_with_its_children(
 ) -> None:
     """The loop is never held up; after the time limit the whole group is gone."""
     made = notices(*script(tmp_path, 'sleep 60 & echo $! > "$2"; wait'), timeout_s=0.3)
-    made.take(DEFLATION)
+    made.add(DEFLATION)
     serve(made, until=tmp_path / "out")
     serve(made, 0.8)
     child = Path("/proc", (tmp_path / "out").read_text("utf-8").strip())
@@ -116,7 +116,7 @@ def test_a_program_that_is_not_there_is_said_once(tmp_path: Path, caplog: pytest
     """Failures are counted, told once, and end nothing."""
     made = notices(str(tmp_path / "gone"), "an argument")
     for _ in range(3):
-        made.take(DEFLATION)
+        made.add(DEFLATION)
     serve(made)
 
     assert 3 == made.counts["failed"]
@@ -127,10 +127,10 @@ def test_memory_is_bounded_and_kinds_are_chosen() -> None:
     """Of too many events the newest wait; events of other kinds, or without a command, do not."""
     made = notices("x", kinds=("deflation",), min_interval_s=1e9)
     for _ in range(100):
-        made.take(MALFUNCTION)
-        made.take(DEFLATION)
+        made.add(MALFUNCTION)
+        made.add(DEFLATION)
     none = notices()
-    none.take(DEFLATION)
+    none.add(DEFLATION)
     none.service(0.0)
 
     assert 100 - MAX_WAITING == made.counts["left_out"]
@@ -151,7 +151,7 @@ def test_a_program_that_is_not_reaped_yet_is_killed_once(
 ) -> None:
     """A process that lingers after its kill is neither killed nor counted again."""
     made = notices(*script(tmp_path, "sleep 60"), timeout_s=0.5)
-    made.take(DEFLATION)
+    made.add(DEFLATION)
     made.service(100.0)
     process = made._process
     assert process is not None
@@ -171,7 +171,7 @@ def test_of_more_than_32_events_the_oldest_is_left_out(events: int, left_out: in
     """The newest say how it is."""
     made = notices("x")
     for number in range(events):
-        made.take(replace(DEFLATION, time_s=float(number)))
+        made.add(replace(DEFLATION, time_s=float(number)))
     assert left_out == made.counts["left_out"]
     assert [float(number) for number in range(left_out, events)] == [event.time_s for event in made._waiting]
 
@@ -180,7 +180,7 @@ def test_events_that_wait_at_the_end_are_counted_and_started_no_more(tmp_path: P
     """The program that runs may go on; nothing is started behind the daemon's end."""
     made = notices(*script(tmp_path, "exit 0"), min_interval_s=10.0)
     for _ in range(3):
-        made.take(DEFLATION)
+        made.add(DEFLATION)
     made.service(0.0)
     process = made._process
     assert process is not None
@@ -195,7 +195,7 @@ def test_a_failure_behind_a_success_is_said_again(tmp_path: Path, caplog: pytest
     """A failure that goes on is said once; one that was over and is back is news."""
     made = notices(*script(tmp_path, 'test "$TPMSD_KIND" = malfunction || exit 3'))
     for event in (DEFLATION, DEFLATION, MALFUNCTION, DEFLATION):
-        made.take(event)
+        made.add(event)
         made.service(0.0)
         assert made._process is not None
         made._process.wait(5.0)
@@ -209,7 +209,7 @@ def test_a_failure_behind_a_success_is_said_again(tmp_path: Path, caplog: pytest
 def test_a_program_has_its_whole_time(later_s: float, killed: int, tmp_path: Path) -> None:
     """It is killed behind its time limit, and not with it."""
     made = notices(*script(tmp_path, "sleep 60"), timeout_s=5.0)
-    made.take(DEFLATION)
+    made.add(DEFLATION)
     made.service(100.0)
     process = made._process
     assert process is not None
@@ -222,7 +222,7 @@ def test_a_program_has_its_whole_time(later_s: float, killed: int, tmp_path: Pat
 def test_a_program_knows_where_programs_are_and_which_language_is_spoken(tmp_path: Path) -> None:
     """PATH and LANG are passed on; what the daemon does not have is not made up."""
     made = notices(*script(tmp_path, 'env > "$2.new"; mv "$2.new" "$2"'))
-    made.take(DEFLATION)
+    made.add(DEFLATION)
     serve(made, until=tmp_path / "out")
     names = {line.partition("=")[0] for line in (tmp_path / "out").read_text("utf-8").splitlines()}
 

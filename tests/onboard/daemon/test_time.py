@@ -71,7 +71,7 @@ def test_the_rate_does_not_drift() -> None:
     deadlines, now_s, taken = Deadlines(0.1, 0.0), 0.0, 0
     while now_s < 3600.0:
         now_s = deadlines.next_s + 0.007  # the wait ends late, and the work takes its time
-        assert deadlines.take(now_s) == pytest.approx(0.007, abs=1e-9)
+        assert deadlines.due_lateness_s(now_s) == pytest.approx(0.007, abs=1e-9)
         taken += 1
 
     assert 36000 == taken
@@ -82,8 +82,8 @@ def test_missed_deadlines_are_counted_and_not_made_up_for() -> None:
     """After a pause of 0.57 s one late tick is taken, five are counted as missed, and the phase is kept."""
     deadlines = Deadlines(0.1, 10.0)
 
-    assert deadlines.take(10.09) is None
-    assert deadlines.take(10.67) == pytest.approx(0.57)
+    assert deadlines.due_lateness_s(10.09) is None
+    assert deadlines.due_lateness_s(10.67) == pytest.approx(0.57)
     assert 5 == deadlines.missed
     assert deadlines.next_s == pytest.approx(10.7)
 
@@ -97,7 +97,7 @@ def test_every_deadline_is_either_taken_or_missed(period_s: float, waits: list[f
     deadlines, now_s = Deadlines(period_s, 0.0), 0.0
     for wait_s in waits:
         now_s += wait_s
-        while deadlines.take(now_s) is not None:
+        while deadlines.due_lateness_s(now_s) is not None:
             pass
 
     passed = deadlines.taken + deadlines.missed
@@ -152,7 +152,9 @@ def test_a_clock_with_a_begin_does_not_follow_the_hosts() -> None:
 def test_a_tick_is_due_at_its_deadline_itself() -> None:
     """Not late at all, the first one period behind the start; a second later is one too late by a period."""
     deadlines = Deadlines(0.5, 10.0)
-    assert [None, 0.0, None, 0.25, None] == [deadlines.take(t) for t in (10.25, 10.5, 10.75, 11.25, 11.25)]
+    assert [None, 0.0, None, 0.25, None] == [
+        deadlines.due_lateness_s(t) for t in (10.25, 10.5, 10.75, 11.25, 11.25)
+    ]
     assert (2, 0, 11.5) == (deadlines.taken, deadlines.missed, deadlines.next_s)
-    assert 0.5 == deadlines.take(12.0)
+    assert 0.5 == deadlines.due_lateness_s(12.0)
     assert (3, 1, 12.5) == (deadlines.taken, deadlines.missed, deadlines.next_s)

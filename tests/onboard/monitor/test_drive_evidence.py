@@ -68,7 +68,7 @@ def judged(
     for speed, more in zip(SPEEDS, extra, strict=True):
         features = reference.features(at(float(speed)))
         seen = features @ truth * RADIUS_M + more + rng.normal(0.0, NOISE_M, 4)
-        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0)
+        evidence.update(seen, noise_m2, np.zeros((4, 4)), features, 20.0)
     expected, spread = reference.expected(at(float(SPEEDS[-1])))
     change = Change(seen - expected, spread + noise_m2, 1, noise_m2, True)
     mean = Change(seen - expected, spread + noise_m2, JUDGE.full_samples, noise_m2, True)
@@ -87,7 +87,7 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
     noise = np.eye(4) * 4e-4**2
     seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
     for row, sample in zip(rows, seen, strict=True):
-        bank.take(sample, noise, row, 0.0, USUAL)
+        bank.update(sample, noise, row, 0.0, USUAL)
     h, y = np.vstack(rows), np.concatenate(seen)
     whole = h @ prior @ h.T + np.kron(np.eye(12), noise)
     precision, off = np.linalg.inv(whole), y - h @ mean
@@ -119,7 +119,7 @@ def test_what_all_but_the_last_samples_say_is_what_was_said_before_them() -> Non
         for speed in SPEEDS[:samples]:
             features = reference.features(at(float(speed)))
             seen = features @ reference.mean + rng.normal(0.0, NOISE_M, 4)
-            evidence.take(seen, np.eye(4) * NOISE_M**2, np.zeros((4, 4)), features, 20.0)
+            evidence.update(seen, np.eye(4) * NOISE_M**2, np.zeros((4, 4)), features, 20.0)
         return evidence
 
     whole = taken(5)
@@ -151,8 +151,8 @@ def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(drive
     seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
     slopes = rng.normal(9e-3, slope_std, 12)
     for row, sample, slope in zip(rows, seen, slopes, strict=True):
-        bank.take(sample, noise, row, 0.0, USUAL)
-        bank.take_slip(Slope(float(slope), slope_std**2))
+        bank.update(sample, noise, row, 0.0, USUAL)
+        bank.update_slip(Slope(float(slope), slope_std**2))
     h = np.vstack([*rows, *[axles] * 12])
     own = np.zeros((60, 60))
     own[:48, :48], own[48:, 48:] = np.kron(np.eye(12), noise), np.eye(12) * slope_std**2
@@ -200,7 +200,7 @@ def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
     noise = np.eye(4) * 4e-4**2
     seen = [row @ mean + rng.normal(0.0, 4e-4, 4) + (k >= 3) * step for k, row in enumerate(rows)]
     for row, sample in zip(rows, seen, strict=True):
-        bank.take(sample, noise, row, 0.0, USUAL)
+        bank.update(sample, noise, row, 0.0, USUAL)
     design = np.hstack([np.vstack(rows), np.kron((np.arange(12) >= 3)[:, None], np.eye(4))])
     flat = np.diag(np.r_[np.zeros(SIZE), np.zeros(4)])
     flat[:SIZE, :SIZE] = np.linalg.pinv(prior, hermitian=True)
@@ -244,7 +244,7 @@ def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:
     noise = np.eye(4) * 4e-4**2
     seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
     for row, sample in zip(rows, seen, strict=True):
-        evidence.take(sample * RADIUS_M, noise * RADIUS_M**2, np.zeros((4, 4)), row, 0.0)
+        evidence.update(sample * RADIUS_M, noise * RADIUS_M**2, np.zeros((4, 4)), row, 0.0)
     change_hypotheses = evidence.change_hypotheses
     assert change_hypotheses is not None
     nuisance = np.diag([3e-4, 4e-4, 5e-4, 6e-4]) ** 2

@@ -29,7 +29,7 @@ def reflected(levels_m: FloatArray, speed_mps: float, std_m: float) -> tuple[lis
     features = reference.features(at(speed_mps))
     chances, added_m = [], []
     for level in levels_m:
-        variance = noise.take(
+        variance = noise.update(
             np.full(4, level / RADIUS_M), np.full((4, 4), (std_m / RADIUS_M) ** 2), features
         )
         chances.append(noise.reflected)
@@ -80,7 +80,7 @@ def test_growth_with_speed_is_no_jump() -> None:
     noise = LevelNoise(reference)
     for speed in (10.0, 36.0, 10.0, 36.0, 20.0):
         features = reference.features(at(speed))
-        noise.take(features @ reference.mean, np.full((4, 4), (2e-4 / RADIUS_M) ** 2), features)
+        noise.update(features @ reference.mean, np.full((4, 4), (2e-4 / RADIUS_M) ** 2), features)
         assert noise.reflected < 0.05
 
 
@@ -94,7 +94,7 @@ def of_levels(levels_m: FloatArray, seed: int) -> float:
     for level in levels_m:
         features = reference.features(at(TOWN_MPS + float(rng.uniform(-3.0, 3.0))))
         seen = features @ reference.mean * RADIUS_M + level + rng.multivariate_normal(np.zeros(4), noise_m2)
-        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0)
+        evidence.update(seen, noise_m2, np.zeros((4, 4)), features, 20.0)
     now = Change(np.zeros(4), noise_m2, 1, noise_m2, True)
     mean = Change(np.zeros(4), noise_m2, JUDGE.full_samples, noise_m2, True)
     judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)

@@ -196,7 +196,7 @@ def judged(extra: FloatArray, slippier: float, seed: int) -> Judgement:
         seen = features @ truth * RADIUS_M + more + rng.normal(0.0, NOISE_M, 4)
         measured = slippier * DRY + 0.1 / speed_mps + float(rng.normal(0.0, 2.5e-3))
         slope = Slope(measured, 2.5e-3**2, 1.0 / speed_mps)
-        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0, slope)
+        evidence.update(seen, noise_m2, np.zeros((4, 4)), features, 20.0, slope)
         changes.append(seen - features @ reference.mean * RADIUS_M)
     recent = np.mean(changes[-JUDGE.full_samples :], axis=0)
     now = Change(changes[-1], noise_m2, 1, noise_m2, True)

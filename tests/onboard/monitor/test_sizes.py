@@ -109,7 +109,7 @@ def test_without_another_size_it_is_the_comparison_of_losses(seed: int) -> None:
     bank = ChangeBank(reference.copy(), np.zeros((4, 4)))
     for speed in SPEEDS[:12]:
         row = reference.features(at(float(speed)))
-        bank.take(row @ reference.mean + rng.normal(0.0, 8e-4, 4), noise, row, 0.0, no_sizes(4))
+        bank.update(row @ reference.mean + rng.normal(0.0, 8e-4, 4), noise, row, 0.0, no_sizes(4))
     found = bank.changes(no_sizes(4))
     change, covariance = found.change[0, :1] * RADIUS, found.covariance[0, :1] * RADIUS_M**2
     against = Comparison(RADIUS, THRESHOLD, sizes=SIZES)
@@ -135,7 +135,7 @@ def test_changes_beside_a_size_are_those_of_one_regression(row: int) -> None:
     rows = [reference.features(at(float(v))) for v in SPEEDS[:14]]
     seen = [one @ mean + rng.normal(0.0, 1e-3, 4) for one in rows]
     for one, sample in zip(rows, seen, strict=True):
-        bank.take(sample, noise, one, 0.0, SIZES)
+        bank.update(sample, noise, one, 0.0, SIZES)
     h, off = np.vstack(rows), np.concatenate(seen) - np.vstack(rows) @ mean
     resized = np.tile(SIZES.pattern[row], 14)
     plain = h @ prior @ h.T + np.kron(np.eye(14), noise)
@@ -169,7 +169,7 @@ def test_the_car_beside_a_size_and_a_change_is_that_of_one_regression() -> None:
     step = np.array([0.0, 0.0, -5e-3, 0.0])
     seen = [one @ mean + rng.normal(0.0, 4e-4, 4) + 0.016 + (k >= 3) * step for k, one in enumerate(rows)]
     for one, sample in zip(rows, seen, strict=True):
-        bank.take(sample, noise, one, 0.0, SIZES)
+        bank.update(sample, noise, one, 0.0, SIZES)
     h, resized = np.vstack(rows), np.ones(48)
     design = np.kron((np.arange(12) >= 3)[:, None], np.eye(4))
     whole = h @ prior @ h.T + np.kron(np.eye(12), noise) + SIZES.variance[row] * np.outer(resized, resized)

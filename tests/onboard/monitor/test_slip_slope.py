@@ -208,7 +208,7 @@ def judged(extra: FloatArray, slippier: float, seed: int) -> Judgement:
         features = reference.features(uphill)
         seen = features @ truth * RADIUS_M + more + rng.normal(0.0, NOISE_M, 4)
         measured = slippier * DRY + float(rng.normal(0.0, 2.5e-3))
-        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0, Slope(measured, 2.5e-3**2))
+        evidence.update(seen, noise_m2, np.zeros((4, 4)), features, 20.0, Slope(measured, 2.5e-3**2))
         changes.append(seen - features @ reference.mean * RADIUS_M)
     recent = np.mean(changes[-JUDGE.full_samples :], axis=0)
     now = Change(changes[-1], noise_m2, 1, noise_m2, True)

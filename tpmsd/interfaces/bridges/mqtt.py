@@ -115,7 +115,7 @@ class MqttBridge:
         self._available = document is not None
         if document is not None:
             self._summary = summarise(document)
-            self.announcer.take(self._summary)
+            self.announcer.update(self._summary)
         self._take_news(now_s)
         if not self._connected:
             return

@@ -92,9 +92,9 @@ class Announcer:
         """Take the message that the broker retained on the topic `alarms`; None where it has none."""
         self._known = {} if payload is None else {alarm.key: alarm for alarm in recalled(payload)}
         while self._waiting:
-            self.take(self._waiting.popleft())
+            self.update(self._waiting.popleft())
 
-    def take(self, summary: DaemonSummary) -> None:
+    def update(self, summary: DaemonSummary) -> None:
         """Note which alarms were raised and cleared since the last summary."""
         if not summary.ready:
             return

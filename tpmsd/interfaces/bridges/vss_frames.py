@@ -86,8 +86,11 @@ class VssFrames:
         if path in self._messages:
             self._stamps_s[path] = stamp_s
 
-    def take(self, path: str, stamp_s: float, value: object, now_s: float) -> VssFrame | NotSent:
-        """Return one value, None where the databroker has none; `path` is one of `paths`."""
+    def to_frame(self, path: str, stamp_s: float, value: object, now_s: float) -> VssFrame | NotSent:
+        """Return the frame of a value, or why there is none.
+
+        `path` is one of `paths`; `value` is None where the databroker has none.
+        """
         message = self._messages[path]
         if stamp_s == self._stamps_s.get(path):
             return NotSent.NOT_RENEWED

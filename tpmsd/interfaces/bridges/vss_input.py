@@ -105,7 +105,7 @@ class VssInput:
         self._say("the databroker gives no values (it has ended the subscription)")
 
     def _hand_on(self, path: str, point: Any) -> None:
-        made = self._frames.take(path, stamp_s(point), value_of(point), time.time())
+        made = self._frames.to_frame(path, stamp_s(point), value_of(point), time.time())
         if isinstance(made, VssFrame):
             self.counts["values sent" if self._wire.send(made) else "while the bus was away"] += 1
             return

@@ -60,7 +60,7 @@ class Panel:
         self._sequences: set[str] = set()
         self._learned = False
 
-    def take(self, frame: can.Message) -> None:
+    def decode(self, frame: can.Message) -> None:
         """Decode one frame."""
         message = self._database.get_message_by_frame_id(frame.arbitration_id)
         data = bytes(frame.data)
@@ -159,7 +159,7 @@ def listen(bus: can.BusABC, panel: Panel, stop: threading.Event) -> None:
     while not stop.is_set():
         frame = bus.recv(0.05)
         if frame is not None:
-            panel.take(frame)
+            panel.decode(frame)
         if time.monotonic() - shown_s >= 1.0:
             shown_s = time.monotonic()
             panel.show()

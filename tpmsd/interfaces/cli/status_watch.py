@@ -46,7 +46,7 @@ class View:
     _before: Mapping[str, Any] = field(default_factory=dict)
     _now: Mapping[str, Any] = field(default_factory=dict)
 
-    def take(self, document: Mapping[str, Any]) -> None:
+    def update(self, document: Mapping[str, Any]) -> None:
         """Keep the numbers of a document."""
         self._before, self._now = self._now, document
         time_s = number(document.get("time"))
@@ -161,7 +161,7 @@ def watch_screen(documents: Iterable[Mapping[str, Any]], out: IO[str], colour: b
             for document in documents:
                 with lock:
                     if not view.paused:
-                        view.take(document)
+                        view.update(document)
                     draw()
     finally:
         out.write(_LEAVE)

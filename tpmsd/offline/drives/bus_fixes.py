@@ -39,8 +39,8 @@ class BusFixes:
         ]
         self.fixes: list[GnssFix] = []
 
-    def take(self, block: FrameBlock) -> None:
-        """Take the frames of a block."""
+    def decode_block(self, block: FrameBlock) -> None:
+        """Decode the fixes in the frames of a block."""
         others = [bus.channel for bus in self._config.can.buses.values()]
         of_name = bus_numbers(block.channels, self._config.can.channel, others)
         bus = np.array([of_name[name] for name in block.channels], dtype=np.int64)[block.channel]

@@ -88,7 +88,7 @@ def read_drive(paths: Sequence[Path], tell: Note = ignore_note, on_bus: BusFixes
     for block in read_can_blocks(can_log, lambda line, reason: note(can_log, line, reason)):
         log.add(block)
         if on_bus is not None:
-            on_bus.take(block)
+            on_bus.decode_block(block)
     fixes = _sentences(nmea_log, note) if on_bus is None else on_bus.finish()
     host_times = on_bus is not None or bears_host_times(nmea_log)
     for count, first in bad.values():

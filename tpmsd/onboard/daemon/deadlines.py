@@ -22,7 +22,7 @@ class Deadlines:
         """Deadline of the next tick, s."""
         return self._start_s + self._next * self._period_s
 
-    def take(self, now_s: float) -> float | None:
+    def due_lateness_s(self, now_s: float) -> float | None:
         """Return the lateness of the tick that is due now, None if none is; all deadlines until now are then
         past."""
         late_s = now_s - self.next_s

@@ -259,7 +259,7 @@ class Daemon:
             elif isinstance(owner, StatusServer):
                 owner.service(self._clock.monotonic())
         now_s, monotonic_s = self._collect()
-        late_s = self._deadlines.take(monotonic_s)
+        late_s = self._deadlines.due_lateness_s(monotonic_s)
         if late_s is not None:
             self._tick(now_s, monotonic_s)
             self._report_lag(late_s)
@@ -316,7 +316,7 @@ class Daemon:
         for step in steps:
             for event in step.report.events:
                 log_alarm(self._log, event)
-                self._notices.take(event)
+                self._notices.add(event)
                 self._state.alarm_changed()
             # The tick's own time, not the host's: it only rises.
             self._out.send(self._reporter.frames(step.tick.time_s, step.report), monotonic_s)

@@ -41,8 +41,8 @@ class Notices:
         self._last_logged = ""
         self.counts = {"run": 0, "failed": 0, "killed": 0, "left_out": 0}
 
-    def take(self, event: AlarmEvent) -> None:
-        """Take an alarm that was raised or cleared."""
+    def add(self, event: AlarmEvent) -> None:
+        """Queue a notice of an alarm that was raised or cleared."""
         if not self._config.command or event.kind not in (self._config.kinds or (event.kind,)):
             return
         if len(self._waiting) == MAX_WAITING:

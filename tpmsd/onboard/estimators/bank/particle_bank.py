@@ -47,7 +47,7 @@ class ParticleBank(Bank):
         self.log_weights[:] = 0.0
         self.log_weights[self.log_weights.size - free :] = UNUSED
 
-    def take(self, indices: NDArray[np.intp], parents: NDArray[np.intp]) -> None:
+    def copy_parents(self, indices: NDArray[np.intp], parents: NDArray[np.intp]) -> None:
         """Put copies of the parents in these places; the weights are the caller's."""
         self.state[:, indices] = self.state[:, parents]
         self.spread[:, :, indices] = self.spread[:, :, parents]
@@ -127,7 +127,7 @@ class SampledHypotheses:
         relative = np.exp(bank.log_weights - best)
         total = float(relative.sum())
         parents = systematic(relative / total, rng, indices.size)
-        bank.take(indices, parents)
+        bank.copy_parents(indices, parents)
         lineage.copy(indices, parents)
         probability = self.rate_per_s * duration_s / each
         bank.log_weights[indices] = best + math.log(total) + math.log(probability)

@@ -57,7 +57,7 @@ class RadiusModel(Protocol):
         """(2,) variances of one tick's radius error."""
         ...
 
-    def take(
+    def draw_from_moments(
         self, state: Any, mean_m: FloatArray, covariance_m2: FloatArray, noise_m2: FloatArray,
         rng: np.random.Generator,
     ) -> Any:  # fmt: skip
@@ -161,7 +161,7 @@ class NiwRadii:
         """Diagonal of (24b)."""
         return np.diag(state.noise_covariance(weights))
 
-    def take(
+    def draw_from_moments(
         self,
         state: NormalInverseWishart,
         mean_m: FloatArray,
@@ -278,7 +278,7 @@ class WalkingRadii:
         """Mean of Sigma."""
         return np.asarray(state.sigma @ weights)
 
-    def take(
+    def draw_from_moments(
         self,
         state: WalkingRadiiState,
         mean_m: FloatArray,

@@ -235,7 +235,9 @@ class SampledBelief:
         mean, covariance = saved_radii(saved, self._car.nominal_m[:2])
         noise = saved_noise(saved)
         radii = self._pieces.radii
-        self.particles.radii = radii.take(self.particles.radii, mean, covariance, noise, self._rng)
+        self.particles.radii = radii.draw_from_moments(
+            self.particles.radii, mean, covariance, noise, self._rng
+        )
 
 
 def saved_noise(saved: Saved) -> FloatArray:

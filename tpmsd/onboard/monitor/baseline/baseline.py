@@ -219,7 +219,7 @@ class TyreSetBaseline:
         sample = typical(self._moments, self.reference.mean, self._radius, self._axle_contrasts)
         self._recent.append(sample)
         if self._evidence is not None:
-            self._evidence.take(*sample, self._recent_s, self._slip_seen.slope())
+            self._evidence.update(*sample, self._recent_s, self._slip_seen.slope())
         self._recent_s, self._slip_seen = 0.0, SlopeSums()
         self._moments.clear()
 

@@ -84,7 +84,7 @@ class ChangeBank:
         self._shared_with_first = np.empty((0, d, d))
         """Information that each hypothesis shares with the step at the first sample."""
 
-    def take(
+    def update(
         self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float, sizes: Sizes
     ) -> None:
         """Take a sample: (d,), its covariance (d, d) and features (d, SIZE); `elapsed_s` of driving since the
@@ -99,7 +99,7 @@ class ChangeBank:
         self.samples += 1
         self._prune(sizes)
 
-    def take_slip(self, slope: Slope) -> None:
+    def update_slip(self, slope: Slope) -> None:
         """Take a slip slope: no change of radii is in it, but what it says of slip tells slip from change in
         the samples."""
         found, h = self._reference.learn_slip(slope)

@@ -153,7 +153,7 @@ class DriveEvidence:
             self._since_jump = _Banks(*self._begin)
             self._log_before = self._whole.log_likelihood + math.log(DRIVE_EVIDENCE.resized_while_driving)
 
-    def take(
+    def update(
         self,
         deviation_m: FloatArray,
         estimate_m2: FloatArray,
@@ -166,12 +166,12 @@ class DriveEvidence:
         has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
         the slip slope since then."""
         sample = deviation_m, estimate_m2, unsettled_m2, features, elapsed_s, slip
-        found = self.change_hypotheses = self._whole.take(*sample)
+        found = self.change_hypotheses = self._whole.update(*sample)
         beginning = self._whole.since_first()
         if self._since_jump is None:
             self._history.append(beginning)
             return
-        young = self._since_jump.take(*sample)
+        young = self._since_jump.update(*sample)
         self._history.append(beginning.joined_with(self._since_jump.since_first(self._log_before)))
         if found is None or young is None or not np.any(young.row > 0):
             return
@@ -217,7 +217,7 @@ class _Banks:
         self.hypotheses = 0
         """Number of the changes that were returned last."""
 
-    def take(
+    def update(
         self,
         deviation_m: FloatArray,
         estimate_m2: FloatArray,
@@ -226,17 +226,17 @@ class _Banks:
         elapsed_s: float,
         slip: Slope | None,
     ) -> ChangeHypotheses | None:
-        """Take a sample as `DriveEvidence.take`; the changes by now, None as long as there are too few."""
+        """Take a sample as `DriveEvidence.update`; the changes by now, None as long as there are too few."""
         self.samples += 1
         scale = np.outer(self._radius, self._radius)
         noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
         own = estimate_m2 / scale
-        noise = noise + self._level.take(deviation_m / self._radius, own, features)
+        noise = noise + self._level.update(deviation_m / self._radius, own, features)
         self._slopes += slip is not None
         for bank in self._banks:
-            bank.take(deviation_m / self._radius, noise, features, elapsed_s, self._sizes)
+            bank.update(deviation_m / self._radius, noise, features, elapsed_s, self._sizes)
             if slip is not None:
-                bank.take_slip(slip)
+                bank.update_slip(slip)
         found = [bank.changes(self._sizes) for bank in self._banks]
         if not found[0].log_weight.size:
             return None

@@ -35,7 +35,7 @@ class LevelNoise:
         """Probability that the last sample is of reflected signals."""
         return self._reflected
 
-    def take(self, deviation: FloatArray, noise: FloatArray, features: FloatArray) -> float:
+    def update(self, deviation: FloatArray, noise: FloatArray, features: FloatArray) -> float:
         """Take a sample: radius over nominal less one (d,), its covariance (d, d) and features (d, SIZE). The
         variance by which its level is less certain than that."""
         d = len(deviation)
