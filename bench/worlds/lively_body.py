@@ -172,10 +172,11 @@ class Body:
         )
 
     def _wind(self, t: float, u: float) -> float:
-        """Return the side force of a gust."""
-        speed = self.hidden.get("side_wind", "speed_mps")
-        begin, length = self.hidden.get("side_wind", "onset_s"), self.hidden.get("side_wind", "duration_s")
-        return 0.5 * RHO * 4.5 * u * speed if begin <= t < begin + length else 0.0
+        """Return the side force of a gust, which may come again and again."""
+        speed, length = self.hidden.get("side_wind", "speed_mps"), self.hidden.get("side_wind", "duration_s")
+        since = t - self.hidden.get("side_wind", "onset_s")
+        blows = since >= 0.0 and since % self.hidden.get("side_wind", "every_s", math.inf) < length
+        return 0.5 * RHO * 4.5 * u * speed if blows else 0.0
 
     def _bank(self, t: float) -> float:
         """Return the road's cross slope."""

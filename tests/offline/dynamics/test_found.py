@@ -63,6 +63,18 @@ def test_loads_that_follow_the_instant_are_no_finding(root: str) -> None:
     assert "instant_loads" in [one.effect for one in found.nuisances]
 
 
+def test_gusts_are_named_one_by_one(root: str) -> None:
+    """Three gusts of eight seconds: a spline over time would explain all at once."""
+    gusts = {"speed_mps": -8.0, "onset_s": 15.0, "duration_s": 8.0, "every_s": 30.0}
+    found = diagnosed(root, hidden(side_wind=gusts), duration_s=90.0)
+
+    assert [one.effect for one in found.findings] == ["side_wind"] * 3
+    onsets = sorted(one.parameters["onset_s"].value for one in found.findings)
+    assert onsets == pytest.approx([15.0, 45.0, 75.0], abs=1.5)
+    for one in found.findings:
+        assert abs(one.parameters["speed_mps"].value + 8.0) < 3.0 * one.parameters["speed_mps"].std
+
+
 def test_a_drive_without_wind_has_no_empty_span(root: str) -> None:
     """Where no span of wind is likely the best one still has a length."""
     setup = Setup(*loaded(folder(Path(root) / "calm", duration_s=30.0), "single-track"), ("yaw_rate",))

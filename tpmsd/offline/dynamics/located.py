@@ -22,6 +22,7 @@ from tpmsd.car.physics.dynamics_effects.time_spline import (
 )
 from tpmsd.car.physics.dynamics_effects.winds import DynamicsHeadWind, SideWind
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import BoolArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
@@ -109,7 +110,8 @@ def _winds(search: Search) -> list[LocatedTerm]:
     edges = within_rows(np.array(boxes), time)
     out = []
     for kind in (SideWind, *((DynamicsHeadWind,) if search.setup.baseline.forces else ())):
-        if sum(effect.name == kind.name for effect in search.theta) >= SETTINGS.most_spans:
+        there = [effect for effect in search.theta if isinstance(effect, kind)]
+        if len(there) >= SETTINGS.most_spans:
             continue
         moved = (*search.theta, kind(speed_mps=1.0))
         scores = row_scores(search, Probe(moved, 1.0))
@@ -118,8 +120,17 @@ def _winds(search: Search) -> list[LocatedTerm]:
         prior = next(p.prior for p in kind.numbers() if p.prior is not None)
         addition = _boxes(search, moved, edges, prior.std)
         ratio = _ratio(addition.scores, addition.information)
-        first, last, evidence = _best_span(addition.information, addition.gradient, prior.std, ratio)
+        middle = 0.5 * (edges[:-1] + edges[1:])
+        taken = np.zeros(len(middle), dtype=bool)
+        for one in there:
+            taken |= (middle >= one.onset_s) & (middle < one.onset_s + one.duration_s)
+        spans = _best_spans(addition, prior.std, ratio, taken, SETTINGS.most_spans - len(there))
+        if not spans:
+            continue
+        first, last, coarse = spans[0]
         span = _edges(search, moved, (float(edges[first]), float(edges[last])), prior.std, ratio)
+        # a spline over time explains all gusts at once: against it they count together
+        evidence = max(coarse, span.evidence - _log_spans(len(middle))) + sum(gain for *_, gain in spans[1:])
         effect = kind(0.0, span.onset_s, span.duration_s)
         term = CandidateTerm(
             effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0}, spread=span.spread
@@ -151,6 +162,8 @@ class WindSpan:
     duration_s: float
     spread: dict[str, float]
     """Standard deviations by doubt about the span: of onset, duration and the wind's speed."""
+    evidence: float
+    """Log evidence for the wind, the mean over begins and ends near the coarse ones."""
 
 
 def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float, ratio: float) -> WindSpan:
@@ -174,6 +187,7 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
     speed = (pull[j] - pull[i]) / (inside + std**-2)
     gain = 0.5 * (pull[j] - pull[i]) * speed - 0.5 * np.log1p(inside * std**2)
     weight = np.exp(gain - gain.max())
+    evidence = float(gain.max()) + math.log(float(weight.mean()))
     weight /= weight.sum()
     onset, duration = begins[i], ends[j - len(begins)] - begins[i]
     best = np.unravel_index(int(np.argmax(gain)), gain.shape)
@@ -188,7 +202,7 @@ def _edges(search: Search, moved: Theta, coarse: tuple[float, float], std: float
         "duration_s": math.hypot(deviation(duration), math.sqrt(2.0) * half),
         "speed_mps": deviation(speed),
     }
-    return WindSpan(max(float(onset[best]), 0.0), float(duration[best]), spread)
+    return WindSpan(max(float(onset[best]), 0.0), float(duration[best]), spread, evidence)
 
 
 def _ratio(scores: FloatArray, information: FloatArray) -> float:
@@ -197,21 +211,47 @@ def _ratio(scores: FloatArray, information: FloatArray) -> float:
     return max(float(np.median(size) / 0.455), 1.0)
 
 
-def _best_span(
-    information: FloatArray, gradient: FloatArray, std: float, ratio: float
-) -> tuple[int, int, float]:
-    """Return first and last edge of the span with the largest evidence, and that."""
-    n = len(gradient)
+def _best_spans(
+    addition: Addition, std: float, ratio: float, taken: BoolArray, most: int
+) -> list[tuple[int, int, float]]:
+    """Return first and last edge of the span with the largest evidence outside of those taken, and that; then
+    those of further spans apart from it whose evidence is positive."""
+    taken = taken.copy()
+    out: list[tuple[int, int, float]] = []
+    while len(out) < most and not taken.all():
+        span = _best_span(addition, std, ratio, taken)
+        if out and not span[2] > 0.0:
+            break
+        out.append(span)
+        taken[span[0] : span[1]] = True
+    return out
+
+
+def _best_span(addition: Addition, std: float, ratio: float, taken: BoolArray) -> tuple[int, int, float]:
+    """Return first and last edge of the span with the largest evidence outside of those taken, and that."""
+    n = len(addition.gradient)
     total = np.zeros((n + 1, n + 1))
-    total[1:, 1:] = np.cumsum(np.cumsum(information, axis=0), axis=1) / ratio
-    pull = np.concatenate([[0.0], np.cumsum(gradient)]) / ratio
+    total[1:, 1:] = np.cumsum(np.cumsum(addition.information, axis=0), axis=1) / ratio
+    pull = np.concatenate([[0.0], np.cumsum(addition.gradient)]) / ratio
+    covered = np.concatenate([[0], np.cumsum(taken)])
     i, j = np.triu_indices(n + 1, 1)
-    short = j - i <= max(n // 3, 1)
-    i, j = i[short], j[short]
+    short = j - i <= _longest(n)
     inside = np.maximum(total[j, j] - total[i, j] - total[j, i] + total[i, i], 0.0)
     gain = 0.5 * (pull[j] - pull[i]) ** 2 / (inside + std**-2) - 0.5 * np.log1p(inside * std**2)
+    gain = np.where(short & (covered[i] == covered[j]), gain, -np.inf)
     best = int(np.argmax(gain))
-    return int(i[best]), int(j[best]), float(gain[best]) - math.log(len(i))
+    return int(i[best]), int(j[best]), float(gain[best]) - _log_spans(n)
+
+
+def _longest(boxes: int) -> int:
+    """Return the most boxes of a span: a wind throughout the drive is no event."""
+    return max(boxes // 3, 1)
+
+
+def _log_spans(boxes: int) -> float:
+    """Return the log of how many spans there are."""
+    longest = _longest(boxes)
+    return math.log(longest * boxes - longest * (longest - 1) // 2)
 
 
 # -- terms without a name ------------------------------------------------------------------------------------

@@ -71,7 +71,7 @@ def preferred(search: Search, other: Search, nats: float) -> Search:
 def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
     """Take steps until none helps, so many terms are there or a model comes up again; nuisances are admitted
     before."""
-    seen: set[frozenset[str]] = set()
+    seen: set[tuple[str, ...]] = set()
     while len(search.named) < most:
         say(0.1 + 0.6 * len(search.named) / SETTINGS.most_effects)
         if not (_sloped(search, threshold) or search.forward(threshold) or _locate(search, threshold)):
@@ -79,7 +79,7 @@ def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
         for _ in range(3):
             if not (len(search.terms) > 1 and search.tidy(threshold)):
                 break
-        keys = frozenset(term.key for term in search.terms)
+        keys = tuple(sorted(term.key for term in search.terms))  # of a wind there may be several spans
         if keys in seen:
             break
         seen.add(keys)
