@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ from scipy.signal import lfilter
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.interfaces.cli.diagnose import read_recording
+from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
@@ -86,6 +89,45 @@ def test_a_change_that_was_chosen_earlier_is_asked_for_again(monkeypatch: pytest
 
     assert [one.term.key for one in again.chosen] == [one.term.key for one in first.selection.chosen] != []
     assert none.chosen == ()
+
+
+def test_a_set_gains_the_terms_that_its_change_goes_with_and_loses_those_it_does_not() -> None:
+    """From the change and a lever arm that nobody has, to the change and the age of fixes that are late."""
+    late = drifting(-3e-3)
+    late = replace(late, fix_time_s=late.fix_time_s + 0.3)
+    alone = drift_alone(late)
+    regression = alone.regression
+    gram, b = alone.evidence.projected(regression.hypotheses.nuisance)
+    _, change = max(
+        (entry for entry in regression.hypotheses.ramp_gains(gram, b) if entry[1].wheel == "rl"),
+        key=lambda entry: entry[0],
+    )
+    lever_arm = next(term for term in regression.hypotheses.catalogue if term.effect == "antenna_lever_arm")
+    selector = Selector(alone.evidence, regression.hypotheses, last=True)
+
+    effects = {term.effect for term in change_or_drift._climbed(selector, [change, lever_arm], [])}
+
+    assert {"radius_change", "gnss_latency"} <= effects
+    assert "antenna_lever_arm" not in effects
+
+
+@pytest.mark.parametrize(("seed", "change_mm"), [(1, 3.95), (3, 3.03)])
+def test_a_loss_on_a_mountain_road_is_found_together_with_the_slope(
+    recordings: Path, tmp_path: Path, seed: int, change_mm: float
+) -> None:
+    """Without the slope the radii drift so far that the loss is nothing unusual, and without the loss, too:
+    one after the other neither was found, and the axle was said to be braked for two minutes."""
+    out = tmp_path / "out"
+    onto = str(recordings / "van-mountain-a")
+    assert 0 == main(["simulate", str(out), "--onto", onto, "--conceal", "1", "--seed", str(seed)])
+
+    found = {one.effect: one for one in diagnose([read_recording(out)]).findings}
+
+    assert {"radius_change", "gnss_latency", "road_grade"} == set(found)
+    assert "rr" == found["radius_change"].parameters["wheel"].value
+    deviation = found["radius_change"].parameters["deviation_m"]
+    assert deviation.std is not None
+    assert abs(1e3 * float(deviation.value) + change_mm) < 2e3 * float(deviation.std)
 
 
 SPEED_STD_MPS, SPEED_MEMORY = 0.02, 0.95

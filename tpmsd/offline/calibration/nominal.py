@@ -187,7 +187,7 @@ def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 def _grade(recording: Recording, edges: FloatArray, speed: FloatArray) -> FloatArray:
     """Return (n + 1,) slope by the receiver's heights, smoothed: the receiver sees the horizontal part of the
-    distance."""
+    way."""
     known = np.isfinite(recording.up_m)
     if known.sum() < 30:
         return np.zeros_like(edges)

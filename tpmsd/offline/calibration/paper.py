@@ -25,7 +25,7 @@ WEIGHTS = np.array([1.0, 1.0, 10.0])
 """W of eq. (9), diagonal."""
 BLOCK_S = 20.0
 PIECE_M = 2200.0
-"""The paper's course. Over longer distances the first errors of heading rule the pose error."""
+"""The paper's course. Over longer ways the first errors of heading rule the pose error."""
 GROWN = 3
 _FLOOR = 1e-3
 
@@ -75,7 +75,7 @@ class _SimulatedDrive:
 def fit_paper(recordings: list[Recording], start: Vehicle, settings: PaperSettings | None = None) -> PaperFit:
     """Estimate the circumferences of the rear wheels."""
     s = settings or PaperSettings()
-    drives = [_prepare_drive(recording, start, s) for recording in recordings]
+    drives = [_prepared(recording, start, s) for recording in recordings]
     track = start.geometry.track_rear_m
     c = 2 * math.pi * start.radius_m[[RL, RR]]
     errors = [_mean_error(drives, c, track)]
@@ -137,7 +137,7 @@ def un_fused(
     return out
 
 
-def _prepare_drive(recording: Recording, start: Vehicle, s: PaperSettings) -> _SimulatedDrive:
+def _prepared(recording: Recording, start: Vehicle, s: PaperSettings) -> _SimulatedDrive:
     turned = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) / (2 * math.pi)
     block = (np.arange(len(turned)) * recording.dt_s / BLOCK_S).astype(int)
     distance = np.cumsum(turned.mean(axis=1)) * 2 * math.pi * start.radius_m[RL]

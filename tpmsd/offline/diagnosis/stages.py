@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.simulated import floored, widened
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
@@ -41,6 +42,8 @@ class State:
     """(1 + p, k) of the model that is believed so far: the noise is estimated beside it."""
     evidence: Evidence | None = None
     selection: Selection | None = None
+    tried: tuple[tuple[Term, ...], ...] = ()
+    """Sets of terms that stages chose, the first ones first: each beside the noise of its time."""
 
     @property
     def chosen(self) -> Selection:
@@ -103,7 +106,8 @@ def choose(state: State) -> State:
             selection = Selector(evidence, regression.hypotheses).select(most)
     if not regression.simulation:
         selection = needed_exactly(regression, selection, evidence)
-    return State(regression, selection.fit.design, evidence, selection)
+    tried = (*state.tried, tuple(one.term for one in selection.chosen))
+    return State(regression, selection.fit.design, evidence, selection, tried)
 
 
 def down_weight(state: State) -> State:
@@ -141,20 +145,19 @@ def verdict(state: State) -> State:
     selection = Selector(evidence, regression.hypotheses, last=True).select()
     if not regression.simulation:
         selection = needed_exactly(regression, selection, evidence, last=True)
-    return State(regression, selection.fit.design, evidence, selection)
+    return State(regression, selection.fit.design, evidence, selection, state.tried)
 
 
 def other_noise(state: State) -> State:
     """Ask what was found under each alternative noise in turn (`ALTERNATIVES`)."""
     found = state.found
-    before = found.selection
     for alternative in ALTERNATIVES:
-        found = alternative(found, before)
+        found = alternative(found, state)
     return replace(state, regression=found.regression, selection=found.selection, evidence=found.evidence)
 
 
-Alternative = Callable[[FoundTerms, Selection], FoundTerms]
-"""Findings, and what was chosen before any alternative; the first again."""
+Alternative = Callable[[FoundTerms, State], FoundTerms]
+"""Findings, and the state before any alternative; the first again."""
 
 ALTERNATIVES: tuple[Alternative, ...] = (
     # Outliers of the receiver, where it alone shows an event.
@@ -162,9 +165,9 @@ ALTERNATIVES: tuple[Alternative, ...] = (
     # Slow noise at its likeliest without the term: the receiver's for what all wheels share, radius drift.
     lambda found, before: confirmed(found),
     # Usual radius drift, where one group of wheels has nearly all of it to itself.
-    together,
+    lambda found, before: together(found, before.chosen),
     # Radius drift at its likeliest with and without a change of a radius.
-    lambda found, before: changed(found, before),
+    lambda found, before: changed(found, before.chosen, before.tried),
     # Slow noise of the receiver's speed at its likeliest with and without a constant error of its velocity.
     lambda found, before: erring(found),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.

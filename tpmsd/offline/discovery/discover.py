@@ -349,7 +349,7 @@ def _wheel_roles(
 def _drive_for(assignment: Assignment) -> str:
     if assignment.left_right < assignment.front_rear:
         return "ten bends to either side: the sides do not differ on straight roads"
-    return "ten tight bends at walking to town speed: the front wheels' longer path shows there"
+    return "ten tight bends at walking to town speed: the front wheels' longer way shows there"
 
 
 def _count_role(

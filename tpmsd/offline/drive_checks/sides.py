@@ -75,7 +75,7 @@ def _axles(config: Config, by_wheel: dict[str, str], geometry: CarGeometry) -> l
     probability = _exchanged(square, aim, spread)
     if probability < SETTINGS.decided:
         return []
-    suggest = "in bends the wheels called rear have the longer path: exchange front and rear"
+    suggest = "in bends the wheels called rear have the longer way: exchange front and rear"
     return [Suspicion(f"can.signals.{by_wheel['fl']}", "swapped_front_rear", probability, suggest)]
 
 

@@ -43,7 +43,7 @@ def find_drives(
             with local_copy(path) as folder:
                 key = content_hash([folder]).removeprefix("sha256:")[:40]
                 kind = model or model_of(folder / VEHICLE)
-            yield DriveEntry(key, path, car or _parent_folder(path), kind)
+            yield DriveEntry(key, path, car or _parent(path), kind)
         if not found:
             raise InputError(name, "no drive folder (with a vehicle.toml) there or below")
 
@@ -122,6 +122,6 @@ def model_of(vehicle_file: Path) -> str:
     return f"{geometry['wheelbase_m']}m-{geometry['driven_axle'] or 'front'}-{mark}"
 
 
-def _parent_folder(path: str) -> str:
+def _parent(path: str) -> str:
     parent = PurePosixPath(path.partition("://")[2] or path).parent.name
     return parent or "unnamed"

@@ -1,8 +1,8 @@
 """Down to which speed a drive's seconds are compared.
 
 In: the drive's speeds. Out: the least speed. A window's reading errors hardly change with speed, so what it
-tells of a relative change of radius goes with the square of its distance: seconds at walking pace tell next
-to nothing of a drive on the road, and everything of one in a car park.
+tells of a relative change of radius goes with the square of its way: seconds at walking pace tell next to
+nothing of a drive on the road, and everything of one in a car park.
 """
 
 from __future__ import annotations

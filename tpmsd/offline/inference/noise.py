@@ -7,7 +7,7 @@ beforehand. A noise is an argument everywhere: nothing that whitens or fits hold
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -105,3 +105,10 @@ PRIORS: Mapping[str, tuple[float, float]] = MappingProxyType(
     }
 )
 """Median and logarithmic spread of what a drive hardly tells."""
+
+
+def with_usual_drift(noise: Noise) -> Noise:
+    """Return the same noise with radii that drift as those of most tyres and roads do."""
+    return replace(
+        noise, radius_drift=PRIORS["radius_drift"][0], radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0]
+    )

@@ -28,7 +28,7 @@ WHOLE = 0.1
 
 
 def repeated_rounding_variance(recording: Recording) -> FloatArray:
-    """(w, 4) variance in m2 of the wheels' distances in the windows of a recording."""
+    """(w, 4) variance in m2 of the wheels' ways in the windows of a recording."""
     per = round(WINDOW_S / recording.dt_s)
     count = recording.ticks // per
     out = np.zeros((count, 4))

@@ -43,7 +43,7 @@ class ColumnStack:
             self.add(column)
 
     def add(self, column: FloatArray) -> None:
-        """Append a column (w, 9)."""
+        """Append one (w, 9)."""
         if not self._runs or self._runs[-1].channel is not None:
             self._runs.append(_Run(None, []))
         self._runs[-1].arrays.append(column)

@@ -70,7 +70,7 @@ class Geometry:
     fixes: FloatArray
     """(w, 3) how many fixes gave a speed, a course and a position; no less than 1."""
     repeated_rounding_m2: FloatArray
-    """(w, 4) variance of the wheels' distances by rounding that stays the same."""
+    """(w, 4) variance of the wheels' ways by rounding that stays the same."""
 
     @cached_property
     def joint(self) -> FloatArray:

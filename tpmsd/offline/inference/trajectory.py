@@ -211,8 +211,7 @@ def _width_s(scatter: float, every_s: float, rate_error: float) -> float:
 
 
 def _radius_scale(recording: Recording, speed: FloatArray, min_mps: float) -> float:
-    """Common factor on the radii that fits the receiver's speeds, or its distances where it gives no
-    speeds."""
+    """Common factor on the radii that fits the receiver's speeds, or its ways where it gives no speeds."""
     at_fix = np.interp(recording.fix_time_s, recording.edges_s, speed)
     usable = np.isfinite(recording.speed_mps) & (at_fix > min_mps)
     if usable.sum() > 30:

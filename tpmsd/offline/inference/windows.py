@@ -4,7 +4,7 @@ In: `Recording`, `ReferenceTrajectory`, a model of the catalogue. Out: `Windows`
 the prediction of all channels by the catalogue's own forward model, so that recording minus prediction is the
 residual and the difference of two predictions is an effect's response.
 
-Channels of a window, in this order: distances of the four wheels (m), mean yaw rate (rad/s), mean GNSS speed
+Channels of a window, in this order: ways of the four wheels (m), mean yaw rate (rad/s), mean GNSS speed
 (m/s), mean GNSS course (rad), mean GNSS east and north (m).
 """
 
@@ -72,7 +72,7 @@ class Linearised:
     to_east_north: FloatArray
     """(w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
     repeated_rounding_m2: FloatArray = field(default_factory=lambda: np.zeros((1, 4)), kw_only=True)
-    """(w, 4) or (1, 4) variance of the wheels' distances by rounding that stays the same."""
+    """(w, 4) or (1, 4) variance of the wheels' ways by rounding that stays the same."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -130,7 +130,7 @@ class Reader:
 
     @property
     def rolled_m(self) -> FloatArray:
-        """(w, 4) distances of the wheels by the reference motion."""
+        """(w, 4) ways of the wheels by the reference motion."""
         if self._rolled is None:
             self._rolled = self._distances(self.reference.motion, ExtendedModel())
         return self._rolled
@@ -208,7 +208,7 @@ class Reader:
     def _distances(
         self, motion: Motion, model: ExtendedModel, radii_m: FloatArray | None = None
     ) -> FloatArray:
-        """(w, 4) distances of the wheels (m) by their counters."""
+        """(w, 4) ways of the wheels (m) by their counters."""
         car = self.reference.car
         angles = wheel_angles(motion, car, model, radii_m)
         shown = angles.copy()
@@ -317,8 +317,8 @@ class Reader:
     def _designs(self, model: ExtendedModel) -> FloatArray:
         """(w, 9, 3) response to errors of the reference's speed, yaw rate and heading where the model acts.
 
-        At 30 m/s the load that a yaw rate shifts between left and right changes the wheels' distances as much
-        as the track does, so that this is no matter of the rolling model alone.
+        At 30 m/s the load that a yaw rate shifts between left and right changes the wheels' ways as much as
+        the track does, so that this is no matter of the rolling model alone.
         """
         design = np.zeros((len(self._kept), CHANNELS, 3))
         for state, (dv, dw) in enumerate(((1e-3, 0.0), (0.0, 1e-5))):

@@ -147,7 +147,7 @@ class Belief(Protocol):
     """True if `correct_by_block` does anything."""
 
     def predict(self, movement: Movement) -> tuple[float, float]:
-        """Move by one tick, learning from it if it is informative; expected distance (m) and turn (rad)."""
+        """Move by one tick, learning from it if it is informative; expected way (m) and turn (rad)."""
         ...
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
@@ -159,8 +159,8 @@ class Belief(Protocol):
         ...
 
     def correct_by_block(self, block: Block, bias_rad2: float) -> None:
-        """Take an informative block's Doppler distance and turn by the gyro as measurements, where it makes
-        no blocks of its own; `bias_rad2`: variance of the turn that the gyro's bias leaves."""
+        """Take an informative block's Doppler way and turn by the gyro as measurements, where it makes no
+        blocks of its own; `bias_rad2`: variance of the turn that the gyro's bias leaves."""
         ...
 
     def finish_tick(self, moment: Moment) -> None:

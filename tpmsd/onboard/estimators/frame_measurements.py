@@ -1,8 +1,8 @@
 """Measurements that the frame of a filter takes and hands on to every belief alike.
 
-In: ticks. Out: ticks without what [filter] measurements leaves out; blocks of rotation with the Doppler
-distance and the turn by the gyro less its bias. A belief that carries what confounds the radii (`mixture`)
-makes blocks of its own, by its present radii.
+In: ticks. Out: ticks without what [filter] measurements leaves out; blocks of rotation with the Doppler way
+and the turn by the gyro less its bias. A belief that carries what confounds the radii (`mixture`) makes
+blocks of its own, by its present radii.
 """
 
 from __future__ import annotations

@@ -198,7 +198,7 @@ class BlockBuilder:
             for travel, turn, lateral in zip(travels, turns, smooth_m, strict=True):
                 along = travel + side * turn * half_m
                 path_m += math.copysign(math.hypot(along, lateral), along)
-            # path ~ distance + side * turn * track_front / 2; the hub's lateral part is second order.
+            # path ~ way + side * turn * track_front / 2; the hub's lateral part is second order.
             to_left, to_right = (1 - side * ratio) / 2, (1 + side * ratio) / 2
             by_rear = np.array([to_left * angle[0], to_right * angle[1]])
             rear_m = math.hypot(reading[0] * to_left, reading[1] * to_right) * radius[0]

@@ -53,7 +53,7 @@ class PoseFinder:
             least, share = SETTINGS.chord_noise_m
             noise = least + share * math.hypot(fix.position_std_m, earlier.position_std_m)
             if chord > max(SETTINGS.chord_min_m, SETTINGS.chord_in_std * noise):
-                # The chord is the mean heading over the distance: a bend leaves an error at its end.
+                # The chord is the mean heading of the way, so a bend leaves a heading error at its end.
                 return PoseStart(fix, math.atan2(north, east), noise / chord + SETTINGS.chord_bend_rad)
         self._fixes.append(fix)
         return None

@@ -51,8 +51,7 @@ class EstimatorSettings:
     start_heading_std_rad: tuple[float, float] = (0.05, 0.2)
     """Standard deviation of a heading by course: a + b / speed (m/s)."""
     chord_bend_rad: float = 0.15
-    """Added to that of a heading by chord: it is the mean heading over the distance, and a bend leaves an
-    error."""
+    """Added to that of a heading by chord: it is the mean heading of the way, and a bend leaves an error."""
     chord_noise_m: tuple[float, float] = (0.1, 0.33)
     """Noise of a short chord: a + b times the stated errors; the correlated part of the errors cancels."""
 
@@ -75,29 +74,27 @@ class EstimatorSettings:
     # -- positions that slide (`position_accuracy`) --
 
     slide_step_s: float = 0.9
-    """Least time between two positions whose distance is a step of the path: an arc."""
+    """Least time between two positions whose distance is a step of the way: an arc."""
     slide_window_s: float = 4.5
-    """Time over which distance and speeds are compared: long against white noise, short against
-    `bias_tau_s`."""
+    """Time over which way and speeds are compared: long against white noise, short against `bias_tau_s`."""
     slide_max_turn_rad: float = 1.0
     """Largest turn of a step: beyond, its direction is noise and it is no arc."""
     slide_jump_m: float = 1.0
-    """A step of the path that differs from the speeds by more is a jump and no slide ..."""
+    """A step of the way that differs from the speeds by more is a jump and no slide ..."""
     slide_jump_share: float = 0.1
     """... and by more than this share of it, as of `PathLengthSettings`."""
     slide_lag_s: float = 0.1
     """Standard deviation of the time between the epochs of a position and of its speed, s (recordings: 0.06
     s; twice the prior of the effect)."""
     slide_share: float = 0.003
-    """Standard deviation of the scale of a distance against speeds: rounding to 0.1 knots, bends between
-    fixes."""
+    """Standard deviation of the scale of a way against speeds: rounding to 0.1 knots, bends between fixes."""
     slide_tolerated: float = 3.0
     """The slow error may be so many times the stated one: makers state theirs differently, as of
     `speed_accuracy.TOLERATED`."""
     slide_stds: float = 3.0
     """The receiver is believed up to a difference of so many standard deviations."""
     slide_slowest_mps: float = 3.0
-    """Below, noise of positions lengthens the distance between them, as of `PathLengthSettings`."""
+    """Below, noise of positions lengthens the way between them, as of `PathLengthSettings`."""
 
     # -- which ticks are informative (`motion_gate`, `gyro_check`) --
 
@@ -127,7 +124,7 @@ class EstimatorSettings:
     position_floor_m: float = 0.3
     """Least position error: below it a bootstrap proposal would starve; it covers what the clocks leave."""
     distance_floor_m: float = 0.1
-    """Least error of a block's Doppler distance, for the same reason, ..."""
+    """Least error of a block's Doppler way, for the same reason, ..."""
     turn_floor_rad: float = 0.01
     """... of its turn by the gyro, ..."""
     course_floor_sampled_rad: float = 0.02
@@ -211,8 +208,8 @@ class EstimatorSettings:
     marginal_particles: int = 200
     """Number where the configuration gives none."""
     noise_log_std: float = 0.7
-    """Standard deviation of the log of the variance of distance and heading noise: crown, bank and roughness
-    of roads differ by a factor of two."""
+    """Standard deviation of the log of the variance of way and heading noise: crown, bank and roughness of
+    roads differ by a factor of two."""
     level_log_mean: float = -2.8
     """Log of the usual noise level of the radii's drift, in the middle of `drift_levels`, ..."""
     level_log_std: float = 1.6
@@ -245,15 +242,15 @@ class EstimatorSettings:
     calm_common: float = 0.5
     """Least share of `drift_common_m` that a calm level has."""
     turn_noise: float = 0.0004
-    """Heading noise, rad per sqrt(m) of distance: side slip, road crown, roughness."""
+    """Heading noise, rad per sqrt(m) of way: side slip, road crown, roughness."""
     turn_relative: float = 0.02
     """Heading noise relative to the turn of a tick."""
     path_noise: float = 0.003
     """Way noise, m per sqrt(m)."""
     rough_path: float = 0.015
-    """Relative distance noise in ticks that are not informative: slip."""
+    """Relative way noise in ticks that are not informative: slip."""
     rough_turn: float = 0.004
-    """Relative turn noise in such ticks, by distance over track."""
+    """Relative turn noise in such ticks, by way over track."""
     bias_tau_s: float = 40.0
     """Correlation time of the receiver's slow position error (20 to 100 s in the recordings)."""
     position_std_m: float = 1.5
@@ -288,8 +285,7 @@ class EstimatorSettings:
     gyro_relative: float = 0.02
     """Fraction of the turn: side slip makes the wheels' turn and the body's differ in the way into a bend."""
     roughness: float = 2.0e-4
-    """Front against rear over one block, relative to the distance at 20 m; grows with the distance's square
-    root."""
+    """Front against rear over one block, relative to the way at 20 m; grows with the way's square root."""
     slow_yaw_s: float = 3.0
     """Smoothing of the wheels' yaw rate where it stands in for a gyro."""
     block_min_s: float = 0.95
@@ -363,7 +359,7 @@ class PathLengthSettings:
     step_s: float = 0.9
     """Least time between the ends of a step of the path ..."""
     longest_step_s: float = 2.5
-    """... and most: beyond, too little is known of the distance between them."""
+    """... and most: beyond, too little is known of the way between them."""
     min_m: float = 400.0
     """Path below which the drift of positions hides what is looked for."""
     position_slack_m: float = 4.0

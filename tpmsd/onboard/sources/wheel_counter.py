@@ -278,8 +278,8 @@ class WheelCounter:
     def is_stuck(self, time_s: float, others_m: list[float]) -> bool | None:
         """Return whether the value stands still while the wheel turns; None: too early to tell.
 
-        `others_m`: distances that the other wheels have rolled since `still_since`. Two of them must have
-        moved (one, if there is but one): a single one may be spinning on ice.
+        `others_m`: ways that the other wheels have rolled since `still_since`. Two of them must have moved
+        (one, if there is but one): a single one may be spinning on ice.
         """
         assert self.still_since is not None
         if time_s - self.still_since <= STUCK_S:

@@ -226,7 +226,7 @@ class WheelSpeedIntegrator:
     def is_stuck(self, time_s: float, others_m: list[float], others_change_mps: list[float]) -> bool | None:
         """Return whether the value stands still while the wheel's speed cannot; None: too early to tell.
 
-        `others_m` and `others_change_mps`: distances rolled and changes of speed of the other wheels since
+        `others_m` and `others_change_mps`: ways rolled and changes of speed of the other wheels since
         `still_since`. Two of them must speak against it (one, if there is but one).
         """
         assert self.still_since is not None

@@ -27,7 +27,7 @@ class RoadGrade(Effect):
 
     name = "road_grade"
     wording = Wording(
-        formula="horizontal distance = cos(grade) * distance rolled",
+        formula="horizontal way = cos(grade) * way rolled",
         sentence="wheels roll along slopes, the receiver reports the horizontal",
         noun="slopes",
         answers=("wheels roll along slopes, of which the receiver reports the horizontal",),

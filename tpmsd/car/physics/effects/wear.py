@@ -45,7 +45,7 @@ class Wear(Effect):
             2e-10,
             0.0,
             1e-7,
-            "radius lost per distance",
+            "radius lost per way",
             probe=1e-10,
             prior=Prior(2e-10, 1e-10, "6.4 mm of tread in 30,000 to 60,000 km"),
             fitted=(0.0, 1e-9),

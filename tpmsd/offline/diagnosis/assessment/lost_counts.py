@@ -2,7 +2,7 @@
 
 In: a `Regression`. Out: `Finding`s. They are looked for apart from all else: at walking pace below the speeds
 of the windows (`counters.low_speed`), while a wheel turns by the rings' ripple (`counters.missed`) or one by
-one by the scatter of its distance (`counters.single_losses`).
+one by the scatter of its way (`counters.single_losses`).
 """
 
 from __future__ import annotations
@@ -140,7 +140,7 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
         indistinguishable_from=(other.name,) if one.twins else (),
         drives=drives,
         identified_by=(
-            f"its distance {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"
+            f"its way {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"
             f" (standard deviation {one.std:.2g} counts in a second); a radius makes no steps"
         ),
         own_chance=one.p_value,

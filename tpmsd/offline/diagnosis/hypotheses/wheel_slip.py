@@ -1,7 +1,7 @@
 """Responses of the channels to the slips of tyres, by the tyre model of `vehicle_state`.
 
-In: a `Reader`. Out: named columns: per axle the distances of wheels that slip under drive and under brakes,
-and the course of a car whose rear axle slips sideways. The slips are those of a typical car of the configured
+In: a `Reader`. Out: named columns: per axle the ways of wheels that slip under drive and under brakes, and
+the course of a car whose rear axle slips sideways. The slips are those of a typical car of the configured
 geometry and driven axle, from the recording's own motion: closed forms over the whole drive, no filter. What
 is fitted is how stiff the tyres are and how the force is shared out, one value per column.
 

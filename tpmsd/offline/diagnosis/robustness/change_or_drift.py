@@ -14,7 +14,7 @@ stands in the earth's frame is a slow error of speed, and the noise estimated wi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from tpmsd.car.physics.effect import NoiseResemblance
@@ -26,11 +26,11 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.robustness.confirm import of_all_read, under_other_noise
 from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
-from tpmsd.offline.diagnosis.robustness.with_drift import as_wide_as
+from tpmsd.offline.diagnosis.robustness.with_drift import as_wide_as, with_drift
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise import Noise, with_usual_drift
 from tpmsd.offline.inference.noise_fit import RADIUS_DRIFT, VELOCITY, log_posterior, refit
 
 
@@ -42,43 +42,137 @@ class NoiseFit:
     noise: Noise
 
 
-def changed(found: FoundTerms, earlier: Selection) -> FoundTerms:
+def changed(found: FoundTerms, earlier: Selection, tried: Sequence[Sequence[Term]] = ()) -> FoundTerms:
     """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
     radii drift far, what is left beside it is the road's own. A change that was chosen earlier is asked for
-    with the values that it had."""
+    with the values that it had.
+
+    `tried` are the sets of terms that were chosen beside another drift. Which terms a drive shows depends on
+    the drift, and the drift on the terms: a slope that is missing makes the drift in which a loss of air is
+    nothing unusual. So a change is also asked for together with the terms that it was chosen with.
+    """
     before, drive = found.regression, found.regression.drives[0]
     if len(before.drives) > 1 or drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
     terms = [one.term for one in found.selection.chosen]
     drifting = _with_likeliest_noise(drive, Selector(found.evidence, before.hypotheses).design(terms))
     regression = before.copied().under({0: drifting.noise})
-    drive = regression.drives[0]
-    noise = found.regression.drives[0].noise
+    taken = {term.key for term in terms}
+    likely = _likely_changes(regression, terms, drifting, earlier)
+    terms, likely = ([as_wide_as(regression, one) for one in some] for some in (terms, likely))
+    models = _WholeModels(regression)
+    alone = models.score(terms)
+    best = max([[*terms, one] for one in likely], key=models.score, default=terms)
+    if starts := _with_one_change(tried, taken):
+        models, best = _with_its_terms(models, starts, terms, best)
+    if models.score(best) <= alone:
+        return found
+    regression = models.regression.under({0: models.fitted(best).noise})
+    evidence = regression.evidence()
+    judged = Selector(evidence, regression.hypotheses, last=True).judged(best)
+    events = {one.term.key for one in judged.chosen if one.term.ramp or one.term.pulse}
+    return FoundTerms(regression, judged, evidence) if events - taken else found
+
+
+def _likely_changes(
+    regression: Regression, terms: Sequence[Term], drifting: NoiseFit, earlier: Selection
+) -> list[Term]:
+    """Return the changes that were chosen earlier and are no more, and the likeliest one beside the terms."""
     taken = {term.key for term in terms}
     likely = [one.term for one in earlier.chosen if one.term.ramp and one.term.key not in taken]
     term = _likeliest(regression, terms, drifting)
     if term is not None:
         here = regression.evidence()
-        likely.append(exact(regression, here, Selector(here, regression.hypotheses).design(terms), term))
-    terms, likely = ([as_wide_as(regression, one) for one in some] for some in (terms, likely))
-    models = [
-        (
-            _with_likeliest_noise(
-                drive, Selector(regression.evidence(), regression.hypotheses).design([*terms, one])
-            ),
-            one,
+        likely.append(
+            exact(regression, here, Selector(here, regression.hypotheses).design(list(terms)), term)
         )
-        for one in likely
+    return likely
+
+
+def _with_its_terms(
+    models: _WholeModels, starts: Sequence[Sequence[Term]], terms: list[Term], best: list[Term]
+) -> tuple[_WholeModels, list[Term]]:
+    """Return the likeliest set that the starts lead to, its change exact, and the models it is one of; those
+    given and `best` where that, the present terms or the set without its change score as high."""
+    regression = models.regression
+    wide = [[as_wide_as(regression, term) for term in start] for start in starts]
+    likeliest = max(_under_less_drift(regression, wide, terms), key=models.score)
+    refined, exactly = with_drift(regression.under({0: models.fitted(likeliest).noise}), likeliest)
+    among = _WholeModels(refined)
+    # What the other terms of the set bring is no merit of the change.
+    without = [term for term in exactly if not term.ramp]
+    if among.score(exactly) > max(models.score(terms), models.score(best), among.score(without)):
+        return among, exactly
+    return models, best
+
+
+def _with_one_change(tried: Sequence[Sequence[Term]], taken: Collection[tuple[str, ...]]) -> list[list[Term]]:
+    """Return the sets with one of their changes of a radius each, where it is not taken already."""
+    return [
+        [one, *(term for term in terms if not term.ramp)]
+        for terms in tried
+        for one in terms
+        if one.ramp and one.key not in taken
     ]
-    if models:
-        jointly, term = max(models, key=lambda entry: entry[0].log_likelihood - entry[1].penalty)
-        if jointly.log_likelihood - drifting.log_likelihood > term.penalty + SETTINGS.selection.admit_nats:
-            terms, noise = [*terms, term], jointly.noise
-    regression = regression.under({0: noise})
-    evidence = regression.evidence()
-    return FoundTerms(
-        regression, Selector(evidence, regression.hypotheses, last=True).judged(terms), evidence
-    )
+
+
+class _WholeModels:
+    """Sets of terms of one drive, each with the radius drift that is likeliest beside it."""
+
+    def __init__(self, regression: Regression) -> None:
+        self.regression, self._drive = regression, regression.drives[0]
+        self._selector = Selector(regression.evidence(), regression.hypotheses)
+        self._fitted: dict[tuple[Term, ...], NoiseFit] = {}
+
+    def fitted(self, terms: Sequence[Term]) -> NoiseFit:
+        """Return the likeliest drift beside a set, and how likely the drive is then."""
+        key = tuple(terms)
+        if key not in self._fitted:
+            self._fitted[key] = _with_likeliest_noise(self._drive, self._selector.design(list(terms)))
+        return self._fitted[key]
+
+    def score(self, terms: Sequence[Term]) -> float:
+        """Return the log posterior less what each term must bring, nats."""
+        return self.fitted(terms).log_likelihood - _needed(terms)
+
+
+def _under_less_drift(
+    regression: Regression, starts: Sequence[list[Term]], pool: Sequence[Term]
+) -> list[list[Term]]:
+    """Return the best set from each start beside less drift than was estimated, for some sizes of it."""
+    out, noise = [], regression.drives[0].noise
+    for share in SETTINGS.robustness.drift_levels[1:]:
+        less = replace(with_usual_drift(noise), radius_drift=share * noise.radius_drift)
+        under = regression.under({0: less})
+        selector = Selector(under.evidence(), under.hypotheses, last=True)
+        out += [_climbed(selector, start, pool) for start in starts]
+    return out
+
+
+def _climbed(selector: Selector, start: list[Term], pool: Sequence[Term]) -> list[Term]:
+    """Return the set from which no step brings more: a term added, of a pool or of those that bring most
+    beside the set, or one left out that is no change of a radius. No event and no spline term is added."""
+
+    def penalised(terms: list[Term]) -> float:
+        return selector.gain(terms) - _needed(terms)
+
+    best, before = start, None
+    while best is not before:
+        before, keys = best, {term.key for term in best}
+        foremost = [added[0] for _, added in selector.foremost(best) if len(added) == 1]
+        steps = [[*best[:k], *best[k + 1 :]] for k, term in enumerate(best) if not term.ramp]
+        steps += [
+            [*best, term]
+            for term in [*pool, *foremost]
+            if term.key not in keys and not (term.ramp or term.pulse or term.nonparametric)
+        ]
+        best = max([best, *steps], key=penalised)
+    return best
+
+
+def _needed(terms: Sequence[Term]) -> float:
+    """Return what terms must bring to be chosen, nats."""
+    return sum(term.penalty + SETTINGS.selection.admit_nats for term in terms)
 
 
 def erring(found: FoundTerms) -> FoundTerms:

@@ -12,8 +12,6 @@ warm has all of it. So the shape is asked for under the usual noise.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS
@@ -23,7 +21,7 @@ from tpmsd.offline.diagnosis.robustness.found_terms import FoundTerms
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.noise import PRIORS
+from tpmsd.offline.inference.noise import with_usual_drift
 
 
 def together(found: FoundTerms, before: Selection) -> FoundTerms:
@@ -38,12 +36,7 @@ def together(found: FoundTerms, before: Selection) -> FoundTerms:
         return found
     if drive.noise.radius_drift < SETTINGS.robustness.drifts_from:
         return found
-    typical = replace(
-        drive.noise,
-        radius_drift=PRIORS["radius_drift"][0],
-        radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
-    )
-    tried = regression.under({0: typical})
+    tried = regression.under({0: with_usual_drift(drive.noise)})
     calm = tried.evidence()
     selector = Selector(calm, regression.hypotheses, last=True)
     terms = [one.term for one in selection.chosen]

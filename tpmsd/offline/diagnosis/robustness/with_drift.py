@@ -21,7 +21,7 @@ from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.refine import exact
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
-from tpmsd.offline.inference.noise import PRIORS, Noise
+from tpmsd.offline.inference.noise import Noise, with_usual_drift
 from tpmsd.offline.inference.noise_fit import NEAR_NATS, RADIUS_DRIFT, log_posterior, refit
 
 
@@ -34,13 +34,7 @@ def with_drift(regression: Regression, terms: Sequence[Term]) -> tuple[Regressio
     noise = regression.drives[0].noise
     starts = [noise]
     if noise.radius_drift >= SETTINGS.robustness.drifts_from:
-        starts.append(
-            replace(
-                noise,
-                radius_drift=PRIORS["radius_drift"][0],
-                radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0],
-            )
-        )
+        starts.append(with_usual_drift(noise))
     ends = [_in_turn(regression, terms, start) for start in starts]
     _, found, refined = max(ends, key=lambda end: end[0])
     return found, refined

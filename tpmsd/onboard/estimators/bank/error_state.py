@@ -99,7 +99,7 @@ class TickMotion:
     accel_lat_mps2: float
     informative: bool
     horizontal: float = 1.0
-    """Distance over the map per distance along the road (`grade`)."""
+    """Way over the map per way along the road (`grade`)."""
     independent_heading_change_rad: float | None = None
     """The tick's turn as something smoother than the wheels' reading tells it, for TRK; None: the wheels'."""
     lateral_known: bool = True
@@ -185,7 +185,7 @@ class ProcessModel:
         return own.transpose(2, 0, 1)
 
     def travel_and_turn(self, mean: FloatArray, motion: TickMotion) -> tuple[FloatArray, FloatArray]:
-        """(N,) distance of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
+        """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
         state = mean.T
         left, right = (state[MU : MU + 2] + self._rear_m) * motion.rear_rad[:, None]
         travel = (left + right) * (0.5 * motion.horizontal)
@@ -228,12 +228,11 @@ class ProcessModel:
         drift: FloatArray | None = None,
         noise_factor: FloatArray | float = 1.0,
     ) -> tuple[float, float]:
-        """Move mean (N, n) and covariance (N, n, n) through eq. (7), heading at mid-step, in place; mean
-        distance and turn of the tick.
+        """Move mean (N, n) and covariance (N, n, n) through eq. (7), heading at mid-step, in place; mean way
+        and turn of the tick.
 
         `drift` (N, d, d): growth of the radii's covariance per second of each hypothesis (`drift_at`); None:
-        that at level 1. `noise_factor` (N,): on the variances of distance and heading that grow with the
-        distance.
+        that at level 1. `noise_factor` (N,): on the variances of way and heading that grow with the way.
         """
         count = mean.shape[0]
         state, spread = mean.T, covariance.transpose(1, 2, 0)
@@ -306,7 +305,7 @@ class ProcessModel:
         share: FloatArray | float,
     ) -> _Bend:
         """Return the bend of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N):
-        distance along it, share: of `_Bend`.
+        way along it, share: of `_Bend`.
         """
         by_wheels = motion.steered_curvature is None
         across = np.empty_like(step)

@@ -50,7 +50,7 @@ class Bank:
     raised: FloatArray = field(init=False)
     """(N,) by how much a log-weight is above what prior and evidence give (`JumpHypotheses.keep_levels`)."""
     noise_factor: FloatArray = field(init=False)
-    """(N,) on the variances of distance and heading that grow with the distance."""
+    """(N,) on the variances of way and heading that grow with the way."""
     state: FloatArray = field(init=False)
     """(n, N) the means as they lie in memory: all arrays are changed in place."""
     spread: FloatArray = field(init=False)

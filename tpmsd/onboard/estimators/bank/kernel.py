@@ -51,7 +51,7 @@ class BankKernel(Protocol):
     def propagate(
         self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
-        """Move all hypotheses through a tick; mean distance (m) and turn (rad). `drift`: of `drift_at`."""
+        """Move all hypotheses through a tick; mean way (m) and turn (rad). `drift`: of `drift_at`."""
         ...
 
     def update(

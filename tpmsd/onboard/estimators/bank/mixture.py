@@ -3,17 +3,17 @@
 In: movements and fixes. Out: a `Belief` of all wheels. Nothing is drawn.
 
 The model is that of [Lundquist 2013, eqs 5-10]: rear wheels as inputs, radius errors that bend the
-trajectory, GNSS fixes. Given the distance and the turns, everything is so nearly linear that a Kalman filter
+trajectory, GNSS fixes. Given the way and the turns, everything is so nearly linear that a Kalman filter
 (state: `error_state`) is exact for practical purposes, so pose and radii are Rao-Blackwellised; only jumps of
 the radii are hypotheses (`jump_hypotheses`).
 
 Quantisation. The reading error of a counter is bounded: it does not add up from tick to tick. So it is part
 of the measurements (once per block), not of the process noise as in (9c), where it would be a random walk.
 
-Blocks. About once a second the rotation is held against the receiver (Doppler distance), the bus's yaw rate
-where it has shown to be one (`gyro_check`), and, front against rear, against the other wheels
-(`odometry_block`). The front wheels are measurements of all radii jointly, so that left against right on the
-front axle steadies the rear one where the receiver is poor.
+Blocks. About once a second the rotation is held against the receiver (Doppler way), the bus's yaw rate where
+it has shown to be one (`gyro_check`), and, front against rear, against the other wheels (`odometry_block`).
+The front wheels are measurements of all radii jointly, so that left against right on the front axle steadies
+the rear one where the receiver is poor.
 """
 
 from __future__ import annotations
@@ -249,7 +249,7 @@ class MixtureBelief:
         self._drift = self._process.drift_at(self.bank.level)
 
     def _learn(self, block: Block, gyro_trusted: bool) -> None:
-        """Doppler distance and yaw rate against the rear wheels, front wheels against rear."""
+        """Doppler way and yaw rate against the rear wheels, front wheels against rear."""
         car, mean = self._car, self.bank.mean
         if math.isfinite(block.doppler_distance_m):
             scalar = measurements.doppler_distance(

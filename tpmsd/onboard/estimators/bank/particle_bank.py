@@ -5,7 +5,7 @@ and the instants at which a radius changed, pose, radii and nuisances are so nea
 each particle carries them as one Kalman filter (Rao-Blackwellised: Schoen, Gustafsson and Nordlund 2005, IEEE
 Trans. Signal Processing 53(7), 2279-2289). What remains is drawn, per particle:
 
-    theta    log of the covariance of the noise: of distance and heading, and of the radii's drift, its common
+    theta    log of the covariance of the noise: of way and heading, and of the radii's drift, its common
              part and one contrast per wheel
     changes  instant and wheel of sudden changes; how much has changed is left to the Kalman filter
 
@@ -35,8 +35,8 @@ class ParticleBank(Bank):
     """A bank whose hypotheses were drawn; N particles."""
 
     theta: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
-    """(2 + d, N) log of the noise of distance and heading relative to the usual variance; log level of the
-    drift of all radii, and of each against it."""
+    """(2 + d, N) log of the noise of way and heading relative to the usual variance; log level of the drift
+    of all radii, and of each against it."""
 
     def keep(self, index: NDArray[np.intp], free: int) -> None:
         """Keep the particles of these indices with even weights, in place; the last `free` without any."""
@@ -57,7 +57,7 @@ class ParticleBank(Bank):
         self.noise_factor[indices] = self.noise_factor[parents]
 
     def set_levels(self) -> None:
-        """Take the noise of distance and heading and the drift of the radii as theta has them."""
+        """Take the noise of way and heading and the drift of the radii as theta has them."""
         self.noise_factor[:] = np.exp(self.theta[0])
         self.level[:] = np.exp(self.theta[1] + self.theta[2:]).T
 

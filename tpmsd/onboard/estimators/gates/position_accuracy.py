@@ -4,9 +4,9 @@ In: fixes. Out: the same, with a standard deviation of the position that the spe
 
 A position's error is white noise and a slow part, a first-order Gauss-Markov process of which the receiver
 states the standard deviation. After poor reception some receivers state decimetres while their positions
-slide back by a metre a second (RTK solutions with float ambiguities). Over some seconds T the distance
-between positions then differs from the integral of the speed by a difference S, by more than the statement
-explains. The variance of the slow part is matched to it (covariance matching [Mehra 1970]),
+slide back by a metre a second (RTK solutions with float ambiguities). Over some seconds T the way between
+positions then differs from the integral of the speed by a difference S, by more than the statement explains.
+The variance of the slow part is matched to it (covariance matching [Mehra 1970]),
 
     sigma^2 = stated^2 + max(S^2 - 9 Var(S), 0) / (2 (1 - exp(-T / tau)))
 
@@ -104,7 +104,7 @@ def _follows(before: Fix, fix: Fix) -> bool:
 
 
 def _excess_m2(first: _FixWithSums, last: _FixWithSums) -> float:
-    """Variance of the slow error that the distance between two fixes shows beyond the stated one."""
+    """Variance of the slow error that the way between two fixes shows beyond the stated one."""
     span_s = last.fix.time_s - first.fix.time_s
     path_m = last.path_m - first.path_m
     difference_m = path_m - (last.integral_m - first.integral_m)

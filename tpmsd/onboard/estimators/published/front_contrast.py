@@ -1,7 +1,7 @@
 """Front wheels for the filters of [Lundquist 2013], which know the rear pair alone.
 
 In: rotations, and the rear radii's moments. Out: the moments of all four. The rear wheels point along the
-body; a steered front wheel rolls along the path of its own hub, which distance and turn of the rear axle tell
+body; a steered front wheel rolls along the path of its own hub, which way and turn of the rear axle tell
 without any steering signal (`physics.kinematics`). So its radius error is realised, w_f = path_f / a_f - r_f,
 and what it has beyond the rear pair's share in that path does not depend on the trajectory: one set of
 Normal-inverse-Wishart statistics learns it beside the filter. It never acts back on the rear pair or the
@@ -110,27 +110,27 @@ class FourWheelBelief:
         return moved
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
-        """End the tick of the belief about the rear wheels."""
+        """Do what the rear belief does."""
         return self.rear.distance(measurement)
 
     def update(self, measurement: FixMeasurement) -> None:
-        """End the tick of the belief about the rear wheels."""
+        """Do what the rear belief does."""
         self.rear.update(measurement)
 
     def correct_by_block(self, block: Block, bias_rad2: float) -> None:
-        """End the tick of the belief about the rear wheels."""
+        """Do what the rear belief does."""
         self.rear.correct_by_block(block, bias_rad2)
 
     def finish_tick(self, moment: Moment) -> None:
-        """End the tick of the belief about the rear wheels."""
+        """Do what the rear belief does."""
         self.rear.finish_tick(moment)
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
-        """End the tick of the belief about the rear wheels."""
+        """Do what the rear belief does."""
         self.rear.set_pose(start, measurement)
 
     def forget_pose(self) -> None:
-        """End the tick of the belief about the rear wheels."""
+        """Do what the rear belief does."""
         self.rear.forget_pose()
 
     def moments(self) -> Moments:

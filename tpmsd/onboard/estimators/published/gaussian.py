@@ -66,8 +66,8 @@ class Roll:
 
 
 def move(state: FloatArray, noise: FloatArray, roll: Roll) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(7, n) states after the tick, distances and turns (n,), for states (7, n) and noise (2, n) of unit
-    size, eqs (26a), (26b) with the heading at mid-step."""
+    """(7, n) states after the tick, ways and turns (n,), for states (7, n) and noise (2, n) of unit size,
+    eqs (26a), (26b) with the heading at mid-step."""
     radius = roll.nominal_m[:, None] + state[MU:SIGMA]
     radius = radius + np.sqrt(np.maximum(state[SIGMA:], 0.0)) * noise
     left, right = roll.rear_rad[:, None] * radius
@@ -82,7 +82,7 @@ def move(state: FloatArray, noise: FloatArray, roll: Roll) -> tuple[FloatArray, 
 
 
 Moved = tuple[FloatArray, FloatArray, float, float]
-"""Mean (7,), covariance (7, 7), expected distance and turn."""
+"""Mean (7,), covariance (7, 7), expected way and turn."""
 
 
 class Transform(Protocol):

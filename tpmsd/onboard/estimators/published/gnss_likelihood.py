@@ -88,8 +88,8 @@ class BlockMeasurement(NamedTuple):
 def block_measurements(
     block: Block, bias_rad2: float, nominal_m: FloatArray, track_m: float
 ) -> Iterator[BlockMeasurement]:
-    """Doppler distance and turn by the gyro of a block of the rear pair at nominal radii, where it has them;
-    the models are those of `measurements.doppler_distance` and `gyro_turn`."""
+    """Doppler way and turn by the gyro of a block of the rear pair at nominal radii, where it has them; the
+    models are those of `measurements.doppler_distance` and `gyro_turn`."""
     angle = block.angle_rad[:2]
     if math.isfinite(block.doppler_distance_m):
         variance = (

@@ -82,8 +82,8 @@ class Floors:
     apart: bool = False
     """Also of left against right, as two wheels at their floor that err apart.
 
-    The floor of the variances alone does not hold it. A receiver's slow errors along the path are learned
-    as an error that both wheels share, 10 mm and more, and under it that of the difference falls to 0.2 mm in
+    The floor of the variances alone does not hold it. A receiver's slow errors along the way are learned as
+    an error that both wheels share, 10 mm and more, and under it that of the difference falls to 0.2 mm in
     two hours. The headings are then too stiff to follow the receiver's slow errors sideways, and the few
     particles that assume a change of radius, whose paths bend, win by default.
     """

@@ -1,12 +1,12 @@
 """Motion models of sampled beliefs, and their particles.
 
-In: the rotation of the rear wheels. Out: distance and turn of each particle, and where the wheels are
-measurements their log-likelihood. With a_i the angle wheel i has turned [Lundquist 2013, eq. 37, so T omega]
-and w the radius errors of a particle:
+In: the rotation of the rear wheels. Out: way and turn of each particle, and where the wheels are measurements
+their log-likelihood. With a_i the angle wheel i has turned [Lundquist 2013, eq. 37, so T omega] and w the
+radius errors of a particle:
 
-    distance = (a_rl (r_rl + w_rl) + a_rr (r_rr + w_rr)) / 2         (6a)
-    turn     = (a_rr (r_rr + w_rr) - a_rl (r_rl + w_rl)) / track     (6b)
-    east    += distance cos(heading), north likewise                 (7)
+    way     = (a_rl (r_rl + w_rl) + a_rr (r_rr + w_rr)) / 2          (6a)
+    turn    = (a_rr (r_rr + w_rr) - a_rl (r_rl + w_rl)) / track      (6b)
+    east   += way cos(heading), north likewise                       (7)
     heading += turn                                                  (7)
 
 `go` takes the heading at mid-step, heading + turn/2, or as printed, at the tick's start.
@@ -86,8 +86,8 @@ MID_STEP = 0.5
 def go(
     particles: Particles, travel: FloatArray, turn: FloatArray, heading_after: float = MID_STEP
 ) -> tuple[float, float]:
-    """Move the poses by distance and turn (N,) of each (7), with the heading after this share of the turn;
-    mean distance and turn."""
+    """Move the poses by way and turn (N,) of each (7), with the heading after this share of the turn; mean
+    way and turn."""
     middle = turn * heading_after
     middle += particles.pose[2]
     particles.moved[0] = travel * np.cos(middle)
@@ -115,7 +115,7 @@ class SampledMotion(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class WheelsIn:
-    """The wheels are inputs: a draw of the radius errors makes distance and turn (6a), (6b)."""
+    """The wheels are inputs: a draw of the radius errors makes way and turn (6a), (6b)."""
 
     def advance(
         self,

@@ -158,8 +158,8 @@ class SampledBelief:
         return pieces.position_noise.weigh(particles.position_noise, error_m, measurement.interval_s)
 
     def correct_by_block(self, block: Block, bias_rad2: float) -> None:
-        """Multiply the weights by the likelihoods of Doppler distance and turn, given the radii that each
-        particle believes in; what a tick's noise makes of them averages out over the block."""
+        """Multiply the weights by the likelihoods of Doppler way and turn, given the radii that each particle
+        believes in; what a tick's noise makes of them averages out over the block."""
         pieces = self._pieces
         if pieces.positions_alone:
             return

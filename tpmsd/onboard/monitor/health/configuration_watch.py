@@ -27,8 +27,8 @@ AXLES = {"front": (FL, FR), "rear": (RL, RR)}
 class _YawCorrelation:
     """Partial correlation of one source of yaw with the receiver's course.
 
-    Given a third quantity in which the source is off by nature: the distance, for tyres of unequal radius
-    show a turn that grows with it; the time, for a gyro has a zero error.
+    Given a third quantity in which the source is off by nature: the way, for tyres of unequal radius show a
+    turn that grows with it; the time, for a gyro has a zero error.
     """
 
     def __init__(self) -> None:
@@ -37,7 +37,7 @@ class _YawCorrelation:
         self.right = False
 
     def add(self, course_rad: float, other_rad: float, given: float) -> None:
-        """Take an interval; `given`: the distance (m) or the time (s)."""
+        """Take an interval; `given`: the way (m) or the time (s)."""
         if math.isfinite(other_rad) and not self.right:
             row = np.array([course_rad, other_rad, given])
             self._sums += np.outer(row, row)

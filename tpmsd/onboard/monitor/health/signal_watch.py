@@ -36,7 +36,7 @@ def _known(speed_mps: float) -> float:
 
 
 class ReceiverSpeed:
-    """Speed over ground by the receiver alone: its own, or the distance between its positions."""
+    """Speed over ground by the receiver alone: its own, or the way between its positions."""
 
     def __init__(self) -> None:
         self._speed_mps, self._time_s = math.nan, -math.inf

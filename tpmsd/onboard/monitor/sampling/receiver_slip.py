@@ -3,7 +3,7 @@
 In: ticks. Out: a `SlipSecond` of each second in which all wheels and the receiver's speed are known.
 
 A receiver tells its speed at an instant. So the wheels' speed and acceleration are those about that instant,
-from the distance that they rolled in the seconds before and after.
+from the way that they rolled in the seconds before and after.
 """
 
 from __future__ import annotations
@@ -26,10 +26,9 @@ class ReceiverSlip:
         self._radius_m = [float(radius) for radius in vehicle.wheel_radius_m]
         self._wheelbase_m, self._track_m = vehicle.wheelbase_m, vehicle.track_rear_m
         self._distances: deque[tuple[float, float, float]] = deque()
-        """Time, distance of the mean of all wheels and of right minus left at the rear, since an
-        interruption."""
+        """Time, way of the mean of all wheels and of right minus left at the rear, since an interruption."""
         self._fixes: deque[tuple[float, Fix]] = deque()
-        """Time and fix, of those whose distance is not complete yet."""
+        """Time and fix, of those whose way is not complete yet."""
         self._second: list[SlipSecond] = []
         self._second_from_s = -math.inf
 
