@@ -273,8 +273,8 @@ def table(one: Proof) -> str:
         )
         others = [f"`{name}`" for name in finding.indistinguishable_from]
         more = [f"{len(others) - TWINS} more"] if len(others) > TWINS else []
-        twins = ", ".join([*others[:TWINS], *more])
-        doubt = f"; confounded with {twins}" if twins else ""
+        confounded_with = ", ".join([*others[:TWINS], *more])
+        doubt = f"; confounded with {confounded_with}" if confounded_with else ""
         proxy = ", proxy" if finding.may_be_proxy else ""
         lines.append(f"- `{finding.effect}`: {values} (confidence {finding.confidence:.2f}{proxy}{doubt})")
     return "\n".join(lines)

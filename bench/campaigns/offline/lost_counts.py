@@ -181,7 +181,7 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
             if losses is None:
                 continue
             named += 1
-            if one.wheel in (losses.wheel, *losses.twins):
+            if one.wheel in (losses.wheel, *losses.similar_wheels):
                 right += 1
                 off = min(abs(losses.rate_per_s - sign * one.rate_per_s) for sign in (1.0, -1.0))
                 inside += off < 2.0 * losses.rate_std_per_s

@@ -214,8 +214,10 @@ def test_fd_frame_on_a_classic_bus(make: Make) -> None:
 
 def test_twin_messages(make: Make) -> None:
     """Two messages of one name are warned of, since only one can be meant."""
-    twins = (("BO_ 180 ESP", 'BO_ 181 ESP: 8 CAR\n SG_ YAW : 0|8@1+ (1,0) [0|1] "deg/s" CAR\n\nBO_ 180 ESP'),)
-    (warning,) = check(make(dbc=twins)).warnings
+    messages = (
+        ("BO_ 180 ESP", 'BO_ 181 ESP: 8 CAR\n SG_ YAW : 0|8@1+ (1,0) [0|1] "deg/s" CAR\n\nBO_ 180 ESP'),
+    )
+    (warning,) = check(make(dbc=messages)).warnings
     assert warning.what == "the DBC has 2 messages named ESP: the last one is taken"
 
 

@@ -131,7 +131,7 @@ def test_every_effect_says_what_it_is(name: str) -> None:
         assert p.prior is not None
         assert len(p.prior.source) > 5
         assert p.unit
-    assert set(cls.twins) <= set(DYNAMICS_EFFECTS)
+    assert set(cls.confounded_with) <= set(DYNAMICS_EFFECTS)
 
 
 def test_the_catalogue_has_what_the_public_formats_name() -> None:

@@ -28,7 +28,7 @@ from tpmsd.offline.dynamics.document import dynamics_document
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics
 from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing, spread_of_blocks
 from tpmsd.offline.dynamics.located import _edges
-from tpmsd.offline.dynamics.look import Look, p_value_of
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics, p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
 from tpmsd.offline.dynamics.search import Search
@@ -449,7 +449,9 @@ def test_without_a_term_the_others_take_its_part() -> None:
     information = 1e6 * np.array([[1.0, 0.5], [0.5, 1.0]])
     columns = [PriorColumns((k,), *term.prior()) for k, term in enumerate(terms)]
     removal = [((k,), (-0.1,)) for k in range(2)]
-    look = Look(Statistics(BlockGram(information[None], np.zeros((1, 2)))), terms, columns, removal, [], [])
+    look = ModelStatistics(
+        Statistics(BlockGram(information[None], np.zeros((1, 2)))), terms, columns, removal, [], []
+    )
 
     (other,) = look.others_without(0)
 

@@ -83,7 +83,7 @@ def test_lost_and_added_counts_are_reported_with_their_rate(wheel: str, sign: fl
     rate_per_s = -sign * share * float(np.mean(_windows().covariates["speed"])) / COUNT_M[0]
 
     assert found is not None
-    assert (wheel, ()) == (found.wheel, found.twins)
+    assert (wheel, ()) == (found.wheel, found.similar_wheels)
     assert found.rate_per_s == pytest.approx(rate_per_s, abs=3.0 * found.rate_std_per_s)
     assert found.rate_std_per_s < 0.2 * abs(rate_per_s)
 
@@ -130,7 +130,7 @@ def test_without_a_gyro_another_wheel_that_adds_counts_looks_the_same() -> None:
     found = _found(left)
 
     assert found is not None
-    assert ("rl", ("fl",)) == (found.wheel, found.twins)
+    assert ("rl", ("fl",)) == (found.wheel, found.similar_wheels)
     assert found.rate_per_s > 0.0
 
 

@@ -119,7 +119,7 @@ def test_a_diagnosis_runs_it(
 ) -> None:
     """`diagnose --baseline single-track --simulation MODEL.fmu` compares its outputs with the recording, as
     it compares a folder with the same outputs; what it would name is no matter here."""
-    monkeypatch.setattr(stages, "SETTINGS", replace(stages.SETTINGS, most_effects=0))
+    monkeypatch.setattr(stages, "SETTINGS", replace(stages.SETTINGS, max_effects=0))
     reported = {}
     _, recorded = loaded(drive, "single-track")
     table = fmu_table(cornering, drive, recorded)

@@ -287,11 +287,11 @@ def test_a_host_on_utc_hears_of_a_fix_at_its_time_or_soon_after(lag_s: float, of
     assert (0.0 if off_utc else lag_s) == tracker.lag_s
 
 
-@pytest.mark.parametrize(("early", "least_s", "max_s"), [(9, -0.019, -0.016), (10, -0.014, -0.011)])
-def test_ten_early_fixes_tell_the_drift(early: int, least_s: float, max_s: float):
+@pytest.mark.parametrize(("early", "min_s", "max_s"), [(9, -0.019, -0.016), (10, -0.014, -0.011)])
+def test_ten_early_fixes_tell_the_drift(early: int, min_s: float, max_s: float):
     """From 17 s after the first on a drift of 2 ms/s is taken into account, but fewer tell none:
     then the low quantile of the last ten seconds stays 17 ms behind."""
     tracker, valid = UtcOffsetTracker(), math.nan
     for utc in (*(T + 0.05 * np.arange(early)).tolist(), *(T + np.arange(8.6, 18.5, 0.05)).tolist()):
         valid = tracker.update(utc + 2e-3 * (utc - T), utc)
-    assert least_s < valid - (utc + 2e-3 * (utc - T)) < max_s
+    assert min_s < valid - (utc + 2e-3 * (utc - T)) < max_s

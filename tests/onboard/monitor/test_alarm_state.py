@@ -106,9 +106,9 @@ def test_every_alarm_can_be_cleared_and_raised_again(readings: list[tuple[float,
 
 def test_the_longer_of_two_holds_raises_and_clearing_has_its_own() -> None:
     """`min_hold_s` lengthens the hold of an alarm, never shortens it, and does not delay clearing."""
-    for least_s, raised_at in ((0.0, 5), (2.0, 5), (9.0, 9)):
+    for min_s, raised_at in ((0.0, 5), (2.0, 5), (9.0, 9)):
         alarm = made()
-        turned = [alarm.update(1.0, 1.0, least_s) for _ in range(12)]
+        turned = [alarm.update(1.0, 1.0, min_s) for _ in range(12)]
         assert raised_at == turned.index("raised")
     alarm = made(clear_hold_s=3.0)
     turned = [alarm.update(1.0, 1.0) for _ in range(6)]

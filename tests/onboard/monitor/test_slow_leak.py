@@ -54,7 +54,7 @@ def test_a_reading_is_the_mean_of_samples_taken_at_their_interval() -> None:
     """Samples are due from a warm tyre on, once in `sample_s` of informative driving; a drive has one
     reading, at the latest when it is over, as precise as one sample."""
     reading, due = DriveReading(), []
-    for second in range(round(READINGS.warm_s + READINGS.least_s) + 2):
+    for second in range(round(READINGS.warm_s + READINGS.min_s) + 2):
         if reading.due(1.0):
             due.append(float(second))
             reading.add(np.full(3, float(len(due))), np.full(3, 4.0))

@@ -182,8 +182,8 @@ class _Checker:
             if message.name in seen:
                 continue
             seen.add(message.name)
-            if (twins := names.count(message.name)) > 1:
-                what = f"the DBC has {twins} messages named {message.name}: the last one is taken"
+            if (same_name := names.count(message.name)) > 1:
+                what = f"the DBC has {same_name} messages named {message.name}: the last one is taken"
                 self._warn(what, "can.signals", role)
             if (message.is_fd or message.length > _CLASSIC_CAN_BYTES) and fd_said is not True:
                 what = f"{message.name} is a CAN FD frame: a live bus needs fd = true in [can]"

@@ -58,7 +58,7 @@ class DynamicsEffect:
     """True if each of its parameters may have a value while the others do nothing."""
     shows_in: ClassVar[Mapping[str, str]] = {}
     """Outputs by parameter, for parameters that show in one output alone."""
-    twins: ClassVar[tuple[str, ...]] = ()
+    confounded_with: ClassVar[tuple[str, ...]] = ()
     """Effects that it is often confounded with, for the reference."""
     acts_early: ClassVar[bool] = False
     """True if one of its hooks acts before the tyres' forces are known."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from tpmsd.offline.dynamics.look import Look
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.stages import marginal_parts
@@ -24,15 +24,16 @@ CompetitorFits = Mapping[tuple[str, str], Search]
 
 @dataclass(frozen=True)
 class Compared:
-    """A selection, the look at it, and the competitors of its terms."""
+    """A selection, its statistics, and the competitors of its terms."""
 
     search: Search
-    look: Look
+    look: ModelStatistics
     competitors: CompetitorNats
 
 
 def with_likeliest(search: Search) -> Compared:
-    """Return the selection in which no competitor that was fitted beats a term by the odds of twins."""
+    """Return the selection in which no competitor that was fitted beats a term by the odds of confounded
+    effects."""
     seen: set[frozenset[str]] = set()
     while True:
         look = search.look([term for term in search.offered() if term.name not in search.rejected])
@@ -45,7 +46,11 @@ def with_likeliest(search: Search) -> Compared:
 
 
 def _likelier(
-    search: Search, look: Look, nats: CompetitorNats, fits: CompetitorFits, seen: set[frozenset[str]]
+    search: Search,
+    look: ModelStatistics,
+    nats: CompetitorNats,
+    fits: CompetitorFits,
+    seen: set[frozenset[str]],
 ) -> Search | None:
     """Return the selection with the likeliest competitor in its term's place; None where none is plainly
     likelier, the prediction gets worse, or the selection was there before."""
@@ -53,7 +58,7 @@ def _likelier(
         (value, k, name)
         for k, term in enumerate(search.terms)
         for name, value in nats.get(term.key, {}).items()
-        if value > SETTINGS.twin_nats
+        if value > SETTINGS.confounded_nats
     ]
     for _, k, name in sorted(odds, reverse=True):
         competitor = next(one for one in _close(look, k) if one.name == name)
@@ -66,7 +71,7 @@ def _likelier(
     return None
 
 
-def fitted_competitors(search: Search, look: Look) -> tuple[CompetitorNats, CompetitorFits]:
+def fitted_competitors(search: Search, look: ModelStatistics) -> tuple[CompetitorNats, CompetitorFits]:
     """Return the log odds of the competitors of each named term, fitted on a part of the blocks, and the fits
     where that part is the whole drive."""
     few = search.part()
@@ -95,14 +100,14 @@ def fitted_competitors(search: Search, look: Look) -> tuple[CompetitorNats, Comp
     return out, fits
 
 
-def _close(look: Look, k: int) -> list[CandidateTerm]:
+def _close(look: ModelStatistics, k: int) -> list[CandidateTerm]:
     """Return the competitors that explain most of what a term explains, and those that its effect names."""
     term, own = look.terms[k], look.evidence(k)
     competitors = look.competitors(k)
     best = {competitor.name: value for competitor, value in reversed(competitors)}
     first: dict[str, CandidateTerm] = {}
     for competitor, value in competitors:
-        near = value > SETTINGS.competitor_share * own or competitor.name in term.effect.twins
+        near = value > SETTINGS.competitor_share * own or competitor.name in term.effect.confounded_with
         if near and best[competitor.name] == value:
             first.setdefault(competitor.name, competitor)
     return list(first.values())[: SETTINGS.tried]

@@ -17,7 +17,7 @@ from tpmsd.offline.dynamics.certify import Replicates, certified
 from tpmsd.offline.dynamics.competitors import with_likeliest
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.findings import findings_of, not_detectable, nuisances_of
-from tpmsd.offline.dynamics.look import Look, fold_blocks, threshold_of
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics, fold_blocks, threshold_of
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.proposals import proposals
@@ -57,7 +57,7 @@ def diagnose_dynamics(
     has no name.
     """
     names = tuple(effect.name for effect in given)
-    drive = drive.bounded(SETTINGS.most_rows)
+    drive = drive.bounded(SETTINGS.max_rows)
     moving = float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
     if reason := _too_little(drive, moving):
         return DynamicsDiagnosis(
@@ -102,7 +102,7 @@ def diagnose_dynamics(
 
 
 def _model(
-    search: Search, look: Look, found: Sequence[DynamicsFinding]
+    search: Search, look: ModelStatistics, found: Sequence[DynamicsFinding]
 ) -> tuple[tuple[DynamicsEffect, ...], tuple[dict[str, float], ...]]:
     """Return the effects of the extended model with their standard deviations; suspicions stay out of it."""
     effects, stds = list(search.fixed), [dict[str, float]() for _ in search.fixed]
@@ -119,8 +119,8 @@ def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
     """Return why nothing can be concluded; empty if something can."""
     if not drive.outputs:
         return "no output of the baseline is recorded (yaw_rate_radps, accel_lat_mps2, velocity_lat_mps)"
-    if moving_s < SETTINGS.least_s:
-        least = f"{SETTINGS.least_s:g} s are needed"
+    if moving_s < SETTINGS.min_s:
+        least = f"{SETTINGS.min_s:g} s are needed"
         return f"{moving_s:.0f} s of driving above {SETTINGS.slowest_mps:g} m/s; {least}"
     if len(drive.starts) < 5:
         return "too few contiguous rows"

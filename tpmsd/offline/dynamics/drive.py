@@ -86,12 +86,12 @@ class DynamicsDrive:
         out.__dict__["starts"] = np.concatenate([[0], pause])
         return out
 
-    def bounded(self, most_rows: int) -> DynamicsDrive:
+    def bounded(self, max_rows: int) -> DynamicsDrive:
         """Return the drive, or blocks of a longer one spread evenly over it, with a note."""
         n, blocks = len(self.time_s), len(self.starts)
-        if n <= most_rows:
+        if n <= max_rows:
             return self
-        every = -(-n // most_rows)
+        every = -(-n // max_rows)
         kept = range(every // 2, blocks, every)
         rows = np.concatenate([np.arange(self.starts[k], self.ends[k]) for k in kept])
         outputs = {name: values[rows] for name, values in self.outputs.items()}

@@ -18,7 +18,7 @@ from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import EQUATIONS, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.competitors import CompetitorNats
-from tpmsd.offline.dynamics.look import Look, Slot
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics, Slot
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.result import (
@@ -44,7 +44,7 @@ BINS = 12
 
 
 def findings_of(
-    search: Search, look: Look, fitted: CompetitorNats | None = None
+    search: Search, look: ModelStatistics, fitted: CompetitorNats | None = None
 ) -> tuple[DynamicsFinding, ...]:
     """Return findings and suspicions, the strongest on held-out blocks first.
 
@@ -81,21 +81,21 @@ def _with_fitted(slot: Slot, fitted: CompetitorNats) -> Slot:
 
 
 def suspected(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
-    """Return the findings, and the suspicions whose log odds are within those of twins."""
-    least = 1.0 / (1.0 + math.exp(SETTINGS.twin_nats))
+    """Return the findings, and the suspicions whose log odds are within those of confounded effects."""
+    least = 1.0 / (1.0 + math.exp(SETTINGS.confounded_nats))
     return tuple(one for one in found if one.status == FINDING or one.confidence >= least)
 
 
 def with_a_cause(found: Sequence[DynamicsFinding]) -> tuple[DynamicsFinding, ...]:
     """Return the findings; where something acts and no name is likelier than not, it is `unknown`.
 
-    The strongest of the suspicions that makes the prediction better says where it shows; its name and twins
-    are listed as what it may be.
+    The strongest of the suspicions that makes the prediction better says where it shows; its name and the
+    effects confounded with it are listed as what it may be.
     """
     if any(one.status == FINDING for one in found):
         return tuple(found)
     for k, one in enumerate(found):
-        better = one.loglik_gain > 0.0 and one.rms_after < SETTINGS.least_fall * one.rms_before
+        better = one.loglik_gain > 0.0 and one.rms_after < SETTINGS.min_fall * one.rms_before
         if one.p_value <= MAX_P_VALUE and better:
             cause = one if one.effect == "unknown" else _without_its_name(one)
             return (*found[:k], replace(cause, status=FINDING), *found[k + 1 :])
@@ -116,7 +116,7 @@ def _without_its_name(one: DynamicsFinding) -> DynamicsFinding:
     )
 
 
-def nuisances_of(search: Search, look: Look) -> tuple[FittedNuisance, ...]:
+def nuisances_of(search: Search, look: ModelStatistics) -> tuple[FittedNuisance, ...]:
     """Return the nuisances of the model with their values."""
     return tuple(
         FittedNuisance(term.name, _quantities(look.slot(k)))
@@ -163,8 +163,8 @@ def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternat
     p_value = 1.0 - (1.0 - min(slot.p_value, 1.0)) ** alternatives
     p_value = max(p_value, min(alternatives * slot.p_value, 1.0) if slot.p_value < 1e-9 else p_value)
     competitors = [(competitor.name, value) for competitor, value in slot.competitors]
-    twins = tuple(
-        dict.fromkeys(name for name, value in competitors if value > slot.evidence - SETTINGS.twin_nats)
+    confounded_with = tuple(
+        dict.fromkeys(name for name, value in competitors if value > slot.evidence - SETTINGS.confounded_nats)
     )
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in competitors)
     against += odds_of_nothing(slot.evidence, slot.distance)
@@ -191,7 +191,7 @@ def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternat
         loglik_gain=slot.heldout_gain,
         loglik_gain_per_s=slot.heldout_gain / duration,
         evidence=slot.evidence,
-        indistinguishable_from=twins,
+        indistinguishable_from=confounded_with,
         distinguished_by=term.effect.wording.distinguished_by,
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
@@ -207,7 +207,7 @@ def likelier_not(against: float, competitors: Sequence[float]) -> bool:
     `against` are the odds against the name; `competitors` the log odds of competing names, nats, summed in
     them.
     """
-    similar = sum(math.exp(nats) for nats in competitors if abs(nats) <= SETTINGS.twin_nats)
+    similar = sum(math.exp(nats) for nats in competitors if abs(nats) <= SETTINGS.confounded_nats)
     return against - similar > 1.0 + similar
 
 
@@ -339,7 +339,7 @@ def _location(setup: Setup, few: Search, slot: Slot, channel: str, change: Float
     return Location(channel, covariate, (low, high))
 
 
-def not_detectable(search: Search, look: Look, threshold: float) -> tuple[UndetectableEffect, ...]:
+def not_detectable(search: Search, look: ModelStatistics, threshold: float) -> tuple[UndetectableEffect, ...]:
     """Return the effects that would have had to be larger than typical to be found, with the sizes it
     takes."""
     out = []

@@ -111,7 +111,7 @@ def _winds(search: Search) -> list[LocatedTerm]:
     out = []
     for kind in (SideWind, *((DynamicsHeadWind,) if search.setup.baseline.forces else ())):
         there = [effect for effect in search.theta if isinstance(effect, kind)]
-        if len(there) >= SETTINGS.most_spans:
+        if len(there) >= SETTINGS.max_spans:
             continue
         moved = (*search.theta, kind(speed_mps=1.0))
         scores = row_scores(search, Probe(moved, 1.0))
@@ -124,7 +124,7 @@ def _winds(search: Search) -> list[LocatedTerm]:
         taken = np.zeros(len(middle), dtype=bool)
         for one in there:
             taken |= (middle >= one.onset_s) & (middle < one.onset_s + one.duration_s)
-        spans = _best_spans(addition, prior.std, ratio, taken, SETTINGS.most_spans - len(there))
+        spans = _best_spans(addition, prior.std, ratio, taken, SETTINGS.max_spans - len(there))
         if not spans:
             continue
         first, last, coarse = spans[0]

@@ -35,10 +35,10 @@ class PathNoise:
 
 def least(states: Sequence[str], disturbances: Sequence[str]) -> tuple[FloatArray, FloatArray]:
     """Return the least white and disturbance standard deviations of these states and disturbances."""
-    white = dict(zip(("v", "r", "u"), SETTINGS.least_white, strict=True))
-    free = dict(zip(("force_x", "force_y", "moment"), SETTINGS.least_disturbance, strict=True))
+    white = dict(zip(("v", "r", "u"), SETTINGS.min_white, strict=True))
+    free = dict(zip(("force_x", "force_y", "moment"), SETTINGS.min_disturbance, strict=True))
     return (
-        np.array([white.get(name, SETTINGS.least_other) for name in states]),
+        np.array([white.get(name, SETTINGS.min_other) for name in states]),
         np.array([free[name] for name in disturbances]),
     )
 

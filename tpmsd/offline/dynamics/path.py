@@ -469,7 +469,7 @@ def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least:
         weighted = part.weighted(few, noise)
         ratio = (weighted.squares() + 1e-12) / (weighted.drawn_squares() + 1e-12)
         move = np.log(np.clip(ratio, 0.05, 20.0))
-        faster = np.minimum(power * SETTINGS.noise_faster, SETTINGS.noise_most_power)
+        faster = np.minimum(power * SETTINGS.noise_faster, SETTINGS.noise_max_power)
         power = np.where(move * last > 0.0, faster, 1.0)
         noise = _scaled(noise, np.exp(0.5 * np.clip(power * move, -3.0, 3.0)), least)
         last = move

@@ -18,7 +18,7 @@ from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
-from tpmsd.offline.dynamics.look import fold_blocks
+from tpmsd.offline.dynamics.model_statistics import fold_blocks
 from tpmsd.offline.dynamics.result import ClosedForm
 from tpmsd.offline.dynamics.search import Search
 

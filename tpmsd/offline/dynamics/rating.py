@@ -14,10 +14,10 @@ from tpmsd.foundation.wheels import FloatArray
 
 INNER, OUTER = 0.05, 0.5
 """Half widths of the corridors over the reference's largest size."""
-MOST_SHIFT = 0.2
+MAX_SHIFT = 0.2
 """Largest shift in time over the length."""
-MOST_MAGNITUDE = 0.5
-MOST_SLOPE = 2.0
+MAX_MAGNITUDE = 0.5
+MAX_SLOPE = 2.0
 WARP = 0.1
 """Width of the warping window over the length."""
 WEIGHTS = (0.4, 0.2, 0.2, 0.2)
@@ -43,7 +43,7 @@ def rating(reference: FloatArray, simulated: FloatArray, dt_s: float = 1e-4) -> 
     """Return the rating of a curve against the reference, both (n,), n at least 10."""
     shift = _best_shift(reference, simulated)
     moved_reference, moved = _aligned(reference, simulated, shift)
-    allowed = MOST_SHIFT * len(reference)
+    allowed = MAX_SHIFT * len(reference)
     phase = 0.0 if abs(shift) >= allowed else (allowed - abs(shift)) / allowed
     return Rating(
         _corridor(reference, simulated),
@@ -66,7 +66,7 @@ def _best_shift(reference: FloatArray, simulated: FloatArray) -> int:
     """Return the shift of largest correlation; positive: the simulated curve is late. The least one of
     equals."""
     best, found = 0, _correlation(reference, simulated)
-    for k in range(1, int(np.floor(len(reference) * MOST_SHIFT) + 1)):
+    for k in range(1, int(np.floor(len(reference) * MAX_SHIFT) + 1)):
         late = _correlation(reference[:-k], simulated[k:])
         if late > found:
             best, found = k, late
@@ -97,7 +97,7 @@ def _magnitude_score(reference: FloatArray, simulated: FloatArray) -> float:
     size = float(np.abs(reference[second]).sum())
     apart = float(np.abs(simulated[first] - reference[second]).sum())
     error = apart / size if size > 0.0 else (0.0 if apart == 0.0 else np.inf)
-    return 0.0 if error > MOST_MAGNITUDE else (MOST_MAGNITUDE - error) / MOST_MAGNITUDE
+    return 0.0 if error > MAX_MAGNITUDE else (MAX_MAGNITUDE - error) / MAX_MAGNITUDE
 
 
 def _warping(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -135,7 +135,7 @@ def _slope(reference: FloatArray, simulated: FloatArray, dt_s: float) -> float:
     a, b = _smooth_slope(reference, dt_s), _smooth_slope(simulated, dt_s)
     size, apart = float(np.abs(a).sum()), float(np.abs(b - a).sum())
     error = apart / size if size > 0.0 else (0.0 if apart == 0.0 else np.inf)
-    return 0.0 if error >= MOST_SLOPE else (MOST_SLOPE - error) / MOST_SLOPE
+    return 0.0 if error >= MAX_SLOPE else (MAX_SLOPE - error) / MAX_SLOPE
 
 
 def _smooth_slope(curve: FloatArray, dt_s: float) -> FloatArray:

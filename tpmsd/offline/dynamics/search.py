@@ -21,7 +21,7 @@ from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
-from tpmsd.offline.dynamics.look import Look, fold_blocks
+from tpmsd.offline.dynamics.model_statistics import ModelStatistics, fold_blocks
 from tpmsd.offline.dynamics.noise import PathNoise, first_guess, least
 from tpmsd.offline.dynamics.path import (
     Linear,
@@ -63,13 +63,13 @@ class CompetingSelection:
 
 
 @dataclass
-class Looked:
+class CachedStatistics:
     """Answers about a model: they hold while path, noise and terms are these."""
 
     at: Linear
     noise: PathNoise
     terms: tuple[CandidateTerm, ...]
-    whole: Look | None = None
+    whole: ModelStatistics | None = None
     """Statistics with every effect of the catalogue offered."""
     slopes: list[LocatedTerm] | None = None
     nameless: list[LocatedTerm] | None = None
@@ -101,7 +101,7 @@ class Search:
     """Key of a term that is the hypothesis of this selection: no step takes it out."""
     competitor: CompetingSelection | None = None
     """The selection that begins with a term without a name, or the one that does not."""
-    looked: Looked | None = None
+    looked: CachedStatistics | None = None
     """Answers about the model as it stands."""
     rejected: dict[str, float] = field(default_factory=dict)
     """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
@@ -230,13 +230,13 @@ class Search:
     # -- steps -----------------------------------------------------------------------------------------------
 
     @property
-    def seen(self) -> Looked:
+    def seen(self) -> CachedStatistics:
         """Return what was looked at as the model stands."""
         if self.looked is None or not self.looked.is_of(self):
-            self.looked = Looked(self.at, self.noise, tuple(self.terms))
+            self.looked = CachedStatistics(self.at, self.noise, tuple(self.terms))
         return self.looked
 
-    def look(self, offered: Sequence[CandidateTerm]) -> Look:
+    def look(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
         """Return the statistics of the model's terms, of their removal and of the terms offered.
 
         All effects of the catalogue are looked at together as soon as most of them are offered.
@@ -248,7 +248,7 @@ class Search:
             return look
         return self._looked_at(offered)
 
-    def _looked_at(self, offered: Sequence[CandidateTerm]) -> Look:
+    def _looked_at(self, offered: Sequence[CandidateTerm]) -> ModelStatistics:
         columns, probes = self.own(0)
         removal: list[tuple[tuple[int, ...], tuple[float, ...]]] = []
         for k, term in enumerate(self.terms):
@@ -265,7 +265,7 @@ class Search:
             offset, precision = term.prior()
             added.append(PriorColumns(tuple(range(len(probes), len(probes) + len(own))), offset, precision))
             probes += own
-        return Look(
+        return ModelStatistics(
             Statistics(gram(self.setup, self.theta, self.at, self.noise, probes)),
             list(self.terms),
             columns,
@@ -333,7 +333,7 @@ class Search:
             self.error = np.inf
         else:
             self.error = self.prediction_error()
-        if self.error <= before[-1] + SETTINGS.most_worse:
+        if self.error <= before[-1] + SETTINGS.max_error_increase:
             return True
         self.terms, self.at, self.noise, self.floor, self.error = before
         return False
@@ -364,7 +364,7 @@ class Search:
             if term.nuisance or term.key == self.kept:
                 continue
             competitors = look.competitors(k)
-            better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.twin_nats
+            better = competitors and competitors[0][1] > look.evidence(k) + SETTINGS.confounded_nats
             if better and self._exchanged(k, term, competitors[0][0]):
                 return True
         return False

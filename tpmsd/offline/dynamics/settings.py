@@ -32,13 +32,13 @@ class DynamicsSettings:
     """Correlation time of accelerations that belong to no term: of the order of a steering movement."""
     start_std: tuple[float, float, float] = (3.0, 1.0, 3.0)
     """Standard deviations of v, r, u at the start of a block: wider than any of them is unknown."""
-    least_white: tuple[float, float, float] = (2e-3, 2e-4, 2e-3)
+    min_white: tuple[float, float, float] = (2e-3, 2e-4, 2e-3)
     """Least random walk of v, r, u per square root of a second: rounding of the recording and of the step."""
-    least_other: float = 3e-5
+    min_other: float = 3e-5
     """Value for states that effects add (slip angles in rad, rolled lateral acceleration in m/s2): a step's
     share stays far below what tyres make of a reading's noise.
     """
-    least_disturbance: tuple[float, float, float] = (3e-3, 3e-3, 3e-3)
+    min_disturbance: tuple[float, float, float] = (3e-3, 3e-3, 3e-3)
     """Least standard deviation of accelerations that belong to no term: m/s2, m/s2, rad/s2 (x, y, moment)."""
     white_share: float = 0.9
     """Least noise of a reading over its white noise: a term must not explain what differs from row to row."""
@@ -46,7 +46,7 @@ class DynamicsSettings:
     """Steps of the fixed-point iteration for the noise: two figures are reached in five to ten."""
     noise_faster: float = 1.5
     """Growth of a step of that iteration, as a power of the factor, while it keeps its direction."""
-    noise_most_power: float = 6.0
+    noise_max_power: float = 6.0
     """Its limit: variances that fall to 0 do so in fewer than ten steps."""
     noise_rows: int = 4000
     """Rows from which noise is estimated: standard deviations to 2 %."""
@@ -67,7 +67,7 @@ class DynamicsSettings:
     false_discovery: float = 0.02
     """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
     alternatives: the bar is one in fifty."""
-    most_prior_stds: float = 4.0
+    max_prior_stds: float = 4.0
     """A fit stays within this many standard deviations of a prior: where a model lacks much, its terms would
     otherwise run to sizes that no car has."""
     unusual_prior_stds: float = 3.0
@@ -75,21 +75,21 @@ class DynamicsSettings:
     something else."""
     nameless_nats: float = 3.0
     """Log odds against a cause without a name: of twenty effects on a car the catalogue has nineteen."""
-    most_worse: float = 0.003
+    max_error_increase: float = 0.003
     """Largest increase of the mean log error of the prediction, over outputs and blocks, that a step may
     cost: what explains how readings follow each other but predicts them worse is a property of the noise."""
     plain: float = 4.0
     """Log evidence on a part of the blocks, in thresholds, beyond which the whole drive need not be asked."""
-    least_fall: float = 0.995
+    min_fall: float = 0.995
     """Prediction error after over before, below which it is said to fall: three digits are printed."""
     tried: int = 4
     """Terms that a forward step tries, best evidence first, until one predicts no worse."""
     proxy_share: float = 0.7
     """Share of what a model explains that one term without a name explains alone, from which the model's
     named effects may be proxies of it."""
-    most_effects: int = 10
+    max_effects: int = 10
     """More findings than anybody can follow are not looked for."""
-    twin_nats: float = 3.0
+    confounded_nats: float = 3.0
     """Alternatives whose log evidence is within this are listed as confounded: odds of twenty."""
     competitor_share: float = 0.7
     """Share of a term's log evidence from which a competing name is fitted in its place: to first order a
@@ -109,7 +109,7 @@ class DynamicsSettings:
     """Slopes along the road: 3 to 7 % on rural roads (AASHTO 2018, ch. 3)."""
     wind_box_s: float = 5.0
     """Resolution of the spans in which wind is looked for."""
-    most_spans: int = 4
+    max_spans: int = 4
     """Spans of wind, at most: gusts between woods and bridges of one drive."""
     wind_edge_s: float = 0.5
     """Resolution of begin and end of the likeliest span: a gust builds up in about a second."""
@@ -125,10 +125,10 @@ class DynamicsSettings:
     covariates are alike in the cheap one."""
     rating_samples: int = 1000
     """Most samples of a curve whose rating is computed: the work grows with their square."""
-    most_rows: int = 60_000
+    max_rows: int = 60_000
     """Rows of a drive that are looked at, blocks spread evenly over a longer one: 20 min at 50 Hz, from which
     no value is known better than its model's own error, and 700 MB of columns."""
-    least_s: float = 8.0
+    min_s: float = 8.0
     """Driving below which nothing is concluded: a handful of blocks."""
 
 

@@ -17,7 +17,7 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import gram
 from tpmsd.offline.dynamics.evidence import Statistics
 from tpmsd.offline.dynamics.located import located_terms, nameless, nameless_penalty, refined, slopes
-from tpmsd.offline.dynamics.look import threshold_of
+from tpmsd.offline.dynamics.model_statistics import threshold_of
 from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
@@ -35,7 +35,7 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     search.keep_stage()
     search.admit()
     plain = search.copied()
-    _grow(search, threshold, SETTINGS.most_effects, say)
+    _grow(search, threshold, SETTINGS.max_effects, say)
     named = [term for term in search.named if term.name != "unknown"]
     if not named:
         return search
@@ -62,7 +62,7 @@ def preferred(search: Search, other: Search, nats: float) -> Search:
     """
     if nats <= 0.0:
         return search
-    if other.error <= search.error + SETTINGS.most_worse:
+    if other.error <= search.error + SETTINGS.max_error_increase:
         return other
     search.competitor = None
     return search
@@ -73,7 +73,7 @@ def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
     before."""
     seen: set[tuple[str, ...]] = set()
     while len(search.named) < most:
-        say(0.1 + 0.6 * len(search.named) / SETTINGS.most_effects)
+        say(0.1 + 0.6 * len(search.named) / SETTINGS.max_effects)
         if not (_sloped(search, threshold) or search.forward(threshold) or _locate(search, threshold)):
             break
         for _ in range(3):

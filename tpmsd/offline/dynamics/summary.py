@@ -66,9 +66,9 @@ def _doubts(named: list[DynamicsFinding]) -> list[str]:
     out = []
     for one in named:
         if one.indistinguishable_from:
-            twins = listed(list(one.indistinguishable_from), "or")
+            confounded_with = listed(list(one.indistinguishable_from), "or")
             advice = f"; to part them, {one.distinguished_by}" if one.distinguished_by else ""
-            out.append(f"This drive cannot tell {one.effect} from {twins}{advice}.")
+            out.append(f"This drive cannot tell {one.effect} from {confounded_with}{advice}.")
     if large := [one.effect for one in named if one.unusual]:
         are, they = ("is", "it") if len(large) == 1 else ("are", "they")
         out.append(f"{listed(large)} {are} larger than cars have: {they} may be proxies of something else.")
@@ -152,7 +152,7 @@ def _fit(diagnosis: DynamicsDiagnosis) -> str:
     better = {
         name: fit
         for name, fit in diagnosis.outputs.items()
-        if fit.rms_after < SETTINGS.least_fall * fit.rms_before
+        if fit.rms_after < SETTINGS.min_fall * fit.rms_before
     }
     other = {name: fit for name, fit in diagnosis.outputs.items() if name not in better}
     with_what = "it" if len(diagnosis.findings) == 1 else "them"

@@ -85,7 +85,7 @@ class CandidateTerm:
             low, high = limits[name].limits
             margin = 2.0 * limits[name].probe
             where = self.free.index(name)
-            reach = SETTINGS.most_prior_stds * self.prior_std[where]
+            reach = SETTINGS.max_prior_stds * self.prior_std[where]
             low, high = max(low, self.prior_mean[where] - reach), min(high, self.prior_mean[where] + reach)
             changed[name] = float(np.clip(self.value(name) + step, low + margin, high - margin))
         return replace(self, effect=replace(self.effect, **changed))

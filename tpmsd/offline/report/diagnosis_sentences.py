@@ -35,10 +35,10 @@ def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
         out.append(f"The drive agrees with {baseline_name(diagnosis)} within the noise.")
     for one in diagnosis.findings:
         if one.status == FINDING and one.indistinguishable_from:
-            twins = listed(
+            confounded_with = listed(
                 [in_words.noun(name.partition(":")[0]) for name in one.indistinguishable_from], "or"
             )
-            out.append(f"This drive cannot tell {in_words.noun(one.effect)} from {twins}.")
+            out.append(f"This drive cannot tell {in_words.noun(one.effect)} from {confounded_with}.")
     out += [f"Suspected, not sure: {clause(one)}." for one in diagnosis.findings if one.status != FINDING]
     out += [_capital(note.rstrip(".")) + "." for note in diagnosis.notes]
     if diagnosis.verdict != CONSISTENT:

@@ -50,7 +50,7 @@ class SingleLosses:
     rate_std_per_s: float
     std: float
     """Noise of the wheel's distance over a window, in counts."""
-    twins: tuple[str, ...]
+    similar_wheels: tuple[str, ...]
     """Other wheels of which the opposite would look the same."""
     gain: float
     """Log-likelihood of steps over that of symmetric noise, nats."""
@@ -123,7 +123,7 @@ def single_losses(
         # The two differ where the noise is not normal, as that of late readings is not.
         rate_std_per_s=math.hypot(steps.std * mean / steps.share, 0.5 * (mean - by_growth)) / WINDOW_S,
         std=float(counts.std()),
-        twins=tuple(WHEELS[other] for other in similar if other != wheel),
+        similar_wheels=tuple(WHEELS[other] for other in similar if other != wheel),
         gain=gain,
         unlike=unlike,
         p_value=min(1.0, 2.0 * len(distances) * _by_chance(steps.ahead)),

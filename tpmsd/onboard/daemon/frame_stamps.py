@@ -38,6 +38,6 @@ class FrameStamps:
             self._min_before_s, self._min_s = self._min_s, lag_s
             self._since_s = now_s
         self._min_s = min(self._min_s, lag_s)
-        least_s = min(self._min_s, self._min_before_s)
+        min_s = min(self._min_s, self._min_before_s)
         # Without a jump between what is tolerated and what is corrected.
-        return stamp_s + max(least_s - self._tolerance_s, 0.0) + min(least_s, 0.0)
+        return stamp_s + max(min_s - self._tolerance_s, 0.0) + min(min_s, 0.0)

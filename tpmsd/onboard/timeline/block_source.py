@@ -24,7 +24,7 @@ from tpmsd.onboard.timeline.tick_plan import PlannedTick
 from tpmsd.onboard.timeline.tick_source import TickSource
 from tpmsd.onboard.timeline.timeline import MAX_PAUSE_S, Timeline
 
-RETRY_FRAMES, MOST_RETRY_FRAMES = 16, 1024
+RETRY_FRAMES, MAX_RETRY_FRAMES = 16, 1024
 """Frames that go one by one after an irregular one: doubled as long as no range can be decoded."""
 FIRST_FRAMES = 1024
 """Frames that are tried at once after irregular ones; doubled as long as all are regular."""
@@ -215,7 +215,7 @@ class BlockSource:
             self.ended[reason] += 1
         if decoded is None:
             self._retry_at = start + self._pause
-            self._pause, self._reach = min(2 * self._pause, MOST_RETRY_FRAMES), FIRST_FRAMES
+            self._pause, self._reach = min(2 * self._pause, MAX_RETRY_FRAMES), FIRST_FRAMES
             return None
         self._pause = RETRY_FRAMES
         if decoded.stop < stop:

@@ -29,7 +29,7 @@ class DynamicsAccelerometerBias(DynamicsEffect):
     channel = "accel_lat"
     covariate = "time"
     shows_in = MappingProxyType({"long_mps2": "accel_long", "lat_mps2": "accel_lat"})
-    twins = ("accelerometer_tilt", "road_bank")
+    confounded_with = ("accelerometer_tilt", "road_bank")
     parameters = (
         Parameter(
             "long_mps2",

@@ -27,7 +27,7 @@ class AccelerometerDelay(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "steering_rate"
-    twins = ("accelerometer_position", "roll_dynamics")
+    confounded_with = ("accelerometer_position", "roll_dynamics")
     grid = ({"delay_s": 0.05},)
     parameters = (READING_DELAY,)
     delay_s: float = 0.0

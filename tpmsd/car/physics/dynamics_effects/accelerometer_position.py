@@ -26,7 +26,7 @@ class AccelerometerPosition(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "steering_rate"
-    twins = ("roll_dynamics",)
+    confounded_with = ("roll_dynamics",)
     parameters = (
         Parameter(
             "forward_m",

@@ -28,7 +28,7 @@ class AccelerometerRoll(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_lat"
-    twins = ("mass_error",)
+    confounded_with = ("mass_error",)
     parameters = (
         Parameter(
             "coefficient",

@@ -27,7 +27,7 @@ class DynamicsAccelerometerTilt(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_long"
-    twins = ("yaw_moment",)
+    confounded_with = ("yaw_moment",)
     parameters = (
         Parameter(
             "yaw_rad",

@@ -29,7 +29,7 @@ class AeroDownforce(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "speed"
-    twins = ("tyre_saturation",)
+    confounded_with = ("tyre_saturation",)
     parameters = (
         Parameter(
             "front_m2",

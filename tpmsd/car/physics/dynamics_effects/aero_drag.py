@@ -26,7 +26,7 @@ class AeroDrag(DynamicsEffect):
     )
     channel = "speed"
     covariate = "speed"
-    twins = ("rolling_resistance", "drive_force_error")
+    confounded_with = ("rolling_resistance", "drive_force_error")
     needs_forces = True
     positive = True
     parameters = (

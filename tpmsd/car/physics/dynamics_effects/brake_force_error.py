@@ -27,7 +27,7 @@ class BrakeForceError(DynamicsEffect):
     )
     channel = "speed"
     covariate = "accel_long"
-    twins = ("mass_error",)
+    confounded_with = ("mass_error",)
     needs_forces = True
     parameters = (FORCE_ERROR,)
     relative: float = 0.0

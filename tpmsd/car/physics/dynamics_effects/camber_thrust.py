@@ -28,7 +28,7 @@ class CamberThrust(DynamicsEffect):
     )
     channel = "velocity_lat"
     covariate = "accel_lat"
-    twins = ("cornering_stiffness_error", "mass_error")
+    confounded_with = ("cornering_stiffness_error", "mass_error")
     parameters = (
         Parameter(
             "coefficient",

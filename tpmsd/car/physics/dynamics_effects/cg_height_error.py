@@ -26,7 +26,7 @@ class CgHeightError(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_lat"
-    twins = ("tyre_saturation", "load_dependent_stiffness")
+    confounded_with = ("tyre_saturation", "load_dependent_stiffness")
     parameters = (
         Parameter(
             "height_m",

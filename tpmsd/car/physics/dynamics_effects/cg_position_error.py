@@ -26,7 +26,7 @@ class CgPositionError(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "accel_lat"
-    twins = ("cornering_stiffness_error",)
+    confounded_with = ("cornering_stiffness_error",)
     parameters = (
         Parameter(
             "forward_m",

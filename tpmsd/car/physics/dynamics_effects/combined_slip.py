@@ -28,7 +28,7 @@ class CombinedSlip(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_long"
-    twins = ("drive_slip_error", "drive_share_error")
+    confounded_with = ("drive_slip_error", "drive_share_error")
     grid = ({"coefficient": 1.0},)
     parameters = (
         physical_share(

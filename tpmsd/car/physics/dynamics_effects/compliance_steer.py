@@ -30,7 +30,7 @@ class DynamicsComplianceSteer(DynamicsEffect):
     order = 1  # after what else makes the slip angles: the wheels give way to all of the force
     channel = "yaw_rate"
     covariate = "accel_lat"
-    twins = ("cornering_stiffness_error",)
+    confounded_with = ("cornering_stiffness_error",)
     positive = True
     parameters = (
         Parameter(

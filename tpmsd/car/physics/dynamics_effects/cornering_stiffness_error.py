@@ -27,7 +27,7 @@ class CorneringStiffnessError(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "accel_lat"
-    twins = ("cg_position_error", "mass_error", "compliance_steer")
+    confounded_with = ("cg_position_error", "mass_error", "compliance_steer")
     separable = True
     parameters = (
         Parameter(

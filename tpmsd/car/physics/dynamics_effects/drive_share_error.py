@@ -27,7 +27,7 @@ class DriveShareError(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "accel_long"
-    twins = ("tyre_saturation", "yaw_moment")
+    confounded_with = ("tyre_saturation", "yaw_moment")
     parameters = (
         Parameter(
             "relative",

@@ -28,7 +28,7 @@ class DriveSlipError(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "accel_long"
-    twins = ("drive_share_error", "tyre_saturation")
+    confounded_with = ("drive_share_error", "tyre_saturation")
     parameters = (
         Parameter(
             "relative",

@@ -26,7 +26,7 @@ class DynamicsGyroDelay(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "steering_rate"
-    twins = ("steering_delay", "yaw_inertia_error")
+    confounded_with = ("steering_delay", "yaw_inertia_error")
     grid = ({"delay_s": 0.05},)
     parameters = (READING_DELAY,)
     delay_s: float = 0.0

@@ -28,7 +28,7 @@ class InstantLoads(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "steering_rate"
-    twins = ("cg_height_error", "wheel_loads")
+    confounded_with = ("cg_height_error", "wheel_loads")
     grid = ({"coefficient": 1.0},)
     parameters = (
         physical_share(

@@ -30,7 +30,7 @@ class LargeAngles(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "steering"
-    twins = ("steering_ratio_error", "yaw_moment")
+    confounded_with = ("steering_ratio_error", "yaw_moment")
     grid = ({"coefficient": 1.0},)
     parameters = (
         physical_share(

@@ -29,7 +29,7 @@ class LoadDependentStiffness(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_lat"
-    twins = ("tyre_saturation", "cg_height_error")
+    confounded_with = ("tyre_saturation", "cg_height_error")
     positive = True
     parameters = (
         Parameter(

@@ -27,7 +27,7 @@ class DynamicsLockedDifferential(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "yaw_rate"
-    twins = ("cornering_stiffness_error", "steering_ratio_error")
+    confounded_with = ("cornering_stiffness_error", "steering_ratio_error")
     positive = True
     parameters = (
         Parameter(

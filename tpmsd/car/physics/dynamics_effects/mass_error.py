@@ -26,7 +26,7 @@ class MassError(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_lat"
-    twins = ("drive_force_error", "cornering_stiffness_error")
+    confounded_with = ("drive_force_error", "cornering_stiffness_error")
     parameters = (
         Parameter(
             "relative",

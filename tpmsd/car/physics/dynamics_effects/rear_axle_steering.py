@@ -36,7 +36,7 @@ class DynamicsRearAxleSteering(DynamicsEffect):
     channel = "velocity_lat"
     covariate = "steering"
     separable = True
-    twins = ("cornering_stiffness_error", "steering_ratio_error", "roll_steer")
+    confounded_with = ("cornering_stiffness_error", "steering_ratio_error", "roll_steer")
     parameters = (
         Parameter(
             "coefficient",

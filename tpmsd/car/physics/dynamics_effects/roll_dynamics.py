@@ -39,7 +39,7 @@ class RollDynamics(DynamicsEffect):
     covariate = "steering_rate"
     states = ("roll_q", "roll_rate_q")
     grid = tuple({"frequency_hz": f, "damping": 0.3} for f in (1.0, 1.5, 2.2))
-    twins = ("accelerometer_position", "tyre_relaxation")
+    confounded_with = ("accelerometer_position", "tyre_relaxation")
     parameters = (
         Parameter(
             "frequency_hz",

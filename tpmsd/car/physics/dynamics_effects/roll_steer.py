@@ -29,7 +29,7 @@ class RollSteer(DynamicsEffect):
     )
     channel = "velocity_lat"
     covariate = "accel_lat"
-    twins = ("cornering_stiffness_error", "compliance_steer")
+    confounded_with = ("cornering_stiffness_error", "compliance_steer")
     parameters = (
         Parameter(
             "coefficient",

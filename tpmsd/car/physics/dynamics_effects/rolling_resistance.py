@@ -26,7 +26,7 @@ class RollingResistance(DynamicsEffect):
     )
     channel = "speed"
     covariate = "time"
-    twins = ("road_grade", "accelerometer_bias")
+    confounded_with = ("road_grade", "accelerometer_bias")
     needs_forces = True
     positive = True
     parameters = (

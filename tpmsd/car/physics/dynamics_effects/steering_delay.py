@@ -26,7 +26,7 @@ class SteeringDelay(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "steering_rate"
-    twins = ("gyro_delay", "tyre_relaxation", "yaw_inertia_error")
+    confounded_with = ("gyro_delay", "tyre_relaxation", "yaw_inertia_error")
     grid = ({"delay_s": 0.05}, {"delay_s": -0.05})
     parameters = (
         Parameter(

@@ -26,7 +26,7 @@ class DynamicsSteeringOffset(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "time"
-    twins = ("yaw_rate_bias", "side_wind", "road_bank")
+    confounded_with = ("yaw_rate_bias", "side_wind", "road_bank")
     parameters = (
         Parameter(
             "offset_rad",

@@ -26,7 +26,7 @@ class DynamicsSteeringRatioError(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "steering"
-    twins = ("cornering_stiffness_error", "yaw_rate_scale")
+    confounded_with = ("cornering_stiffness_error", "yaw_rate_scale")
     parameters = (
         Parameter(
             "ratio",

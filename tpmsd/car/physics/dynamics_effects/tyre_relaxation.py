@@ -13,7 +13,7 @@ from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 from tpmsd.foundation.wheels import FloatArray
 
-LEAST_M = 0.05
+MIN_M = 0.05
 """Shorter lengths act within a step of the integration."""
 
 
@@ -37,24 +37,24 @@ class TyreRelaxation(DynamicsEffect):
     covariate = "steering_rate"
     states = ("relaxed_front", "relaxed_rear")
     positive = True
-    twins = ("steering_delay", "gyro_delay", "yaw_inertia_error")
+    confounded_with = ("steering_delay", "gyro_delay", "yaw_inertia_error")
     grid = ({"length_m": 0.3}, {"length_m": 0.8})
     parameters = (
         Parameter(
             "length_m",
             "m",
             0.5,
-            LEAST_M,
+            MIN_M,
             5.0,
             "relaxation length",
             probe=1e-3,
             prior=Prior(0.0, 0.5, "0.3 to 0.8: Pacejka, section 5.4"),
         ),
     )
-    length_m: float = LEAST_M
+    length_m: float = MIN_M
 
     def __post_init__(self) -> None:
-        if isinstance(self.length_m, float | int) and self.length_m < LEAST_M and self.length_m >= 0.0:
+        if isinstance(self.length_m, float | int) and self.length_m < MIN_M and self.length_m >= 0.0:
             object.__setattr__(self, "length_m", max(float(self.length_m), 0.0))
             return  # a probe: the difference from no length
         DynamicsEffect.__post_init__(self)
@@ -66,7 +66,7 @@ class TyreRelaxation(DynamicsEffect):
 
     def fastest_rate_per_s(self, speed_mps: float) -> float:
         """Return u / length."""
-        return speed_mps / max(float(np.max(self.length_m)), LEAST_M)
+        return speed_mps / max(float(np.max(self.length_m)), MIN_M)
 
     def adapt_angles(self, frame: Frame) -> None:
         """Replace each axle's mean slip angle by the relaxed one.
@@ -92,7 +92,7 @@ def _lag(frame: Frame, axle: FloatArray, length_m: Real) -> FloatArray:
     """
     time_s, delay_s = frame.inputs.time_s, np.asarray(length_m / frame.u)
     recorded = np.ndim(time_s) == 1 and axle.shape[1:] == time_s.shape == delay_s.shape
-    if not recorded or np.max(length_m) < 2.0 * LEAST_M:
+    if not recorded or np.max(length_m) < 2.0 * MIN_M:
         return np.asarray(delay_s * _angle_rates(frame, axle))
     step_s = np.diff(time_s)
     kept = np.exp(-step_s / delay_s[1:])

@@ -27,7 +27,7 @@ class VelocityPosition(DynamicsEffect):
     )
     channel = "velocity_lat"
     covariate = "yaw_rate"
-    twins = ("cg_position_error", "cornering_stiffness_error")
+    confounded_with = ("cg_position_error", "cornering_stiffness_error")
     parameters = (
         Parameter(
             "forward_m",

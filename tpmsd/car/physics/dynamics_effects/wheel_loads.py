@@ -27,7 +27,7 @@ class WheelLoads(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_lat"
-    twins = ("tyre_saturation", "load_dependent_stiffness")
+    confounded_with = ("tyre_saturation", "load_dependent_stiffness")
     grid = ({"coefficient": 1.0},)
     parameters = (
         physical_share(

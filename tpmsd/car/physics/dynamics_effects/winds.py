@@ -59,7 +59,7 @@ class SideWind(DynamicsEffect):
         distinguished_by="drive the same road there and back at a constant speed",
     )
     channel = "accel_lat"
-    twins = ("road_bank", "steering_offset")
+    confounded_with = ("road_bank", "steering_offset")
     relative_std = SIDE_AREA_STD
     parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
     speed_mps: float = 0.0
@@ -89,7 +89,7 @@ class DynamicsHeadWind(DynamicsEffect):
     )
     channel = "speed"
     needs_forces = True
-    twins = ("road_grade",)
+    confounded_with = ("road_grade",)
     parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
     speed_mps: float = 0.0
     onset_s: float = 0.0

@@ -26,7 +26,7 @@ class YawInertiaError(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "steering_rate"
-    twins = ("tyre_relaxation", "steering_delay")
+    confounded_with = ("tyre_relaxation", "steering_delay")
     parameters = (
         Parameter(
             "relative",

@@ -27,7 +27,7 @@ class YawMoment(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "accel_long"
-    twins = ("accelerometer_tilt",)
+    confounded_with = ("accelerometer_tilt",)
     parameters = (
         Parameter(
             "coefficient",

@@ -27,7 +27,7 @@ class DynamicsYawRateBias(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "time"
-    twins = ("steering_offset",)
+    confounded_with = ("steering_offset",)
     parameters = (
         Parameter(
             "bias",

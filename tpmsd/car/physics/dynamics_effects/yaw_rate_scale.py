@@ -26,7 +26,7 @@ class DynamicsYawRateScale(DynamicsEffect):
     )
     channel = "yaw_rate"
     covariate = "yaw_rate"
-    twins = ("steering_ratio_error",)
+    confounded_with = ("steering_ratio_error",)
     parameters = (
         Parameter(
             "scale",

@@ -127,7 +127,7 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
     return Finding(
         effect=kind.name,
         # Without a gyro a count more on one wheel is a count less on another: as likely, each.
-        confidence=1.0 / (1.0 + len(one.twins) + math.exp(-min(one.gain, 50.0))),
+        confidence=1.0 / (1.0 + len(one.similar_wheels) + math.exp(-min(one.gain, 50.0))),
         parameters={
             "wheel": Quantity(one.wheel, None, ""),
             "rate_per_s": Quantity(abs(one.rate_per_s), one.rate_std_per_s, "1/s"),
@@ -137,7 +137,7 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
         rms_after=1.0,
         loglik_gain_per_s=gain / seconds,
         gain=gain,
-        indistinguishable_from=(other.name,) if one.twins else (),
+        indistinguishable_from=(other.name,) if one.similar_wheels else (),
         drives=drives,
         identified_by=(
             f"its way {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"

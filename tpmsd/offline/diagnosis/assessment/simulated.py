@@ -57,7 +57,7 @@ class EffectDifference:
     by: str
     recorded: Chosen
     simulated: Chosen
-    twin: CommonEffect | None
+    shared_effect: CommonEffect | None
 
 
 class Differences(Hypotheses):
@@ -147,13 +147,13 @@ def compared(regression: Regression, selection: Selection) -> list[EffectDiffere
     for one in selection.chosen:
         at = np.arange(start, start + len(one.values))
         start += len(one.values)
-        twin = next((c for c in hypotheses.common if c.key == key_of(one.term)), None)
+        shared_effect = next((c for c in hypotheses.common if c.key == key_of(one.term)), None)
         shared = np.zeros((len(at), selection.fit.design.shape[1]))
-        if twin is not None:
-            first = hypotheses.first(twin)
+        if shared_effect is not None:
+            first = hypotheses.first(shared_effect)
             for k, name in enumerate(one.term.parameters):
-                if name in twin.term.parameters:
-                    shared[k, first + twin.term.parameters.index(name)] = 1.0
+                if name in shared_effect.term.parameters:
+                    shared[k, first + shared_effect.term.parameters.index(name)] = 1.0
         both = shared.copy()
         both[np.arange(len(at)), at] = 1.0
         ratio = float(np.max(one.stds**2 / np.maximum(np.diag(selection.fit.covariance)[at], 1e-300)))
@@ -162,7 +162,7 @@ def compared(regression: Regression, selection: Selection) -> list[EffectDiffere
         by = SIMULATION if there > max(here, SETTINGS.assessment.seen_stds) else RECORDING
         if min(there, here) > SETTINGS.assessment.seen_stds:
             by = BOTH
-        out.append(EffectDifference(by, recorded, simulated, twin))
+        out.append(EffectDifference(by, recorded, simulated, shared_effect))
     return out
 
 
@@ -178,13 +178,13 @@ def whole_model(regression: Regression, selection: Selection) -> list[Chosen]:
     for difference, one in zip(selection.chosen, compared(regression, selection), strict=True):
         if difference.term.calibrates:
             continue
-        same = one.twin is not None and _similar(one.twin.term, one.recorded.term)
-        if not same and one.twin is not None:
+        same = one.shared_effect is not None and _similar(one.shared_effect.term, one.recorded.term)
+        if not same and one.shared_effect is not None:
             out.append(difference)
         elif one.by != SIMULATION:
             out.append(one.recorded)
         if same:
-            taken.append(one.twin)
+            taken.append(one.shared_effect)
     for common in hypotheses.common:
         if all(common is not one for one in taken) and not common.term.calibrates:
             at = hypotheses.first(common) + np.arange(common.term.design.shape[1])

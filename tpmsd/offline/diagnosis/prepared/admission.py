@@ -150,8 +150,8 @@ def unfit_windows(reader: Reader) -> str:
     """Return why too little is left to compare; empty if there is enough."""
     windows = reader.windows
     if len(windows) < SETTINGS.preparation.min_driving_s:
-        least_s = SETTINGS.preparation.min_driving_s
-        return f"only {len(windows)} s of driving with all wheels read, {least_s} s are needed"
+        min_s = SETTINGS.preparation.min_driving_s
+        return f"only {len(windows)} s of driving with all wheels read, {min_s} s are needed"
     gnss = np.isfinite(windows.measured[:, 5:CHANNELS]).any(axis=1).sum()
     if gnss < SETTINGS.preparation.min_driving_s / 2:
         return f"the receiver speaks in only {gnss} s of the driving"

@@ -16,7 +16,7 @@ class ReadingSettings:
     """Informative driving before the first sample, ..."""
     full_s: float = 600.0
     """... for a full reading, ..."""
-    least_s: float = 240.0
+    min_s: float = 240.0
     """... and for the least that is one."""
     sample_s: float = 20.0
     """Between two samples, as in the baseline."""

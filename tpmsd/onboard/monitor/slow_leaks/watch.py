@@ -59,7 +59,7 @@ class DriveReading:
 
     def result(self, *, over: bool) -> tuple[FloatArray, FloatArray] | None:
         """Difference and variance (3,) once there is a reading, and only once; `over`: the drive is."""
-        enough = READINGS.warm_s + (READINGS.least_s if over else READINGS.full_s)
+        enough = READINGS.warm_s + (READINGS.min_s if over else READINGS.full_s)
         if self._taken or self._driven_s < enough or not self._samples:
             return None
         self._taken = True

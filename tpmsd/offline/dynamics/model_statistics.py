@@ -1,7 +1,8 @@
 """Statistics about a model of a drive: its terms, their removal, competing terms, and terms that may be
 added.
 
-In: sufficient statistics of columns. Out: `Look`, evidence of every alternative; `Slot`, all of one term.
+In: sufficient statistics of columns. Out: `ModelStatistics`, evidence of every alternative; `Slot`, all of
+one term.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ def fold_blocks(blocks: int) -> list[IntArray]:
 
 
 @dataclass(frozen=True)
-class Look:
+class ModelStatistics:
     """Statistics about a model: its terms, their removal, and terms that may be added."""
 
     statistics: Statistics
@@ -57,8 +58,8 @@ class Look:
     offered: list[CandidateTerm]
     added: list[PriorColumns]
 
-    def only(self, offered: Sequence[CandidateTerm]) -> Look | None:
-        """Return the look with some of the offered terms; None where one of them was not looked at."""
+    def only(self, offered: Sequence[CandidateTerm]) -> ModelStatistics | None:
+        """Return the statistics with some of the offered terms; None where one of them was not offered."""
         indices = {identity(term): k for k, term in enumerate(self.offered)}
         rows = [indices.get(identity(term)) for term in offered]
         known = [k for k in rows if k is not None]
@@ -66,8 +67,8 @@ class Look:
             return None
         return replace(self, offered=list(offered), added=[self.added[k] for k in known])
 
-    def on(self, blocks: slice) -> Look:
-        """Return the look at some of the blocks."""
+    def on(self, blocks: slice) -> ModelStatistics:
+        """Return the statistics of some of the blocks."""
         gram = self.statistics.blocks
         return replace(
             self, statistics=Statistics(BlockGram(gram.information[blocks], gram.gradient[blocks]))
