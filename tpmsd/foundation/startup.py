@@ -9,18 +9,15 @@ from __future__ import annotations
 
 import atexit
 import ctypes
-import dataclasses
 import gc
 import importlib
 import importlib.abc
 import importlib.util
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
-from typing import Any
 
 
 class _ImportBlocker(importlib.abc.MetaPathFinder):
@@ -101,54 +98,6 @@ def import_on_demand() -> None:
     """Run the modules of `ON_DEMAND` when they are first used; one call is enough."""
     if not any(isinstance(finder, _OnDemand) for finder in sys.meta_path):
         sys.meta_path.insert(0, _OnDemand())
-
-
-_SELDOM_CALLED = frozenset({"__repr__", "__eq__", "__hash__", "__setattr__", "__delattr__"})
-"""Methods that `dataclass` writes; the last two only refuse."""
-
-
-def compile_on_demand() -> None:
-    """Compile these methods of dataclasses where they are first called, and what makes a record where the
-    first one is made: a command imports two hundred classes, and to compile all of that takes a tenth of a
-    second. Does nothing where Python writes methods in another way (3.13); one call is enough.
-    """
-    write = getattr(dataclasses, "_create_fn", None)
-    if write is None or write.__module__ == __name__:
-        return
-
-    def written(name: str, *args: Any, **options: Any) -> Callable[..., Any]:
-        if name == "__init__":
-            return _written_at_first(lambda: write(name, *args, **options))
-        if name not in _SELDOM_CALLED:
-            made: Callable[..., Any] = write(name, *args, **options)
-            return made
-        compiled = cache(lambda: write(name, *args, **options))
-
-        def method(*given: Any) -> Any:
-            return compiled()(*given)
-
-        method.__name__ = name
-        return method
-
-    setattr(dataclasses, "_create_fn", written)  # noqa: B010  (private: mypy does not know it)
-
-
-def _written_at_first(write: Callable[[], Callable[..., None]]) -> Callable[..., None]:
-    """Return an `__init__` that puts the one that `write` returns into its class, in its own place.
-
-    Where a decorator has wrapped it no class holds it, and it goes on to call the other one.
-    """
-    compiled = cache(write)
-
-    def __init__(self: object, *given: Any, **named: Any) -> None:  # noqa: N807
-        made = compiled()
-        made.__qualname__ = __init__.__qualname__
-        for owner in type(self).__mro__:
-            if owner.__dict__.get("__init__") is __init__:
-                setattr(owner, "__init__", made)  # noqa: B010  (mypy refuses the assignment)
-        made(self, *given, **named)
-
-    return __init__
 
 
 def bring_in_mf4() -> None:

@@ -21,13 +21,7 @@ from pathlib import Path
 from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.kernels import kernel
-from tpmsd.foundation.startup import (
-    compile_on_demand,
-    import_on_demand,
-    keep_for_good,
-    leave_out_mf4,
-    no_collection,
-)
+from tpmsd.foundation.startup import import_on_demand, keep_for_good, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
 from tpmsd.interfaces.cli.output import Subparsers
@@ -104,7 +98,6 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
     arguments = list(sys.argv[1:] if argv is None else argv)
     leave_out_mf4()
     import_on_demand()
-    compile_on_demand()
     try:
         if isinstance(sys.stdout, io.TextIOWrapper):
             # A path or a unit that the terminal cannot show must not end the command.

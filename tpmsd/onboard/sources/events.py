@@ -53,7 +53,7 @@ class InertialSample(NamedTuple):
     value: float
 
 
-@dataclass(slots=True)  # nobody changes it; a frozen one takes four times as long to make
+@dataclass(frozen=True, slots=True)
 class GnssFix:
     """One epoch of the receiver, gathered from all sentences that speak of it. NaN where it said nothing."""
 

@@ -88,7 +88,7 @@ def drift_covariance(wheels: int) -> FloatArray:
     return out
 
 
-@dataclass(slots=True)  # nobody changes it; a frozen one takes four times as long to make
+@dataclass(frozen=True, slots=True)
 class TickMotion:
     """One tick as the process model sees it."""
 
