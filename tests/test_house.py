@@ -488,6 +488,9 @@ TERMS: dict[str, str] = {
     **dict.fromkeys(("account", "accounts"), "model or change hypothesis"),
     **dict.fromkeys(("sight", "sees", "blind"), "minimum detectable loss, can_detect"),
     **dict.fromkeys(("wing", "wings"), "layer"),
+    "study": "regression",
+    "twins": "confounded_with or similar",
+    **dict.fromkeys(("stands", "standing"), "active (an alarm) or at_standstill (a car)"),
 }
 """Words of identifiers, and the terms that stand for them."""
 _TERMS_KEPT = {

@@ -107,7 +107,7 @@ def test_counters_that_stand(
     for at in range(KNOWN):
         tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
     if released:
-        tracker.mark_standing()
+        tracker.mark_standstill()
     later, values = time_s[KNOWN:], raw[KNOWN:]
     taken = tracker.regular_readings(later, values, np.full(len(later), period_s))
     assert min([*moved, len(later)]) * released == taken.regular

@@ -83,7 +83,7 @@ def _of_model(tables: Tables, model: str) -> dict[str, Any]:
 def _alarms(tables: Tables) -> list[Row]:
     """Return the alarms that stand at the end of the last drive with any, each since it was first raised."""
     order_of = {row["key"]: (row["start"] or 0.0, row["path"]) for row in tables["drives"]}
-    standing: dict[tuple[str, str, str], Row] = {}
+    active: dict[tuple[str, str, str], Row] = {}
 
     def order(row: Row) -> tuple[Any, ...]:
         """Drives one after the other, also those that begin at one instant."""
@@ -92,11 +92,11 @@ def _alarms(tables: Tables) -> list[Row]:
     for alarm in sorted(tables["alarms"], key=order):
         subject = (alarm["car"], alarm["kind"], alarm["wheel"] or "")
         if alarm["state"] == "raised":
-            standing.setdefault(subject, alarm)
+            active.setdefault(subject, alarm)
         else:
-            standing.pop(subject, None)
+            active.pop(subject, None)
     found = []
-    for (car, kind, wheel), alarm in standing.items():
+    for (car, kind, wheel), alarm in active.items():
         urgency = {"deflation": URGENT, "malfunction": LOOK}.get(kind, SOON)
         where = _WHEELS.get(wheel, "")
         why, reason = f"{kind.replace('_', ' ')} {where}".strip(), alarm.get("reason") or ""

@@ -136,17 +136,17 @@ class CanReporter:
         """Return the events of this tick, and those that must have been missed: `active` has the last word,
         so that alarms taken over from an earlier run are announced, and none is repeated for ever."""
         events = list(report.events)
-        standing = {key: alarm.event for key, alarm in self._announced.items() if alarm.raised}
+        announced = {key: alarm.event for key, alarm in self._announced.items() if alarm.raised}
         for event in events:
             if event.state == "raised":
-                standing[_key(event)] = event
+                announced[_key(event)] = event
             else:
-                standing.pop(_key(event), None)
+                announced.pop(_key(event), None)
         active = {_key(event): event for event in report.active}
-        events += [event for key, event in active.items() if key not in standing]
+        events += [event for key, event in active.items() if key not in announced]
         events += [
             dataclasses.replace(event, state="cleared", time_s=now_s)
-            for key, event in standing.items()
+            for key, event in announced.items()
             if key not in active
         ]
         return events

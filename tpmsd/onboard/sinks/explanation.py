@@ -165,9 +165,9 @@ class Explanation:
         report, sets = self._report, monitor.sets
         if report is not None:
             states |= {wheel.wheel: str(wheel.state) for wheel in report.wheels if wheel.wheel in states}
-        standing = () if report is None else report.active
+        active = () if report is None else report.active
         baseline = sets.baseline
-        missing = [alarm.reason for alarm in standing if alarm.kind is AlarmKind.MALFUNCTION]
+        missing = [alarm.reason for alarm in active if alarm.kind is AlarmKind.MALFUNCTION]
         if not baseline.ready:
             missing.append(
                 f"learning: {100 * baseline.fraction:.0f} % of the first baseline; before it "

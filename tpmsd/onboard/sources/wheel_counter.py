@@ -143,7 +143,7 @@ class WheelCounter:
         return self._withheld and not self._released
 
     @property
-    def stands(self) -> bool:
+    def at_standstill(self) -> bool:
         """True if the value stands still and is a reading all the same: the wheels together have shown that
         the car stands."""
         return self.still_since is not None and self._released and not self.stuck
@@ -185,8 +185,8 @@ class WheelCounter:
         `time_s` (n,): rising times; `raw` (n,): the signal's bits; `period_s` (n,): the message's period at
         each. Readings of a counter that stands are regular as long as they stay the same.
         """
-        count, stands = len(time_s), self.stands
-        if self._raw is None or not self._may_run(stands):
+        count, at_standstill = len(time_s), self.at_standstill
+        if self._raw is None or not self._may_run(at_standstill):
             return none_regular(count)
         modulus = self._modulus
         step = np.diff(raw, prepend=self._raw)
@@ -212,7 +212,7 @@ class WheelCounter:
         irregular = (least != bits) | (bits > high) | (bits + modulus <= high)
         same = bits == 0
         begin, since = still_runs(same, before_s)
-        if stands:
+        if at_standstill:
             regular = first_true(irregular | ~same)
             since = np.full(count, self.still_since)
         else:
@@ -228,19 +228,19 @@ class WheelCounter:
             self._history.clear()
             self._history.extend(zip(times[first[-1] :].tolist(), totals[first[-1] :].tolist(), strict=True))
             self._speed, self._span = float(speeds[-1]), float(spans[-1])
-            self._released = stands
-            if same.any() and not stands:
+            self._released = at_standstill
+            if same.any() and not at_standstill:
                 self._run_speed = float(speed[begin[same][-1]])
                 self._withheld = False
 
         angle = (totals[known:] - self._base) * self.rad_per_bit
         return RegularReadings(angle, since, regular, commit)
 
-    def _may_run(self, stands: bool) -> bool:
+    def _may_run(self, at_standstill: bool) -> bool:
         """Return whether a regular run can begin: the last reading was taken, and its speed is known."""
         return not (
             self.stuck
-            or (self.still_since is not None and not stands)
+            or (self.still_since is not None and not at_standstill)
             or self._held is not None
             or self._suspect is not None
             or self._implausible
@@ -296,7 +296,7 @@ class WheelCounter:
         self.stuck = True
         self._suspect = self._held = None
 
-    def mark_standing(self) -> None:
+    def mark_standstill(self) -> None:
         """Accept the unchanged value as a reading: the car stands."""
         self._released = True
 

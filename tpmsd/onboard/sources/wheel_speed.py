@@ -249,7 +249,7 @@ class WheelSpeedIntegrator:
         self.stuck = True
         self._suspect = None
 
-    def mark_standing(self) -> None:
+    def mark_standstill(self) -> None:
         """Do nothing: the value may well be constant, and its samples were never withheld."""
 
     def _follows(self, before: float, after: float, interval: float, period_s: float) -> bool:

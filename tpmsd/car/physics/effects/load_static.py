@@ -11,7 +11,7 @@ from tpmsd.car.physics.effect_records import Confounding, Identification, Wordin
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
-STANDING_MPS = 0.2
+STANDSTILL_MPS = 0.2
 SHORTEST_S = 20.0
 """In less nobody gets in."""
 
@@ -90,7 +90,7 @@ class LoadStatic(Effect):
 
 def longest_stop_end_s(motion: Motion) -> float | None:
     """When the longest stop between two stretches of driving ends; None if none lasts long enough."""
-    moving = np.flatnonzero(motion.speed_mps > STANDING_MPS)
+    moving = np.flatnonzero(motion.speed_mps > STANDSTILL_MPS)
     if len(moving) < 2:
         return None
     gaps = np.diff(motion.time_s[moving])

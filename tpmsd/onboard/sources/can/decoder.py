@@ -210,7 +210,7 @@ class CanDecoder:
         """True if all wheels are counted and stand, and none has rolled since another one stopped: nothing is
         judged of them as long as no value changes."""
         return all(
-            isinstance(tracker, WheelCounter) and tracker.stands and self._alone(tracker)
+            isinstance(tracker, WheelCounter) and tracker.at_standstill and self._alone(tracker)
             for tracker in self._wheels
         )
 
@@ -412,7 +412,7 @@ class CanDecoder:
         elif stuck is False and (
             (fresh and not tracker.stopped_impossibly) or time_s - since_s > ALONE_STILL_S
         ):
-            tracker.mark_standing()
+            tracker.mark_standstill()
 
     def _others(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:
         for other in self._wheels:
