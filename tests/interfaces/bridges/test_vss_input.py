@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import signal
 import threading
 from collections.abc import Iterator
 
@@ -18,6 +19,7 @@ from tpmsd.interfaces.bridges.can_wire import CanWire, link_kind
 from tpmsd.interfaces.bridges.vss_connection import DatabrokerSettings
 from tpmsd.interfaces.bridges.vss_frames import VssFrame, vss_dbc
 from tpmsd.interfaces.bridges.vss_input import VssInput
+from tpmsd.interfaces.cli import bridge as bridge_command
 from tpmsd.interfaces.cli.main import main
 
 LOG = logging.getLogger("tests.vss")
@@ -183,3 +185,16 @@ def test_the_dbc_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     """`--print-dbc` needs nothing else, and prints the file as it is."""
     assert 0 == main(["bridge", "vss", "--print-dbc"])
     assert vss_dbc() == capsys.readouterr().out
+
+
+def test_a_signal_while_a_frame_is_sent_is_no_failure_of_the_bus(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SIGTERM comes in the middle of a send: it ends the bridge, and the bus is not taken for lost."""
+    wire = CanWire("virtual", "tests.vss", LOG)
+    wire.open()
+    monkeypatch.setattr(
+        can.interfaces.virtual.VirtualBus, "send", lambda *_: signal.raise_signal(signal.SIGTERM)
+    )
+
+    with pytest.raises(bridge_command._Stop), bridge_command._until_signalled(None):
+        wire.send(VssFrame(1, b"1"))
+    wire.close()

@@ -196,8 +196,8 @@ def _databroker_settings(args: argparse.Namespace) -> DatabrokerSettings:
     return DatabrokerSettings(host, port, args.ca, token)
 
 
-class _Stop(Exception):  # noqa: N818 -- no error
-    """SIGTERM came."""
+class _Stop(BaseException):
+    """SIGTERM came; no `Exception`, which a bridge survives: frames that a bus refuses, for one."""
 
 
 @contextlib.contextmanager
