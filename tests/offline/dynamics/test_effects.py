@@ -504,6 +504,9 @@ def test_wheel_loads_follow_the_accelerations_of_the_instant() -> None:
     assert 0.5 * (frame.load[1] - frame.load[0])[0] == pytest.approx(transfer, rel=0.002)
     rest = 0.5 * CAR.mass_kg * G * CAR.rear_m / base
     assert 0.5 * (frame.load[1] + frame.load[0])[0] == pytest.approx(rest - rise, abs=10.0)
+    # A single-track's tyres are linear: they do not feel their loads.
+    offered = [one for one in (SingleTrack, ThreeDof) if type(instant[0]).applies(one.nonlinear, False)]
+    assert [ThreeDof] == offered
 
 
 def test_the_rate_of_the_speed_is_the_specific_force_and_v_r() -> None:

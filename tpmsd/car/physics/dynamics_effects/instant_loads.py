@@ -38,6 +38,11 @@ class InstantLoads(DynamicsEffect):
     )
     coefficient: float = 0.0
 
+    @classmethod
+    def applies(cls, nonlinear: bool, forces: bool) -> bool:
+        """Return True if the baseline's tyres feel their loads: to linear ones the steady loads do."""
+        return nonlinear
+
     def adapt_car(self, frame: Frame) -> None:
         """Set the share."""
         frame.instant_loads = self.coefficient
