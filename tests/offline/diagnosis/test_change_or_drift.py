@@ -111,6 +111,20 @@ def test_a_set_gains_the_terms_that_its_change_goes_with_and_loses_those_it_does
     assert "antenna_lever_arm" not in effects
 
 
+def test_what_other_terms_of_a_set_bring_is_no_merit_of_its_change() -> None:
+    """A set of a change that is none and the age of late fixes scores high, by the age alone: it is left."""
+    late = drifting(0.0)
+    alone = drift_alone(replace(late, fix_time_s=late.fix_time_s + 0.3))
+    hypotheses = alone.regression.hypotheses
+    gram, b = alone.evidence.projected(hypotheses.nuisance)
+    change = hypotheses.ramp_gains(gram, b)[0][1]
+    age = next(term for term in hypotheses.catalogue if term.effect == "gnss_latency")
+    models = change_or_drift._WholeModels(alone.regression)
+
+    assert models.score([change, age]) > models.score([])
+    assert (models, []) == change_or_drift._with_its_terms(models, [[change, age]], [], [])
+
+
 @pytest.mark.parametrize(("seed", "change_mm"), [(1, 3.95), (3, 3.03)])
 def test_a_loss_on_a_mountain_road_is_found_together_with_the_slope(
     recordings: Path, tmp_path: Path, seed: int, change_mm: float
