@@ -25,9 +25,9 @@ from tpmsd.offline.dynamics.certify import replicate
 from tpmsd.offline.dynamics.columns import BlockGram, Probe, gram
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.document import dynamics_document
-from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics
+from tpmsd.offline.dynamics.evidence import Addition, PriorColumns, Statistics
 from tpmsd.offline.dynamics.findings import left_over, odds_of_nothing, spread_of_blocks
-from tpmsd.offline.dynamics.located import _edges
+from tpmsd.offline.dynamics.located import _best_spans, _edges
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics, p_value_of
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
@@ -476,3 +476,19 @@ def test_a_banked_road_is_asked_before_delays_of_instruments(root: str) -> None:
 
     assert [one.effect for one in found.findings] == ["road_bank"]
     assert [step.effects for step in found.steps] == [(), ("road_bank",)]
+
+
+def test_spans_of_a_wind_do_not_overlap() -> None:
+    """Independent boxes: a gust of 8 on boxes 4 to 6 and one of 6 on 15 and 16, of which the first is the
+    best, and the second once the first is taken; a span over both would count the first twice."""
+    pull = np.zeros(24)
+    pull[4:7], pull[15:17] = 8.0, 6.0
+    columns = PriorColumns(tuple(range(24)), np.zeros(24), np.full(24, 0.01))
+    addition = Addition(np.eye(24), pull, np.zeros((1, 24)), columns, pull)
+
+    apart = _best_spans(addition, 10.0, 1.0, np.zeros(24, dtype=bool), 4)
+    beside = _best_spans(addition, 10.0, 1.0, np.arange(24) // 3 == 1, 4)
+
+    assert [(4, 7), (15, 17)] == [span[:2] for span in apart]
+    # Of the boxes 3 to 5, which are taken, nothing; of 6, which is left, its own.
+    assert {(15, 17), (6, 7)} == {span[:2] for span in beside}

@@ -47,7 +47,7 @@ shows.
 MAX_STIFF = 0.8
 """Largest rate constant times step of the integration."""
 INSTANT_ROUNDS = 2
-"""Rounds from the steady accelerations to those of the instant: 4 m/s2 apart they leave 0.03 m/s2."""
+"""Rounds from the steady accelerations to the instantaneous ones: 4 m/s2 apart they leave 0.03 m/s2."""
 
 
 @dataclass(frozen=True, slots=True)

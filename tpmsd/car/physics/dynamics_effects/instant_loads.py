@@ -1,4 +1,4 @@
-"""Loads and roll follow the accelerations of the instant."""
+"""Loads and roll follow the instantaneous accelerations."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class InstantLoads(DynamicsEffect):
     kind = NUISANCE
     wording = Wording(
         formula="loads and roll follow a_y = u * r + c * (F_y / m - u * r), a_x likewise",
-        sentence="wheel loads follow the accelerations of the instant",
+        sentence="wheel loads follow the instantaneous accelerations",
         distinguished_by="change lanes quickly near the limit",
     )
     channel = "accel_lat"
