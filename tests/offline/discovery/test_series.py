@@ -49,3 +49,35 @@ def test_a_speed_is_no_counter() -> None:
     time_s, _ = encoder()
     raw = (2_000 + 1_000 * np.sin(time_s)).astype(np.uint64)
     assert unwrap(MessageField("ENGINE", "SPEED", 0x120, bits(16)), log(time_s), raw) is None
+
+
+@pytest.mark.parametrize(
+    "length,modulus,reserved", [(10, 1001, (1023,)), (8, 240, (254, 255)), (12, 4095, (4095,))]
+)
+def test_a_number_for_no_value_is_not_the_modulus(
+    length: int, modulus: int, reserved: tuple[int, ...]
+) -> None:
+    """Reserved numbers above the counts are left out and named; the modulus is that of the roll-overs."""
+    rng = np.random.default_rng(5)
+    time_s = 0.02 * np.arange(30_000)
+    counts = np.floor(np.cumsum(0.02 * (300.0 + 280.0 * np.sin(time_s / 40.0)))).astype(np.int64)
+    raw = counts % modulus
+    silent = rng.random(len(raw)) < 0.004
+    raw[silent] = rng.choice(reserved, int(silent.sum()))
+    field = MessageField("WHEELS", "COUNT", 0x120, bits(length))
+    found = unwrap(field, log(time_s), raw.astype(np.uint64))
+    assert found is not None
+    assert (modulus, True) == (found.modulus, found.modulus_seen)
+    assert frozenset(reserved) == found.no_value
+    assert pytest.approx(counts[~silent] - counts[~silent][0]) == found.counts
+
+
+def test_the_last_numbers_of_a_counter_are_counts() -> None:
+    """The numbers before a roll-over are counts, also where a slow drive becomes a fast one."""
+    time_s = 0.02 * np.arange(30_000)
+    counts = np.floor(np.cumsum(0.02 * np.where(time_s < 500.0, 40.0, 1_000.0))).astype(np.int64)
+    raw = (counts % 256).astype(np.uint64)
+    found = unwrap(MessageField("WHEELS", "COUNT", 0x120, bits(8)), log(time_s), raw)
+    assert found is not None
+    assert frozenset() == found.no_value
+    assert pytest.approx(counts - counts[0]) == found.counts

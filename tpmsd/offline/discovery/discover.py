@@ -358,7 +358,8 @@ def _count_role(
     series = one.series
     usual = series.field.stated_modulus or 1 << series.field.layout.length
     modulus = series.modulus if series.modulus_seen and series.modulus != usual else 0
-    return FoundRole(key, series.field, probability, alternatives, modulus=modulus)
+    invalid = tuple(sorted(series.no_value))
+    return FoundRole(key, series.field, probability, alternatives, modulus=modulus, invalid=invalid)
 
 
 def _speed_role(

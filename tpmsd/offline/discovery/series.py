@@ -6,6 +6,7 @@ the modulus of a counter. Nothing is said here of what the field means.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -111,7 +112,13 @@ def as_count(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatAr
     inside = (edges >= time_s[0]) & (edges <= time_s[-1])
     known = inside[1:] & inside[:-1]
     return Series(
-        field, "count", np.where(known, rate, np.nan), counter.modulus, counter.modulus_seen, log.period_s
+        field,
+        "count",
+        np.where(known, rate, np.nan),
+        counter.modulus,
+        counter.modulus_seen,
+        log.period_s,
+        no_value=counter.no_value,
     )
 
 
@@ -121,10 +128,12 @@ def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | Non
         return None
     time_s, number = log.time_s, raw
     if field.invalid:
-        kept = ~np.isin(raw, np.array(sorted(field.invalid), dtype=np.uint64))
-        time_s, number = time_s[kept], raw[kept]
-        if len(number) < 20:
-            return None
+        time_s, number = _without(field.invalid, time_s, number)
+    reserved = _reserved(number)
+    if reserved:
+        time_s, number = _without(reserved, time_s, number)
+    if len(number) < 20:
+        return None
     whole = 2.0 ** min(field.layout.length, 62)
     value = (number % np.uint64(1 << 62)).astype(np.float64)
     step = np.diff(value)
@@ -146,7 +155,38 @@ def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | Non
         typical = np.interp(time_s[:-1], time_s[:-1][~long], (step / np.maximum(gap, 1e-6))[~long])
         step = step + np.where(long, modulus * np.rint((typical * gap - step) / modulus), 0.0)
     counts = np.concatenate([[0.0], np.cumsum(step)])
-    return Counter(time_s, counts, round(modulus), seen)
+    often = frozenset(number for number, times in reserved.items() if times >= SETTINGS.few_reserved)
+    return Counter(time_s, counts, round(modulus), seen, often)
+
+
+def _without(numbers: Iterable[int], time_s: FloatArray, raw: RawArray) -> tuple[FloatArray, RawArray]:
+    """Return stamps and raw numbers of the frames that carry none of `numbers`."""
+    kept = ~np.isin(raw, np.array(sorted(numbers), dtype=np.uint64))
+    return time_s[kept], raw[kept]
+
+
+def _reserved(raw: RawArray) -> dict[int, int]:
+    """Return the greatest numbers of a counter that are none of its counts, and how often each comes.
+
+    A count is reached from the counts just below it, and left for those just above it or past the roll-over;
+    a number for "no value" is reached from anywhere. Without this it would pass for the modulus.
+    """
+    found: dict[int, int] = {}
+    value = raw.astype(np.float64)
+    while len(value) >= 20 and len(found) < SETTINGS.most_reserved:
+        step = np.diff(value)
+        if not (step > 0).any():
+            break
+        limit = SETTINGS.reached_steps * float(np.percentile(step[step > 0], 95.0))
+        greatest = float(value.max())
+        at_top = value == greatest
+        entered, left = at_top[1:] & ~at_top[:-1], at_top[:-1] & ~at_top[1:]
+        afar = np.concatenate([step[entered] > limit, value[1:][left] > limit])
+        if not len(afar) or afar.mean() <= 0.5 or at_top.mean() > 0.5:
+            break
+        found[int(greatest)] = int(at_top.sum())
+        value = value[~at_top]
+    return found
 
 
 def counts_up(step: FloatArray) -> bool:

@@ -179,6 +179,14 @@ class Settings(ToothCountSettings):
     """Numbers of ten bits and more may be reserved, ..."""
     reserved_apart: float = 0.9
     """... and a speed does not jump by a tenth between two frames."""
+    reached_steps: float = 2.0
+    """Step, in 95th percentiles of a counter's steps forward, from which it did not come by counting: a frame
+    lost, or the car faster than on most of the drive."""
+    most_reserved: int = 8
+    """Greatest numbers of a field that are looked at as reserved ones: J1939 has two, and a frame in which
+    bits were flipped makes one of its own."""
+    few_reserved: int = 3
+    """Times that such a number comes from which it is reserved; flipped bits make another one each time."""
     few_wraps: int = 3
     """Roll-overs from which they tell the modulus; with fewer it is that of the field's width."""
     step_std: float = 0.7

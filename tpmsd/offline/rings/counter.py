@@ -22,3 +22,5 @@ class Counter:
     """Number of values."""
     modulus_seen: bool
     """True if roll-overs showed the modulus; else it is the field's width."""
+    no_value: frozenset[int] = frozenset()
+    """Numbers that are no counts, other than those that the DBC names."""
