@@ -162,6 +162,12 @@ def test_forces_of_the_longitudinal_effects() -> None:
     assert rates("road_grade", model, knots=(0.0, 9.0), heights=(0.04, 0.04))[2] == pytest.approx(
         -G * math.sin(0.04)
     )
+    area, density = (
+        make_dynamics_effect("aero_drag", drag_area_m2=0.7),
+        make_dynamics_effect("air_density_error", relative=0.05),
+    )
+    more = model.rates(FORCED, U, (area, density)) - model.rates(FORCED, U, ())
+    assert more[0, 2] == pytest.approx(-0.5 * 1.05 * 1.2041 * 0.7 * 22.0**2 / 1480.0)
     wind = rates("head_wind", model, speed_mps=10.0)
     assert wind[2] == pytest.approx(-0.5 * 1.2041 * 0.65 * (32.0**2 - 22.0**2) / 1480.0)
 

@@ -130,6 +130,29 @@ def test_a_gust_is_found_with_its_span(root: str) -> None:
         assert abs(values[name].value - truth) < 3.5 * values[name].std
 
 
+def test_a_gust_between_the_blocks_that_judge_predictions_is_found(root: str) -> None:
+    """A long drive is predicted on every other block; a wind in one of the rest is no less of a finding."""
+    gust = {"speed_mps": 9.0, "onset_s": 41.0, "duration_s": 8.0}
+    found = diagnosed(root, hidden(side_wind=gust), duration_s=170.0)
+
+    assert [one.effect for one in found.findings] == ["side_wind"]
+    assert found.findings[0].confidence > 0.8
+
+
+def test_air_of_another_density_is_no_finding(root: str) -> None:
+    """Drag of a large body as configured, at 0 degrees Celsius: 7 % more force, and nothing to find."""
+    dense = hidden(aero_drag={"drag_area_m2": 2.14}, instant_loads={"coefficient": 1.0})
+    where = folder(Path(root) / "dense", dense, "three-dof", 40.0, 1, True)
+    tables = where / "vehicle.toml"
+    tables.write_text(tables.read_text(encoding="utf-8") + "drag_area_m2 = 2.0\n", encoding="utf-8")
+
+    found = diagnose_dynamics(*loaded(where, "three-dof"))
+
+    assert (found.verdict, found.findings) == (CONSISTENT, ())
+    (density,) = [one for one in found.nuisances if one.effect == "air_density_error"]
+    assert abs(density.parameters["relative"].value - 0.07) < 0.03
+
+
 def test_two_effects_are_found_together(root: str) -> None:
     """A gyro's scale and a longer relaxation, both."""
     both = hidden(yaw_rate_scale={"scale": 1.04}, tyre_relaxation={"length_m": 0.6})

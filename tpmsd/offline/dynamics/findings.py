@@ -54,7 +54,7 @@ def findings_of(
     slots = [_with_fitted(look.slot(k), fitted or {}) for k in range(len(search.terms))]
     if not slots:
         return ()
-    few = search.part()
+    few = search.part(with_events=True)
     with_all = predicted(few.setup, few.theta, few.at.path)
     alternatives = len({term.name for term in look.offered}) + len(slots)
     found = []

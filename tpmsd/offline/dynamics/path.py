@@ -19,6 +19,7 @@ from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, covariate_of
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import BoolArray
 from tpmsd.offline.dynamics.banded import BandedFactor
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
 from tpmsd.offline.dynamics.noise import PathNoise
@@ -504,14 +505,15 @@ def signs(count: int) -> FloatArray:
     return np.where(word & np.uint64(1), 1.0, -1.0)
 
 
-def subset(setup: Setup, at: Linear) -> tuple[Setup, Linear]:
-    """Return every k-th block, as many as have enough rows."""
+def subset(setup: Setup, at: Linear, besides: BoolArray | None = None) -> tuple[Setup, Linear]:
+    """Return every k-th block, as many as have enough rows, and those `besides`, (B,)."""
     drive = setup.drive
     n = len(drive.time_s)
-    some = part_of_blocks(setup)
-    if some == slice(None):
+    taken = np.zeros(len(drive.starts), dtype=bool) if besides is None else besides.copy()
+    taken[part_of_blocks(setup)] = True
+    if taken.all():
         return setup, at
-    blocks = list(zip(drive.starts, drive.ends, strict=True))[some]
+    blocks = list(zip(drive.starts[taken], drive.ends[taken], strict=True))
     rows = np.concatenate([np.arange(first, last) for first, last in blocks])
     links = rows[:-1]
     outputs = {name: values[rows] for name, values in drive.outputs.items()}

@@ -17,8 +17,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
-from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import BoolArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import PriorColumns, Statistics, joined
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics, fold_blocks
@@ -220,11 +221,22 @@ class Search:
         out.terms, out.stages = list(self.terms), list(self.stages)
         return out
 
-    def part(self) -> Search:
-        """Return the same model on a part of the blocks, as it stands."""
-        few, at = subset(self.setup, self.at)
+    def part(self, with_events: bool = False) -> Search:
+        """Return the same model on a part of the blocks, as it stands; also on all those `with_events`."""
+        few, at = subset(self.setup, self.at, self._eventful() if with_events else None)
         out = copy(self)
         out.setup, out.at = few, at
+        return out
+
+    def _eventful(self) -> BoolArray:
+        """Return for each block whether an event of the model falls in it, (B,)."""
+        drive = self.setup.drive
+        begins, ends = drive.time_s[drive.starts], drive.time_s[drive.ends - 1]
+        out = np.zeros(len(begins), dtype=bool)
+        for effect in self.theta:
+            if effect.kind == EVENT:
+                onset, duration = (float(getattr(effect, name)) for name in ("onset_s", "duration_s"))
+                out |= (ends >= onset) & (begins < onset + duration)
         return out
 
     # -- steps -----------------------------------------------------------------------------------------------

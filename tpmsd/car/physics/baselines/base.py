@@ -17,7 +17,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, frame_of
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
@@ -356,7 +355,7 @@ def _add_drag_and_rolling_resistance(frame: Frame) -> None:
 
 def resistance(frame: Frame) -> FloatArray:
     """Return drag and rolling resistance of the configured car and of the effects, N."""
-    drag = 0.5 * AIR_KGPM3 * frame.drag_area * frame.u * np.abs(frame.u)
+    drag = 0.5 * frame.air_kgpm3 * frame.drag_area * frame.u * np.abs(frame.u)
     return np.asarray(drag + frame.rolling_resistance * frame.mass * GRAVITY_MPS2)
 
 

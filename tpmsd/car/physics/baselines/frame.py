@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.car import DynamicCar
 from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.foundation.wheels import FloatArray
@@ -75,6 +76,8 @@ class Frame:
     """Share of the lateral load transfer that friction of an axle's two wheels feels; axles only."""
     instant_loads: Real = field(default=0.0, kw_only=True)
     """Share of what loads and roll follow of the accelerations beside the steady ones."""
+    air_kgpm3: Real = field(default=AIR_KGPM3, kw_only=True)
+    """Density of the air."""
     drive_front_share: Real
     brake_front_share: Real
     drag_area: Real

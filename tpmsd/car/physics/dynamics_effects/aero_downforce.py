@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
@@ -57,7 +56,7 @@ class AeroDownforce(DynamicsEffect):
 
     def adapt_loads(self, frame: Frame) -> None:
         """Add the axle's force, halves on its wheels."""
-        press = 0.5 * AIR_KGPM3 * frame.u**2
+        press = 0.5 * frame.air_kgpm3 * frame.u**2
         front, rear = self.front_m2 * press, self.rear_m2 * press
         if len(frame.load) == 2:
             frame.load = frame.load + np.stack(np.broadcast_arrays(front, rear))

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.air import AIR_KGPM3
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
@@ -68,7 +67,7 @@ class SideWind(DynamicsEffect):
 
     def add_forces(self, frame: Frame) -> None:
         """Push sideways, ahead of the centre of gravity."""
-        force = 0.5 * AIR_KGPM3 * SIDE_AREA_M2 * frame.u * self.speed_mps * _within(self, frame)
+        force = 0.5 * frame.air_kgpm3 * SIDE_AREA_M2 * frame.u * self.speed_mps * _within(self, frame)
         frame.force_y = frame.force_y + force
         frame.moment = frame.moment + LEVER_M * force
 
@@ -99,7 +98,7 @@ class DynamicsHeadWind(DynamicsEffect):
         """Push backwards."""
         area = np.where(np.asarray(frame.drag_area) > 0.0, frame.drag_area, TYPICAL_DRAG_M2)
         press = (frame.u + self.speed_mps) ** 2 - frame.u**2
-        frame.force_x = frame.force_x - 0.5 * AIR_KGPM3 * area * press * _within(self, frame)
+        frame.force_x = frame.force_x - 0.5 * frame.air_kgpm3 * area * press * _within(self, frame)
 
 
 def _within(wind: SideWind | DynamicsHeadWind, frame: Frame) -> FloatArray:
