@@ -396,12 +396,12 @@ def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:
     """Brush: F / L = 1 - (1 - C t / 3 L)^3, L = mu F_z ([Pacejka 2012], eq. 3.11); 1 once all slides."""
     limit = 2000.0
     for slope in (600.0, 3000.0, 5900.0, 9000.0):
-        share = grip_share(np.array([slope]), 1.0, 1.0, np.array([limit]), 1.0)
+        share = grip_share(np.array([slope]), 1.0, np.array([limit]), 1.0)
         x = min(slope / (3.0 * limit), 1.0)
         assert share[0] * slope == pytest.approx(limit * (1.0 - (1.0 - x) ** 3))
-    plain = grip_share(np.array([3000.0]), 1.0, 1.0, np.array([limit]))
-    brush = grip_share(np.array([3000.0]), 1.0, 1.0, np.array([limit]), 1.0)
-    between = grip_share(np.array([3000.0]), 1.0, 1.0, np.array([limit]), 0.5)
+    plain = grip_share(np.array([3000.0]), 1.0, np.array([limit]))
+    brush = grip_share(np.array([3000.0]), 1.0, np.array([limit]), 1.0)
+    between = grip_share(np.array([3000.0]), 1.0, np.array([limit]), 0.5)
     assert between[0] == pytest.approx(0.5 * (plain[0] + brush[0]))
 
 
@@ -455,7 +455,7 @@ def test_the_magic_formula_is_the_sine_of_its_author() -> None:
     """F = L sin(C atan(b - E (b - atan b))), b = D / (C L), C = 1.3, E = -0.5 ([Pacejka 2012], eq. 4.49)."""
     limit = 2000.0
     for slope in (300.0, 2000.0, 7000.0):
-        share = grip_share(np.array([slope]), 1.0, 1.0, np.array([limit]), -1.0)
+        share = grip_share(np.array([slope]), 1.0, np.array([limit]), -1.0)
         b = slope / (1.3 * limit)
         force = limit * math.sin(1.3 * math.atan(b + 0.5 * (b - math.atan(b))))
         assert share[0] * slope == pytest.approx(force)
@@ -471,7 +471,7 @@ def test_a_longitudinal_force_takes_side_force_by_the_ellipse() -> None:
     limit = CAR.friction * float(frame.load[0][0])
     linear = 0.5 * CAR.cornering_front_n * math.tan(float(frame.angle[0][0]))
     left = math.sqrt(1.0 - (pull / limit) ** 2)
-    share = grip_share(np.abs(np.array([linear])), 1.0, CAR.friction, np.array([limit * left / CAR.friction]))
+    share = grip_share(np.abs(np.array([linear])), CAR.friction, np.array([limit * left / CAR.friction]))
 
     assert frame.side[0][0] == pytest.approx(linear * share[0])
 
@@ -488,7 +488,7 @@ def test_two_wheels_of_unequal_load_carry_less_than_two_of_equal_load() -> None:
     linear = CAR.cornering_front_n * float(frame.angle[0][0])
     load = float(frame.load[0][0])
     inner, outer = (
-        grip_share(np.array([abs(linear)]), 1.0, 0.8, np.array([load * (1.0 + s * z)]), 1.0) for s in (-1, 1)
+        grip_share(np.array([abs(linear)]), 0.8, np.array([load * (1.0 + s * z)]), 1.0) for s in (-1, 1)
     )
 
     assert frame.side[0][0] == pytest.approx(0.5 * linear * float(inner[0] + outer[0]))
@@ -513,6 +513,22 @@ def test_wheel_loads_follow_the_accelerations_of_the_instant() -> None:
     # A single-track's tyres are linear: they do not feel their loads.
     offered = [one for one in (SingleTrack, ThreeDof) if type(instant[0]).applies(one.nonlinear, False)]
     assert [ThreeDof] == offered
+
+
+def test_wheels_that_turn_with_the_roll_follow_the_accelerations_of_the_instant() -> None:
+    """Slip angles serve every round where no effect makes them of the loads; roll steer is c * a_y."""
+    entering, state = held(0.06, 25.0), np.array([[0.0, 0.05]])
+    instant = make_dynamics_effect("instant_loads", coefficient=1.0)
+    plain = ThreeDof(CAR).frame(state, entering, (instant,))
+    turned = ThreeDof(CAR).frame(
+        state, entering, (instant, make_dynamics_effect("roll_steer", coefficient=0.002))
+    )
+    by_roll = float(turned.angle[2][0] - plain.angle[2][0])
+
+    assert by_roll == pytest.approx(0.002 * float(turned.outputs["accel_lat"][0]), rel=0.01)
+    idle = make_dynamics_effect("roll_steer", coefficient=0.0)
+    same = ThreeDof(CAR).frame(state, entering, (instant, idle))
+    assert same.outputs["accel_lat"][0] == pytest.approx(float(plain.outputs["accel_lat"][0]), rel=1e-12)
 
 
 def test_the_rate_of_the_speed_is_the_specific_force_and_v_r() -> None:

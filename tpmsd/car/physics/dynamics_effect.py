@@ -27,6 +27,8 @@ NUISANCE = "nuisance"
 
 EARLY_HOOKS = ("shift_series", "adapt_car", "adapt_inputs", "adapt_loads", "adapt_angles", "adapt_tyres")
 """Hooks that act before the tyres' forces are known."""
+ANGLE_HOOKS = ("adapt_angles", "adapt_tyres")
+"""Hooks that may read loads before the tyres' forces without a limit are known."""
 MOVING_HOOKS = (*EARLY_HOOKS, "add_forces", "add_rates")
 """Hooks by which the car moves otherwise; `read` changes readings alone."""
 
@@ -62,6 +64,8 @@ class DynamicsEffect:
     """Effects that it is often confounded with, for the reference."""
     acts_early: ClassVar[bool] = False
     """True if one of its hooks acts before the tyres' forces are known."""
+    acts_on_angles: ClassVar[bool] = False
+    """True if one of its hooks acts on slip angles or stiffnesses."""
     moves_car: ClassVar[bool] = False
     """True if the car moves otherwise with it."""
     order: ClassVar[int] = 0
@@ -88,9 +92,9 @@ class DynamicsEffect:
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         fold_flat(cls)
-        cls.acts_early, cls.moves_car = (
+        cls.acts_early, cls.acts_on_angles, cls.moves_car = (
             any(getattr(cls, hook) is not getattr(DynamicsEffect, hook) for hook in hooks)
-            for hooks in (EARLY_HOOKS, MOVING_HOOKS)
+            for hooks in (EARLY_HOOKS, ANGLE_HOOKS, MOVING_HOOKS)
         )
 
     @classmethod

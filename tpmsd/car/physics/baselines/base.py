@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.baselines.car import DynamicCar
-from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, frame_of
+from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, Unlimited, frame_of
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect, before_forces, in_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -202,6 +202,8 @@ class Baseline(ABC):
         frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
         frame.across = frame.u * frame.r
         if not (isinstance(frame.instant_loads, float) and frame.instant_loads == 0.0):
+            if not any(effect.acts_on_angles for effect in theta):
+                self._to_unlimited(frame, theta)  # the same in each round
             self._follow_instant(frame, theta)
         self._to_tyres(frame, theta)
         return frame
@@ -225,12 +227,18 @@ class Baseline(ABC):
         self._loads(frame)
         for effect in theta:
             effect.adapt_loads(frame)
+        if frame.unlimited is None:
+            self._to_unlimited(frame, theta)
+        self._tyres(frame)
+
+    def _to_unlimited(self, frame: Frame, theta: Theta) -> None:
+        """Go on from states to the forces of tyres without a limit."""
         self._angles(frame)
         for effect in theta:
             effect.adapt_angles(frame)
         for effect in theta:
             effect.adapt_tyres(frame)
-        self._tyres(frame)
+        frame.unlimited = self._unlimited(frame)
 
     def _pushed(self, frame: Frame, theta: Theta) -> Frame:
         """Return a frame with the tyres' forces, all other forces and rates added."""
@@ -341,6 +349,10 @@ class Baseline(ABC):
     @abstractmethod
     def _angles(self, frame: Frame) -> None:
         """Fill in `angle` and `stiffness`."""
+
+    @abstractmethod
+    def _unlimited(self, frame: Frame) -> Unlimited:
+        """Return the tyres' forces as if friction had no limit."""
 
     @abstractmethod
     def _tyres(self, frame: Frame) -> None:

@@ -1,10 +1,10 @@
 """Reduction of a tyre's linear force near the friction limit, by Dugoff's law, the brush model or a sine.
 
-Dugoff: f = (2 - lambda) lambda below lambda = 1, else 1; lambda = mu F_z (1 + sigma) / (2 D), D the linear
-force ([Liu 2022], eqs (9)-(12), with 1 + sigma in (10)). Brush with parabolic pressure: f = 1 - x + x^2 / 3
-below x = 1, else 1 / (3 x); x = D / (3 mu F_z (1 + sigma)) ([Pacejka 2012], section 3.2). Magic Formula:
-f = sin(C arctan(b - E (b - arctan b))) / (C b), b = D / (C mu F_z (1 + sigma)), C = 1.3, E = -0.5 ([Pacejka
-2012], section 4.3.1: 1.3 is the shape factor of side force).
+Dugoff: f = (2 - lambda) lambda below lambda = 1, else 1; lambda = mu F_z / (2 D), D the linear force over
+1 + sigma ([Liu 2022], eqs (9)-(12), with 1 + sigma in (10)). Brush with parabolic pressure: f = 1 - x +
+x^2 / 3 below x = 1, else 1 / (3 x); x = D / (3 mu F_z) ([Pacejka 2012], section 3.2). Magic Formula:
+f = sin(C arctan(b - E (b - arctan b))) / (C b), b = D / (C mu F_z), C = 1.3, E = -0.5 ([Pacejka 2012],
+section 4.3.1: 1.3 is the shape factor of side force).
 """
 
 from __future__ import annotations
@@ -21,15 +21,13 @@ _STILL_N = 1e-6
 """Linear force below which nothing slides, so that no division is by zero."""
 
 
-def grip_share(
-    linear_n: FloatArray, lengthened: Real, friction: Real, load_n: FloatArray, shape: Real = 0.0
-) -> FloatArray:
+def grip_share(linear_n: FloatArray, friction: Real, load_n: FloatArray, shape: Real = 0.0) -> FloatArray:
     """Return the share of the linear force that the tyre carries; arrays broadcast.
 
-    `lengthened` is 1 + sigma, `shape` 0 for Dugoff's law, 1 for the brush model, -1 for the Magic Formula and
-    a mean of neighbours between. A contact without load carries nothing.
+    `linear_n` is over 1 + sigma; `shape` is 0 for Dugoff's law, 1 for the brush model, -1 for the Magic
+    Formula and a mean of neighbours between. A contact without load carries nothing.
     """
-    limit = 0.5 * friction * np.maximum(load_n, 0.0) * lengthened / np.maximum(linear_n, _STILL_N)
+    limit = 0.5 * friction * np.maximum(load_n, 0.0) / np.maximum(linear_n, _STILL_N)
     dugoff = np.minimum(limit, 1.0)
     dugoff = np.asarray((2.0 - dugoff) * dugoff)
     towards = np.asarray(shape)

@@ -38,6 +38,22 @@ class Earlier:
         return frame
 
 
+@dataclass(frozen=True, slots=True)
+class Unlimited:
+    """Tyre forces without a limit of friction, in the wheels' frames, (contacts, ...) each."""
+
+    side: FloatArray
+    """N."""
+    along: FloatArray
+    """N."""
+    total: FloatArray
+    """Size of their sum as vectors, N."""
+    cos: FloatArray
+    """Cosine of the front wheels' angle, (...)."""
+    sin: FloatArray
+    """Sine of the front wheels' angle, (...)."""
+
+
 @dataclass(slots=True)
 class Frame:
     """Quantities of one evaluation; SI units, x forward, y left, moments counter-clockwise."""
@@ -104,6 +120,8 @@ class Frame:
     """(contacts, ...) slip angles, positive where the force points left."""
     stiffness: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) cornering stiffness, N/rad."""
+    unlimited: Unlimited | None = None
+    """Forces of tyres without a limit, where they are known."""
     side: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) lateral tyre forces in the wheel's frame, N."""
     along: FloatArray = field(default_factory=lambda: np.zeros(0))

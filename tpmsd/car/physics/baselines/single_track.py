@@ -13,23 +13,23 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer, like
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
-from tpmsd.car.physics.baselines.frame import Frame, Real
+from tpmsd.car.physics.baselines.frame import Frame, Real, Unlimited
 from tpmsd.car.physics.baselines.names import SINGLE_TRACK
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
 
-def _axle_share(frame: Frame, friction: Real) -> FloatArray:
+def _axle_share(frame: Frame, linear: FloatArray, friction: Real) -> FloatArray:
     """Return the share of the linear force that each axle carries, (2, ...): the mean of its two wheels."""
-    linear, load = np.abs(frame.side), frame.load
+    load = frame.load
     if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
         longitudinal = np.stack(np.broadcast_arrays(*axle_forces(frame)))
         load = load * (1.0 - frame.ellipse * (1.0 - lateral_friction_share(longitudinal, friction, load)))
     if isinstance(frame.wheel_loads, float) and frame.wheel_loads == 0.0:
-        return grip_share(linear, 1.0, friction, load, frame.tyre_shape)
+        return grip_share(linear, friction, load, frame.tyre_shape)
     part = frame.wheel_loads * frame.transfer
     inner, outer = (
-        grip_share(linear, 1.0, friction, load * (1.0 + sign * part), frame.tyre_shape) for sign in (-1, 1)
+        grip_share(linear, friction, load * (1.0 + sign * part), frame.tyre_shape) for sign in (-1, 1)
     )
     return 0.5 * (inner + outer)
 
@@ -56,12 +56,17 @@ class SingleTrack(Baseline):
         stiff = np.broadcast_arrays(frame.cornering_front, frame.cornering_rear)
         frame.stiffness = like(np.stack(stiff), frame.angle)
 
+    def _unlimited(self, frame: Frame) -> Unlimited:
+        """Side forces proportional to the slip angles."""
+        side = like(frame.stiffness, frame.angle) * frame.angle
+        return Unlimited(side, np.zeros_like(side), np.abs(side), np.ones(1), np.zeros(1))
+
     def _tyres(self, frame: Frame) -> None:
         """Forces proportional to the slip angles, less where an effect sets a limit."""
-        frame.side = like(frame.stiffness, frame.angle) * frame.angle
+        assert frame.unlimited is not None
+        frame.side, frame.along = frame.unlimited.side, frame.unlimited.along
         if frame.friction is not None:
-            frame.side = frame.side * _axle_share(frame, frame.friction)
-        frame.along = np.zeros_like(frame.side)
+            frame.side = frame.side * _axle_share(frame, frame.unlimited.total, frame.friction)
         frame.force_y = frame.side[0] + frame.side[1]
         frame.moment = frame.front * frame.side[0] - frame.rear * frame.side[1]
         frame.force_x = frame.mass * frame.accel_long
