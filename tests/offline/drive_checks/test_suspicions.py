@@ -105,6 +105,25 @@ def test_wrong_statements_are_found(name: str, tmp_path: Path) -> None:
         assert min(one.probability for one in found) >= 0.95
 
 
+def test_a_unit_of_rotation_and_a_stated_scale_are_told_apart(tmp_path: Path) -> None:
+    """Rad/s for rpm and rpm for rad/s are wrong units; a stated scale is wrong whatever unit it fits."""
+    bus = drawn(CARS[1])
+    config = right(bus, tmp_path)
+    radius_m = config.vehicle.wheel_radius_m[0]
+    as_radps = 0.0075 / 3.6 / radius_m
+    as_rpm = as_radps * 60.0 / (2.0 * np.pi)
+    assert [] == ask(options(config, SignalOptions(scale=as_radps, unit="rad/s")), bus)
+    wrong = {
+        SignalOptions(scale=as_radps, unit="rpm"): ("wrong_unit", 'unit = "rad/s"'),
+        SignalOptions(scale=as_rpm, unit="rad/s"): ("wrong_unit", 'unit = "rpm"'),
+        SignalOptions(scale=0.0075 / 1.609): ("wrong_scale", "scale = 0.007"),
+    }
+    for option, (suspicion, suggest) in wrong.items():
+        found = ask(options(config, option), bus)
+        assert {suspicion} == {one.suspicion for one in found}
+        assert all(one.suggest.startswith(suggest) for one in found)
+
+
 def test_other_signals_of_the_wrong_size(tmp_path: Path) -> None:
     """Gyro and accelerometer are held against the car's motion, to the unit or the scale that fits."""
     bus = drawn(CARS[1])

@@ -19,7 +19,9 @@ from tpmsd.offline.discovery.settings import SETTINGS
 from tpmsd.offline.discovery.wheels import Follower
 from tpmsd.offline.drive_checks.suspicion import Suspicion
 
-_UNITS = ("km/h", "m/s", "mph", "knots")
+_UNITS = ("km/h", "m/s", "mph", "knots", "rpm", "rad/s")
+_UNIT_FITS = 0.05
+"""Logarithm of a factor, four times `right_speed_std`: nearer to its unit it is a maker's own scale."""
 
 
 def wrong_moduli(series: Mapping[str, Series]) -> list[Suspicion]:
@@ -49,21 +51,42 @@ def wrong_scale(config: Config, role: str, one: Follower) -> Suspicion | None:
         suggest += f"{radius_of(teeth, per_metre):.3f} m"
         return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", probability, suggest)
     unit = canonical_unit(one.series.field.unit) or "km/h"
-    kind, factor, _ = UNITS[unit]
-    mps = factor * (radius if kind == "angular speed" else 1.0)
+    mps = _mps_per(unit, radius)
     error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
     probability = _against(error, SETTINGS.right_speed_std)
-    if probability < SETTINGS.decided or abs(error) < 0.05:
+    if probability < SETTINGS.decided or abs(error) < _UNIT_FITS:
         return None
     key = f"can.signals.{role}"
     seen = 1.0 / (one.per_mps * abs(one.series.field.scale))
-    for other in _UNITS:
-        if other != unit and abs(math.log(seen / UNITS[other][1])) < 0.05:
-            suggest = f'unit = "{other}": the receiver sees {seen / mps:.3f} times the speed'
-            return Suspicion(key, "wrong_unit", probability, suggest)
+    fitting_unit = _fitting_unit(config, role, seen, unit, radius)
+    if fitting_unit is not None:
+        suggest = f'unit = "{fitting_unit}": the receiver sees {seen / mps:.3f} times the speed'
+        return Suspicion(key, "wrong_unit", probability, suggest)
     scale = one.series.field.scale * seen / mps
     suggest = f"scale = {scale:.6g}: the receiver sees {seen / mps:.3f} times the speed"
     return Suspicion(key, "wrong_scale", probability, suggest)
+
+
+def _mps_per(unit: str, radius_m: float) -> float:
+    """Return the road speed (m/s) that a reading of 1 in this unit stands for."""
+    kind, factor, _ = UNITS[unit]
+    return factor * (radius_m if kind == "angular speed" else 1.0)
+
+
+def _fitting_unit(config: Config, role: str, seen_mps: float, unit: str, radius_m: float) -> str | None:
+    """Return the unit in which a reading of 1 is the speed seen by the receiver; None if there is none.
+
+    Units of the stated kind come first: 1 rad/s on a small wheel is nearly 1 km/h. A file that states the
+    scale and leaves the unit to the DBC is taken to be wrong in what it states.
+    """
+    option = config.can.option(role)
+    if option.scale is not None and option.unit is None:
+        return None
+    kind = UNITS[unit][0]
+    for other in sorted(_UNITS, key=lambda name: UNITS[name][0] != kind):
+        if other != unit and abs(math.log(seen_mps / _mps_per(other, radius_m))) < _UNIT_FITS:
+            return other
+    return None
 
 
 def _against(error: float, std: float) -> float:
