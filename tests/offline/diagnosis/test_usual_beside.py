@@ -71,6 +71,7 @@ def test_a_lag_that_may_be_usual_is_priced_as_such(
     ("effect", "parameter", "beside", "others", "usual"),
     [
         ("gnss_latency", "latency_s", "velocity_lag", ("lag_s",), np.hypot(0.03, 0.05)),
+        ("antenna_lever_arm", "forward_m", "gnss_latency", ("latency_s",), np.hypot(0.05, 0.1)),
         ("track_width_error", "rear_m", "yaw_rate_scale", ("scale",), 0.03),
         ("yaw_rate_scale", "scale", "track_width_error", ("rear_m", "front_m"), 0.045),
     ],

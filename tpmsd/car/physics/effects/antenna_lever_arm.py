@@ -35,7 +35,7 @@ class AntennaLeverArm(Effect):
         distinguished_by="drive full circles at walking pace, to both sides, then bends at speed",
     )
     identification = Identification(shows_in=("gnss_course", "yaw_rate"), needs=("gnss",))
-    confounding = Confounding(estimated_jointly_with=("lateral_slip",))
+    confounding = Confounding(estimated_jointly_with=("lateral_slip", "gnss_latency"))
     in_calibration = (
         ("antenna_forward", "forward_m", "m"),
         ("antenna_left", "left_m", "m"),

@@ -10,6 +10,8 @@ from tpmsd.car.physics.priors import FIX_AGE_S
 
 FRAME_AGE_S = 0.04
 """Longest interval over which control units average wheel speeds before the stamp."""
+COUNT_AGE_S = 0.02
+"""Greatest age of a count: the slowest usual task of a control unit that reads its counters."""
 
 
 @dataclass(frozen=True)
@@ -56,10 +58,14 @@ class GnssLatency(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Wheel speeds are means over an interval before their stamp, which makes fixes look younger."""
-        if speeds and -FRAME_AGE_S - 2.0 * std <= value < 0.0:
+        """Return the note on fixes that look younger than their arrival by the age that readings of wheels
+        usually have: speeds are means over an interval before the stamp, counts are those of the last own
+        reading.
+        """
+        usual_s = FRAME_AGE_S if speeds else COUNT_AGE_S
+        if -usual_s - 2.0 * std <= value < 0.0:
             return (
-                f"the wheel speeds are {-value:.3f} +- {std:.3f} s older than their stamps;"
-                " taken into account"
+                f"the wheels' {'speeds' if speeds else 'counts'} are {-value:.3f} +- {std:.3f} s older than"
+                " their stamps; taken into account"
             )
         return ""
