@@ -439,6 +439,21 @@ def test_finite_angles_turn_the_forces_of_the_front_wheels() -> None:
     assert not DYNAMICS_EFFECTS["large_angles"].applies(nonlinear=True, forces=False)
 
 
+def test_held_steering_acts_half_a_step_late() -> None:
+    """The rates are those of an angle half a step younger, and an acceleration reads as it did."""
+    step, rate = 0.01, 0.4
+    quick = replace(held(0.05, 20.0), steer_rate_radps=np.array(rate))
+    late = replace(quick, steer_rad=quick.steer_rad - 0.5 * step * rate)
+    theta = (make_dynamics_effect("held_inputs", step_s=step),)
+    for model in (SingleTrack(CAR), ThreeDof(CAR, forces=False)):
+        found, plain = model.frame(X, quick, theta), model.frame(X, quick, ())
+        expected = model.frame(X, late, ())
+        for name in ("v", "r"):
+            change = found.rates[name] - plain.rates[name]
+            assert change == pytest.approx(expected.rates[name] - plain.rates[name], rel=0.05)
+        assert found.outputs["accel_lat"] == plain.outputs["accel_lat"]
+
+
 def test_an_error_of_the_drive_slip_is_one_of_the_longitudinal_stiffness() -> None:
     """Twice the slip of a force is half the stiffness."""
     hard = replace(held(0.12, 22.0, 3.0), drive_n=np.array([4000.0]))

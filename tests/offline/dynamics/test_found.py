@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from scipy.special import fdtrc, stdtr
 
+from bench.worlds.lively_car import CarSpec, vehicle_tables
 from bench.worlds.varied_cars import Case, Sensors, drives
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.baselines.car import DynamicCar
@@ -151,6 +152,38 @@ def test_air_of_another_density_is_no_finding(root: str) -> None:
     assert (found.verdict, found.findings) == (CONSISTENT, ())
     (density,) = [one for one in found.nuisances if one.effect == "air_density_error"]
     assert abs(density.parameters["relative"].value - 0.07) < 0.03
+
+
+def test_inputs_held_over_a_step_are_no_finding(tmp_path: Path) -> None:
+    """A linear car that answers its steering in steps of 10 ms is the baseline: no instrument is late."""
+    rng, step, car, speed, count = np.random.default_rng(3), 0.01, CarSpec(), 20.0, 6000
+    time = step * np.arange(count)
+    waves = ((0.2, 0.0), (0.7, 1.0), (1.6, 2.0))
+    steer = np.sum([0.012 * np.sin(2.0 * np.pi * f * time + phase) for f, phase in waves], axis=0)
+
+    def rates(v: float, r: float, angle: float) -> tuple[float, float, float]:
+        front, rear = car.cf * (angle - (v + car.a * r) / speed), -car.cr * (v - car.b * r) / speed
+        pull = (front + rear) / car.m
+        return pull - speed * r, (car.a * front - car.b * rear) / car.iz, pull
+
+    v = r = 0.0
+    rows = []
+    for angle in steer:
+        dv, dr, pull = rates(v, r, angle)
+        rows.append((r + rng.normal(0.0, 0.002), pull + rng.normal(0.0, 0.03)))
+        middle = rates(v + 0.5 * step * dv, r + 0.5 * step * dr, angle)
+        v, r = v + step * middle[0], r + step * middle[1]
+    yaw, across = np.transpose(rows)
+    columns = {"time_s": time, "road_wheel_angle_rad": steer, "speed_mps": np.full(count, speed)}
+    columns |= {"yaw_rate_radps": yaw, "accel_lat_mps2": across}
+    (tmp_path / "signals.csv").write_text(signals_text(columns), encoding="utf-8")
+    (tmp_path / "vehicle.toml").write_text(vehicle_tables(car), encoding="utf-8")
+
+    found = diagnose_dynamics(*loaded(tmp_path, "single-track"))
+
+    assert (found.verdict, found.findings) == (CONSISTENT, ())
+    (held,) = [one for one in found.nuisances if one.effect == "held_inputs"]
+    assert abs(held.parameters["step_s"].value - step) < 0.001
 
 
 def test_two_effects_are_found_together(root: str) -> None:
