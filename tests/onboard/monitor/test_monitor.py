@@ -536,6 +536,20 @@ def test_a_car_that_never_learns_says_so() -> None:
     assert [("malfunction", None, "raised")] == said(player.play(15.0, informative=False))
 
 
+def test_before_the_first_fix_what_all_wheels_do_is_no_loss() -> None:
+    """Without a receiver all radii drift by 6 % in twenty minutes, as those of an estimator do that nothing
+    holds: no tyre is reported. One that loses 2.5 mm against the others is."""
+    player = Player(monitor(), dt_s=1.0)
+    tyres = (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
+    raised = []
+    for step in range(60):
+        drift = -0.001 * step
+        own = -0.008 if step >= 40 else 0.0
+        events = player.play(20.0, (drift, drift, drift + own, drift), gnss_age_s=math.inf)
+        raised += [(step >= 40, e.wheel, e.state) for e in events if e.kind in tyres]
+    assert {(True, "rl", "raised")} == set(raised)
+
+
 def test_an_alarm_of_all_wheels_says_that_it_rests_on_the_receiver() -> None:
     """A receiver whose speeds and positions are scaled alike looks like four soft tyres, and no other
     evidence contradicts: the reason says so; that of one wheel does not."""

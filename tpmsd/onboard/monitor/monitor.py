@@ -183,6 +183,8 @@ class Monitor:
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """Judge a second of driving, decide on a reset, learn."""
         events: list[AlarmEvent] = []
+        if math.isinf(estimate.gnss_age_s):
+            estimate = self._without_level(estimate)
         trusted = False
         judging = self._sets.judging
         if judging.ready:
@@ -215,6 +217,16 @@ class Monitor:
             self._take_back()
         self._learning = self.learning()
         return events
+
+    def _without_level(self, estimate: RadiusEstimate) -> RadiusEstimate:
+        """Return the estimate with what all wheels have in common unknown.
+
+        Before the first fix nothing measures it: an estimator then holds its prior, and small errors of the
+        wheels and the gyro that all have one sign move it far in some minutes.
+        """
+        radius_m = np.array(self._vehicle.wheel_radius_m)
+        level_m2 = STATED.unknown_level**2 * np.outer(radius_m, radius_m)
+        return estimate._replace(covariance_m2=estimate.covariance_m2 + level_m2)
 
     def _judge_first(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """Hold the first radii of a car against what cars have."""

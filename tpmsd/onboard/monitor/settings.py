@@ -307,6 +307,9 @@ class StatedStdSettings:
     Nothing in the car tells it from the common radius; it cancels in changes. Three of them are 0.3 %, which
     rounding to 0.1 knots does at 17 m/s, and by which `estimators.path_length` lets positions and speeds
     differ."""
+    unknown_level: float = 0.3
+    """Standard deviation of what all radii have in common before the first fix, relative: any, for all that
+    the wheels say of it; without a bound covariances would lose the differences in rounding."""
 
 
 @dataclass(frozen=True, slots=True)
