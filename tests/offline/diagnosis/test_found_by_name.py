@@ -158,15 +158,3 @@ def test_a_receiver_that_smooths_is_distinguished_from_one_that_lags() -> None:
     assert "gnss_smoothing" == next(iter(found))
     assert pytest.approx(1.0, abs=0.12) == numbers(found["gnss_smoothing"])["time_constant_s"][0]
     assert {"gnss_smoothing", "velocity_lag"} >= set(found)
-
-
-@pytest.mark.parametrize("ahead_s", [2e-3, -2e-3])
-def test_two_frames_of_one_reading_are_no_finding(ahead_s: float) -> None:
-    """Front wheels stamped two milliseconds before or after the rear ones, but read at once, do not slip."""
-    spec = Spec(duration_s=600.0, road="city", driven="front", stops=True)
-    trip, rng = driven(spec, 9)
-    recording = recording_of(observe(trip, spec, rng, 9))
-    rate = recording.rotation_rad / recording.dt_s
-    ahead = ahead_s * np.diff(0.5 * (rate + np.roll(rate, 1, axis=0)), axis=0, append=rate[-1:])
-
-    assert [] == list(findings(replace(recording, rotation_rad=recording.rotation_rad + ahead * FRONT)))

@@ -23,6 +23,9 @@ SLIP_BY_DRAG = Parameter(
     probe=1e-8,
     prior=DRAG_SLIP_S2PM2,
 )
+AS_OF_FRAMES_S2PM = 1e-4
+"""Up to this slip per m/s2 it may be no slip but frames of front and rear wheels that were read at once and
+are stamped up to 1 ms apart, at 10 m/s: a tenth of what the stiffest tyres have."""
 
 
 @dataclass(frozen=True)
@@ -40,3 +43,13 @@ class DriveSlip(Effect):
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
         """Return the driven ones."""
         return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
+
+    @classmethod
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
+        """Return the note on a slip that is none of a tyre (`AS_OF_FRAMES_S2PM`); empty beyond it."""
+        if abs(value) + 2.0 * std > AS_OF_FRAMES_S2PM:
+            return ""
+        return (
+            f"driven wheels turn by {value:.1e} +- {std:.1e} per m/s2 more than the others, as where their"
+            " frames are stamped at another instant; taken into account"
+        )

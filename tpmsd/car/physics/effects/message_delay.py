@@ -13,6 +13,9 @@ from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
 MIN_MPS = 1.0
 """Below, the share is that at this speed."""
+BURST_S = 1e-3
+"""Up to this age it is usual: wheels that were read at once are sent in two frames, stamped one after the
+other (0.25 ms at 500 kbit/s, more behind frames of higher priority)."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,16 @@ class MessageDelay(Effect):
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
         """Return the front wheels."""
         return WHEELS[:2]
+
+    @classmethod
+    def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
+        """Return the note on two frames of one reading (`BURST_S`); empty beyond it."""
+        if abs(value) > BURST_S:
+            return ""
+        return (
+            f"the front wheels' frames are {value * 1e3:.2f} +- {std * 1e3:.2f} ms older than the rear ones';"
+            " taken into account"
+        )
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) -front_s * a / v on the front wheels, by the kinematic acceleration."""
