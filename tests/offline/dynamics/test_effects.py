@@ -325,6 +325,9 @@ def test_what_instruments_read() -> None:
     assert readings("yaw_rate_scale", "yaw_rate", scale=1.03) == pytest.approx(0.03 * 0.15)
     assert readings("accelerometer_bias", "accel_lat", lat_mps2=0.2) == pytest.approx(0.2)
     across = SingleTrack(CAR).read(X, U, ())["accel_lat"][0]  # the recorded a_x of -1.5 holds 0.05 of it
+    lean = G * math.sin(0.03)
+    assert readings("accelerometer_tilt", "accel_lat", roll_rad=0.03) == pytest.approx(lean)
+    assert readings("accelerometer_tilt", "accel_lat", pitch_rad=0.03) == pytest.approx(0.0)
     turned = readings("accelerometer_tilt", "accel_lat", yaw_rad=0.05)
     assert turned == pytest.approx(-0.05 * (-1.5 - 0.05 * across))
     assert readings("accelerometer_position", "accel_lat", forward_m=0.5) == pytest.approx(0.5 * turn)

@@ -131,6 +131,15 @@ def test_a_gust_is_found_with_its_span(root: str) -> None:
         assert abs(values[name].value - truth) < 3.5 * values[name].std
 
 
+def test_a_mount_that_leans_reads_as_a_bias_does(root: str) -> None:
+    """Gravity along a leaning axis is a constant: whichever of the two is named lists the other."""
+    found = diagnosed(root, hidden(accelerometer_bias={"lat_mps2": 0.25}))
+
+    (finding,) = found.findings
+    assert {"accelerometer_bias", "accelerometer_tilt"} == {finding.effect, *finding.indistinguishable_from}
+    assert finding.confidence < 0.9
+
+
 def test_a_gust_between_the_blocks_that_judge_predictions_is_found(root: str) -> None:
     """A long drive is predicted on every other block; a wind in one of the rest is no less of a finding."""
     gust = {"speed_mps": 9.0, "onset_s": 41.0, "duration_s": 8.0}
