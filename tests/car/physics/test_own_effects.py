@@ -289,7 +289,7 @@ def test_an_effect_may_be_written_with_flat_and_former_names() -> None:
 
     assert Wording("r = 0", *astuple(BrakeSlip.wording)[1:4], "brake twice") == old.wording
     assert replace(BrakeSlip.identification, wheel_patterns=("fl", "fr")) == old.identification
-    assert Confounding(common=True, resembles=NoiseResemblance.WHEEL) == old.confounding
+    assert replace(BrakeSlip.confounding, resembles=NoiseResemblance.WHEEL) == old.confounding
     assert BrakeSlip.nonlinear is old.nonlinear
 
 

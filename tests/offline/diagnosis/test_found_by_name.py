@@ -80,7 +80,7 @@ def test_drive_on_one_axle_and_brakes_on_both_are_two_effects() -> None:
     values = numbers(found["longitudinal_slip"]) | numbers(found["brake_slip"])
     for name, truth in (("slip_per_accel", 6e-3), ("front", 5e-3), ("rear", 3e-3 - 6e-3)):
         assert pytest.approx(truth, abs=3.0 * values[name][1]) == values[name][0]
-        assert values[name][1] < 1e-3
+        assert values[name][1] < 1.5e-3  # the load that moves with the force is not known beside the slip
 
 
 def test_people_who_got_in_behind_are_a_load() -> None:

@@ -90,3 +90,18 @@ def test_a_value_is_as_uncertain_as_what_reads_the_same_is_usual(
     (found,) = Selector(made, Given(4, [asked, *singles, whole], [])).judged([asked]).chosen
 
     assert found.stds[0] == pytest.approx(np.hypot(usual, 1.0 / PER_METRE), rel=0.05)
+
+
+def test_slip_is_as_uncertain_as_the_load_that_no_name_is_given() -> None:
+    """A usual load transfer moves the slip that is told without it: the interval holds the true slip, and the
+    value is the one with which the model predicts."""
+    slip, load, per_slip = 4e-3, 8e-5, 6e4
+    u = directions(2)
+    responses = per_slip * np.stack([u[:, 0], -6.0 * u[:, 0] + 0.3 * u[:, 1]], axis=1)
+    asked = Term("longitudinal_slip", columns(1, width=3), ("slip_per_accel",), 3.5)
+    usual = Term("load_transfer_longitudinal", columns(2, width=3), ("coefficient",), 3.5)
+    made = noiseless(slip * responses[:, 0] + load * responses[:, 1], responses)
+    (found,) = Selector(made, Given(3, [asked, usual], [])).judged([asked]).chosen
+
+    assert found.values[0] == pytest.approx(slip - 6.0 * load)
+    assert 0.5 * 6.0 * load < found.stds[0] < 2.0 * 6.0 * load

@@ -137,6 +137,9 @@ class Confounding:
     """Effects that are fitted jointly when it is tested next to spline terms: they must not replace it."""
     estimated_jointly_with: tuple[str, ...] = ()
     """Effects of which every car has some: fitted jointly, within their priors, for its reported value."""
+    widened_by: tuple[str, ...] = ()
+    """Effects of which every car has some, too small beside this one to be found: its value is that of the
+    model without them, and its standard deviation the root mean square about it with them fitted jointly."""
     confounded: tuple[str, ...] = ()
     """Effects that read the same on every drive, whatever is driven."""
     limit: str = ""

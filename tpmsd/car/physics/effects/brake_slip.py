@@ -38,7 +38,7 @@ class BrakeSlip(Effect):
         distinguished_by="brake firmly and gently from the same speed on a straight, ten times",
     )
     identification = Identification(shows_in=("wheel_ratio", "accel_long"))
-    confounding = Confounding(common=True)
+    confounding = Confounding(common=True, widened_by=("load_transfer_longitudinal",))
     nonlinear = Nonlinear(
         # No drag, and that at usual speeds.
         grid=Grid(

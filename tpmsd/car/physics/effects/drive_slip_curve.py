@@ -45,7 +45,7 @@ class DriveSlipCurve(DriveSlip):
         ),
         distinguished_by="accelerate gently and as firmly as the road allows, ten times each",
     )
-    confounding = Confounding(limit="longitudinal_slip")
+    confounding = Confounding(limit="longitudinal_slip", widened_by=("load_transfer_longitudinal",))
     nonlinear = replace(
         DriveSlip.nonlinear,
         # Snow, a wet road, a dry one.

@@ -36,7 +36,7 @@ class LongitudinalSlip(DriveSlip):
         ),
         distinguished_by="accelerate firmly and coast at the same speeds on a straight, ten times",
     )
-    confounding = Confounding(common=True)
+    confounding = Confounding(common=True, widened_by=("load_transfer_longitudinal",))
     in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
     parameters = (
         Parameter(

@@ -35,7 +35,9 @@ class TorqueSlip(Effect):
         ),
     )
     identification = Identification(shows_in=("wheel_ratio", "torque"), needs=("torque",))
-    confounding = Confounding(common=True, limit="longitudinal_slip")
+    confounding = Confounding(
+        common=True, limit="longitudinal_slip", widened_by=("load_transfer_longitudinal",)
+    )
     nonlinear = Nonlinear(
         # A filling manifold and a drive shaft take a tenth of a second or two.
         grid=Grid(

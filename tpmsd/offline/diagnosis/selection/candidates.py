@@ -40,21 +40,22 @@ class Candidates:
         """Calibration and these terms."""
         return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
 
-    def valued(self, terms: Sequence[Term], of: Term) -> LeastSquaresFit:
+    def valued(self, terms: Sequence[Term], of: Term, more: Sequence[str] = ()) -> LeastSquaresFit:
         """Return the fit by which a term's values are told: beside effects of which every car has some, as
-        usual.
+        usual; also beside `more` effects, by name.
 
         The values of the terms stand where they stand in their own fit.
         """
-        joint = set(of.kind_of.confounding.estimated_jointly_with) - {term.effect for term in terms}
+        usual = {*of.kind_of.confounding.estimated_jointly_with, *more}
+        joint = usual - {term.effect for term in terms}
         by_effect: dict[str, Term] = {}
         for t in self.hypotheses.catalogue:
             if t.effect in joint and t.drive is None:
                 by_effect[t.effect] = max(by_effect.get(t.effect, t), t, key=lambda one: len(one.parameters))
-        more = list(by_effect.values())
-        fit = self.evidence.fit(self.design([*terms, *more]))
-        first = fit.design.shape[1] - sum(t.design.shape[1] for t in more)
-        stds = [prior_rms(t.kind_of, name) for t in more for name in t.parameters]
+        usual_terms = list(by_effect.values())
+        fit = self.evidence.fit(self.design([*terms, *usual_terms]))
+        first = fit.design.shape[1] - sum(t.design.shape[1] for t in usual_terms)
+        stds = [prior_rms(t.kind_of, name) for t in usual_terms for name in t.parameters]
         for column, std in enumerate(stds, first):
             fit = fit.known(column, std)
         return fit

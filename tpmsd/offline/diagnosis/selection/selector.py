@@ -456,7 +456,9 @@ class Selector(Candidates):
         fit = self.evidence.fit(self.design(chosen))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
-        joint = self.valued([*chosen, *self._joint_terms(chosen, which)], term)
+        jointly = [*chosen, *self._joint_terms(chosen, which)]
+        joint = self.valued(jointly, term)
+        wider = self.valued(jointly, term, term.kind_of.confounding.widened_by)
         ratios = np.clip(self.evidence.sandwich(joint)[at], 1.0, SETTINGS.selection.max_overdispersion)
         gain = fit.gain - self.gain(rest)
         studentised_gain = gain / float(ratios.max()) - term.penalty
@@ -470,7 +472,8 @@ class Selector(Candidates):
             confounded_with=confounded(alternatives),
             values=joint.values[at],
             stds=np.sqrt(
-                np.diag(joint.covariance)[at] * ratios
+                np.diag(wider.covariance)[at] * ratios
+                + (wider.values[at] - joint.values[at]) ** 2
                 + (SETTINGS.selection.model_error * joint.values[at]) ** 2
             ),
         )
