@@ -6,6 +6,7 @@ import math
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
 import termios
@@ -88,8 +89,10 @@ def test_odd_documents_are_shown(odd: dict[str, Any]) -> None:
     assert "q ends" in view.text(colour=True, width=40, height=24)
 
 
-def test_q_ends_and_leaves_the_terminal_as_it_was(tmp_path: Path) -> None:
-    """In a terminal of its own: the view is drawn, `q` ends it with code 0, echo and screen are back."""
+@pytest.mark.parametrize("interrupts", [signal.SIG_DFL, signal.SIG_IGN])
+def test_q_ends_and_leaves_the_terminal_as_it_was(tmp_path: Path, interrupts: signal.Handlers) -> None:
+    """In a terminal of its own: the view is drawn, `q` ends it with code 0, echo and screen are back; also
+    where interrupts are ignored, as by what a shell began in the background."""
     program = tmp_path / "watch.py"
     program.write_text(
         "import contextlib, itertools, sys, time\n"
@@ -106,7 +109,12 @@ def test_q_ends_and_leaves_the_terminal_as_it_was(tmp_path: Path) -> None:
     before = termios.tcgetattr(theirs)
     environment = {**os.environ, "TERM": "xterm", "PYTHONPATH": str(Path.cwd())}
     process = subprocess.Popen(
-        [sys.executable, str(program)], stdin=theirs, stdout=theirs, stderr=theirs, env=environment
+        [sys.executable, str(program)],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env=environment,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, interrupts),
     )
     shown = b""
     deadline = time.monotonic() + 30.0
@@ -117,10 +125,10 @@ def test_q_ends_and_leaves_the_terminal_as_it_was(tmp_path: Path) -> None:
         if not sent and b"rear left" in shown:
             os.write(ours, b"q")
             sent = True
-    while select.select([ours], [], [], 0.2)[0]:
-        shown += os.read(ours, 65536)
     process.kill()
     assert 0 == process.wait(10.0)
+    while select.select([ours], [], [], 0.2)[0]:
+        shown += os.read(ours, 65536)
     assert shown.startswith(b"\x1b[?1049h")
     assert b"\x1b[?1049l" in shown
     assert before == termios.tcgetattr(theirs)

@@ -187,6 +187,8 @@ def keys(press: Callable[[str], None]) -> Iterator[None]:
                 for letter in os.read(source, 64).decode("utf-8", "ignore"):
                     press(letter)
 
+    # a shell lets what it begins in the background ignore interrupts, and `q` is one
+    interrupted = signal.signal(signal.SIGINT, signal.default_int_handler)
     tty.setcbreak(source)
     listener = threading.Thread(target=listen, daemon=True)
     listener.start()
@@ -196,6 +198,7 @@ def keys(press: Callable[[str], None]) -> Iterator[None]:
         ended.set()
         listener.join(1.0)
         termios.tcsetattr(source, termios.TCSADRAIN, before)
+        signal.signal(signal.SIGINT, interrupted)
 
 
 def _can_encode(out: IO[str], text: str) -> bool:
