@@ -158,3 +158,14 @@ def test_a_receiver_that_smooths_is_distinguished_from_one_that_lags() -> None:
     assert "gnss_smoothing" == next(iter(found))
     assert pytest.approx(1.0, abs=0.12) == numbers(found["gnss_smoothing"])["time_constant_s"][0]
     assert {"gnss_smoothing", "velocity_lag"} >= set(found)
+
+
+def test_two_frames_of_one_reading_are_no_finding() -> None:
+    """Front wheels that are read with the rear ones and stamped 0.9 ms later are not delayed."""
+    spec = Spec(duration_s=600.0, road="mixed", driven="front", stops=True)
+    trip, rng = driven(spec, 9)
+    recording = recording_of(observe(trip, spec, rng, 9))
+    rate = recording.rotation_rad / recording.dt_s
+    later = 9e-4 * np.diff(0.5 * (rate + np.roll(rate, 1, axis=0)), axis=0, append=rate[-1:])
+
+    assert [] == list(findings(replace(recording, rotation_rad=recording.rotation_rad - later * FRONT)))

@@ -46,8 +46,11 @@ class DriveSlip(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the note on a slip that is none of a tyre (`AS_OF_FRAMES_S2PM`); empty beyond it."""
-        if abs(value) + 2.0 * std > AS_OF_FRAMES_S2PM:
+        """Return the note on a slip that is none of a tyre (`AS_OF_FRAMES_S2PM`); empty beyond it.
+
+        How far the load transfer moves a slip is in `std`, and tells nothing of where this one comes from.
+        """
+        if abs(value) > AS_OF_FRAMES_S2PM:
             return ""
         return (
             f"driven wheels turn by {value:.1e} +- {std:.1e} per m/s2 more than the others, as where their"

@@ -64,8 +64,8 @@ class MessageDelay(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the note on two frames of one reading (`BURST_S`); empty beyond it."""
-        if abs(value) > BURST_S:
+        """Return the note on two frames of one reading (`BURST_S`); empty where it is plainly beyond."""
+        if abs(value) - 2.0 * std > BURST_S:
             return ""
         return (
             f"the front wheels' frames are {value * 1e3:.2f} +- {std * 1e3:.2f} ms older than the rear ones';"
