@@ -94,7 +94,8 @@ def test_a_value_is_as_uncertain_as_what_reads_the_same_is_usual(
 
 def test_slip_is_as_uncertain_as_the_load_that_no_name_is_given() -> None:
     """A usual load transfer moves the slip that is told without it: the interval holds the true slip, and the
-    value is the one with which the model predicts."""
+    value is the one with which the model predicts. In closed form: of the
+    load its prior is known, and what the second direction shows of it."""
     slip, load, per_slip = 4e-3, 8e-5, 6e4
     u = directions(2)
     responses = per_slip * np.stack([u[:, 0], -6.0 * u[:, 0] + 0.3 * u[:, 1]], axis=1)
@@ -104,4 +105,7 @@ def test_slip_is_as_uncertain_as_the_load_that_no_name_is_given() -> None:
     (found,) = Selector(made, Given(3, [asked, usual], [])).judged([asked]).chosen
 
     assert found.values[0] == pytest.approx(slip - 6.0 * load)
-    assert 0.5 * 6.0 * load < found.stds[0] < 2.0 * 6.0 * load
+    prior, seen = prior_rms(usual.kind_of, "coefficient"), 1.0 / (0.3 * per_slip)
+    share = prior**2 / (prior**2 + seen**2)
+    spread = np.hypot(1.0 / per_slip, 6.0 * np.sqrt(share) * seen)
+    assert found.stds[0] == pytest.approx(np.hypot(spread, 6.0 * share * load), rel=0.01)

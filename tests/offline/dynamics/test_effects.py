@@ -328,6 +328,8 @@ def test_what_instruments_read() -> None:
     lean = G * math.sin(0.03)
     assert readings("accelerometer_tilt", "accel_lat", roll_rad=0.03) == pytest.approx(lean)
     assert readings("accelerometer_tilt", "accel_lat", pitch_rad=0.03) == pytest.approx(0.0)
+    driven = ThreeDof(CAR, forces=True)
+    assert readings("accelerometer_tilt", "accel_long", U, driven, pitch_rad=0.03) == pytest.approx(lean)
     turned = readings("accelerometer_tilt", "accel_lat", yaw_rad=0.05)
     assert turned == pytest.approx(-0.05 * (-1.5 - 0.05 * across))
     assert readings("accelerometer_position", "accel_lat", forward_m=0.5) == pytest.approx(0.5 * turn)
@@ -440,6 +442,18 @@ def test_finite_angles_turn_the_forces_of_the_front_wheels() -> None:
     moment = CAR.front_m * turned - CAR.rear_m * rear
     assert found[1] == pytest.approx(moment / CAR.yaw_inertia_kgm2)
     assert not DYNAMICS_EFFECTS["large_angles"].applies(nonlinear=True, forces=False)
+
+
+def test_steered_wheels_turn_their_forces_by_all_of_the_angle() -> None:
+    """F_x and F_y are the sums of the wheels' forces, the front ones turned by 0.5 rad."""
+    frame = ThreeDof(CAR, forces=True).frame(FORCED, replace(U, steer_rad=np.array(0.5)), ())
+    along, side = frame.along[:, 0], frame.side[:, 0]
+    cos, sin = math.cos(0.5), math.sin(0.5)
+
+    pull = along[:2].sum() * sin + side[:2].sum() * cos + side[2:].sum()
+    assert frame.outputs["accel_lat"][0] == pytest.approx(pull / CAR.mass_kg)
+    ahead = along[:2].sum() * cos - side[:2].sum() * sin + along[2:].sum()
+    assert frame.outputs["accel_long"][0] == pytest.approx(ahead / CAR.mass_kg)
 
 
 def test_held_steering_acts_half_a_step_late() -> None:

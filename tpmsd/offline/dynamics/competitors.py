@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from tpmsd.car.physics.dynamics_effect import EVENT
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -84,8 +83,7 @@ def fitted_competitors(search: Search, look: ModelStatistics) -> tuple[Competito
     out: dict[str, dict[str, float]] = {}
     fits: dict[tuple[str, str], Search] = {}
     for k, term in enumerate(search.terms):
-        # an event may fall in no block of the part: what competes with it stays of first order
-        if term.nuisance or term.name == "unknown" or (whole > 1.0 and term.effect.kind == EVENT):
+        if term.nuisance or term.name == "unknown":
             continue
         close = _close(look, k)
         if close:
