@@ -69,6 +69,8 @@ class Settings(ToothCountSettings):
     """Relative: how far a configured radius may be off in a file that is right."""
     right_speed_std: float = 0.012
     """Standard deviation of a maker's scale of wheel speeds."""
+    unit_fits: float = 0.05
+    """Relative: four times that, within which a speed is in this unit, by a maker's own scale."""
     wrong_scale_std: float = 0.06
     """Relative spread of a scale where the number of teeth, or a unit, is wrong."""
     antenna_left_floor_m: float = 0.1

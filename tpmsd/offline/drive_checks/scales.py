@@ -20,8 +20,6 @@ from tpmsd.offline.discovery.wheels import Follower
 from tpmsd.offline.drive_checks.suspicion import Suspicion
 
 _UNITS = ("km/h", "m/s", "mph", "knots", "rpm", "rad/s")
-_UNIT_FITS = 0.05
-"""Logarithm of a factor, four times `right_speed_std`: nearer to its unit it is a maker's own scale."""
 
 
 def wrong_moduli(series: Mapping[str, Series]) -> list[Suspicion]:
@@ -54,7 +52,7 @@ def wrong_scale(config: Config, role: str, one: Follower) -> Suspicion | None:
     mps = _mps_per(unit, radius)
     error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
     probability = _against(error, SETTINGS.right_speed_std)
-    if probability < SETTINGS.decided or abs(error) < _UNIT_FITS:
+    if probability < SETTINGS.decided or abs(error) < SETTINGS.unit_fits:
         return None
     key = f"can.signals.{role}"
     seen = 1.0 / (one.per_mps * abs(one.series.field.scale))
@@ -84,7 +82,7 @@ def _fitting_unit(config: Config, role: str, seen_mps: float, unit: str, radius_
         return None
     kind = UNITS[unit][0]
     for other in sorted(_UNITS, key=lambda name: UNITS[name][0] != kind):
-        if other != unit and abs(math.log(seen_mps / _mps_per(other, radius_m))) < _UNIT_FITS:
+        if other != unit and abs(math.log(seen_mps / _mps_per(other, radius_m))) < SETTINGS.unit_fits:
             return other
     return None
 
