@@ -19,6 +19,11 @@ def stamps(items: object) -> list[float]:
     return [item.time_s for item in items]  # type: ignore[attr-defined]
 
 
+def on_host(adapter: FrameStamps, stamp_s: float, now_s: float) -> float:
+    """The stamp on the host's clock of a frame that was read alone."""
+    return stamp_s + adapter.offset_s([stamp_s], now_s)
+
+
 @settings(derandomize=True, deadline=None)
 @given(
     frames=st.lists(st.floats(100.0, 101.0), max_size=30),
@@ -109,7 +114,7 @@ def test_an_adapters_own_clock_is_brought_onto_the_hosts() -> None:
     """Stamps since boot, read up to 30 ms late, keep their distances to the microsecond on host time."""
     adapter, host_s = FrameStamps(), 1.7e9
     lags_s = [0.004, 0.030, 0.001, 0.012, 0.002] * 40
-    out = [adapter.host(77.0 + 0.02 * k, host_s + 0.02 * k + lag) for k, lag in enumerate(lags_s)]
+    out = [on_host(adapter, 77.0 + 0.02 * k, host_s + 0.02 * k + lag) for k, lag in enumerate(lags_s)]
 
     settled = out[5:]
     steps = [later - earlier for earlier, later in pairwise(settled)]
@@ -124,7 +129,7 @@ def test_a_drifting_adapter_is_followed() -> None:
     lag_s = 0.0
     for k in range(18_000):
         true_s = 1.7e9 + k
-        lag_s = true_s - adapter.host(true_s - 50e-6 * k, true_s + 0.002)
+        lag_s = true_s - on_host(adapter, true_s - 50e-6 * k, true_s + 0.002)
 
     assert 0.0 < lag_s < 0.052
 
@@ -135,7 +140,7 @@ def test_stamps_of_the_hosts_own_clock_are_left_alone() -> None:
     stamps_s = [1000.0 + 0.01 * k for k in range(300)]
     reads_s = [s + (0.9 if 100 <= k < 190 else 0.003) for k, s in enumerate(stamps_s)]
 
-    assert stamps_s == [adapter.host(s, read_s) for s, read_s in zip(stamps_s, reads_s, strict=True)]
+    assert stamps_s == [on_host(adapter, s, read_s) for s, read_s in zip(stamps_s, reads_s, strict=True)]
 
 
 @pytest.mark.parametrize(("ahead_s", "bad"), [(60.0, 0), (-60.0, 0), (60.01, 1), (-60.01, 1)])
@@ -205,7 +210,7 @@ def test_an_input_is_late_beyond_four_tenths_of_a_second(behind_s: float, late: 
 def shifts(reads: list[tuple[float, float]], adapter: FrameStamps | None = None) -> list[float]:
     """What is added to stamps of an adapter, each given as the time of its reading and its lag."""
     adapter = adapter or FrameStamps()
-    return [round(adapter.host(now_s - lag_s, now_s) - now_s + lag_s, 9) for now_s, lag_s in reads]
+    return [round(adapter.offset_s([now_s - lag_s], now_s), 9) for now_s, lag_s in reads]
 
 
 @pytest.mark.parametrize(
@@ -213,7 +218,7 @@ def shifts(reads: list[tuple[float, float]], adapter: FrameStamps | None = None)
     [
         ((0.0, 10.0, 20.0), 0.2),  # two windows later the first is forgotten
         ((0.0, 9.9, 19.8), 0.1),  # the second reading is of the first window, and the third of the next
-        ((5.0, 5.0, 5.0), 0.1),  # frames that were read in one go
+        ((5.0, 5.0, 5.0), 0.1),
         ((5.0, 5.1, 5.2), 0.1),
         ((5.0, 4.5, 14.6), 0.2),  # the clock went back by half a second, which begins a window
     ],
@@ -232,6 +237,25 @@ def test_the_least_lag_is_remembered_for_one_to_two_windows_of_ten_seconds(
 def test_a_stamp_is_never_left_ahead_of_the_clock(lag_s: float, shift_s: float) -> None:
     """One from the future is brought to the reading; behind it 50 ms are left as they are, without a jump."""
     assert shift_s == pytest.approx(shifts([(1000.0, lag_s)])[0], abs=1e-9)
+
+
+@settings(derandomize=True, deadline=None)
+@given(
+    lags_s=st.lists(st.integers(-300, 300), min_size=1, max_size=30),
+    before_s=st.none() | st.floats(-0.3, 0.3),
+)
+def test_frames_that_were_read_together_keep_their_distances(
+    lags_s: list[int], before_s: float | None
+) -> None:
+    """However long reading takes, all are moved alike, by what the youngest asks for: none becomes late."""
+    together, alone = FrameStamps(), FrameStamps()
+    if before_s is not None:
+        for adapter in (together, alone):
+            on_host(adapter, 999.0 - before_s, 999.0)
+
+    offset_s = together.offset_s([1000.0 - 1e-3 * lag for lag in lags_s], 1000.0)
+    youngest_s = 1000.0 - 1e-3 * min(lags_s)
+    assert offset_s == pytest.approx(on_host(alone, youngest_s, 1000.0) - youngest_s, abs=1e-12)
 
 
 def test_another_adapter_begins_again() -> None:

@@ -361,12 +361,16 @@ def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bo
 class AdapterBus(DrivingBus):
     """An adapter that stamps frames with the time since it was plugged in."""
 
-    def __init__(self, clock: LeapingClock) -> None:
+    def __init__(self, clock: LeapingClock, channel: str = "fake", later_s: float = 0.0) -> None:
         super().__init__(clock.now)
         self.began_s = clock.now()
+        self._channel, self._plugged_s = channel, self.began_s + later_s
 
     def read(self, limit: int = 1000) -> list[CanFrame]:
-        return [frame._replace(time_s=frame.time_s - self.began_s) for frame in super().read(limit)]
+        return [
+            frame._replace(time_s=frame.time_s - self._plugged_s, channel=self._channel)
+            for frame in super().read(limit)
+        ]
 
 
 def test_stamps_of_an_adapters_own_clock_are_brought_onto_the_hosts(tmp_path: Path) -> None:
@@ -389,6 +393,36 @@ def test_stamps_of_an_adapters_own_clock_are_brought_onto_the_hosts(tmp_path: Pa
     assert abs(np.median(taken) - bus.began_s) <= TOLERANCE_S + 1e-3
     assert np.ptp(taken[len(taken) // 2 :]) <= 1e-3
     assert 0 == daemon.document()["can"]["faults"].get("bad_stamp", 0)
+
+
+def test_each_adapter_has_a_clock_of_its_own(tmp_path: Path) -> None:
+    """Of two adapters the second was plugged in 20 s later; both buses' frames come at the host's time."""
+    config, database = car(tmp_path, '[can.buses]\nbody = "second"\n')
+    clock, off_s = LeapingClock(), {0: list[float](), 1: list[float]()}
+    buses = {"fake": AdapterBus(clock), "second": AdapterBus(clock, "second", 20.0)}
+
+    class Taking(Pipeline):
+        def on_frame(
+            self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
+        ) -> list[Step]:
+            off_s[bus].append(time_s - 0.02 * len(off_s[bus]) - buses["fake"].began_s)
+            return super().on_frame(time_s, arbitration_id, is_extended, data, bus)
+
+    daemon = Daemon(
+        config,
+        database,
+        clock,
+        Notifier(None),
+        open_bus=lambda can, filters, channel: buses[channel].opener()(can, filters, channel),
+        make_pipeline=Taking,
+        grace_s=0.06,
+        log=LOG,
+    )
+    daemon.run(5.0)
+
+    for of_bus in off_s.values():
+        assert len(of_bus) >= 240
+        assert abs(np.median(of_bus)) <= TOLERANCE_S + 1e-3
 
 
 def test_a_bus_without_a_descriptor_is_polled_every_few_milliseconds(

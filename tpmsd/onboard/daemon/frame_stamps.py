@@ -1,6 +1,7 @@
 """Brings the stamps of a CAN adapter's own clock onto the host's clock.
 
-In: a frame's stamp, and the host's time when it was read. Out: the stamp on the host's clock.
+In: the stamps of frames that were read together, and the host's time just after that. Out: what brings them
+onto the host's clock.
 
 Only SocketCAN stamps with the host's clock. Adapters behind other backends count from when they were
 plugged in, or were set once and drift since; their stamps are exact against each other, though, which is
@@ -11,6 +12,7 @@ offset.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 WINDOW_S = 10.0
 """Memory of the least lag: a crystal drifts by half a millisecond in it."""
@@ -31,13 +33,16 @@ class FrameStamps:
         self._min_s = self._min_before_s = math.inf
         self._since_s = -math.inf
 
-    def host(self, stamp_s: float, now_s: float) -> float:
-        """Return the stamp on the host's clock, for a frame read at `now_s`."""
-        lag_s = now_s - stamp_s
+    def offset_s(self, stamps_s: Sequence[float], now_s: float) -> float:
+        """Return what is to be added to the stamps of frames that were all read by `now_s`, s.
+
+        One offset for all of them: their distances are the adapter's, however long the reading took.
+        """
+        lag_s = now_s - max(stamps_s)
         if not 0.0 <= now_s - self._since_s < self._window_s:
             self._min_before_s, self._min_s = self._min_s, lag_s
             self._since_s = now_s
         self._min_s = min(self._min_s, lag_s)
         min_s = min(self._min_s, self._min_before_s)
         # Without a jump between what is tolerated and what is corrected.
-        return stamp_s + max(min_s - self._tolerance_s, 0.0) + min(min_s, 0.0)
+        return max(min_s - self._tolerance_s, 0.0) + min(min_s, 0.0)

@@ -102,10 +102,13 @@ class Daemon:
         self._log = logging.getLogger(LOGGER) if log is None else log
         self._on_step = on_step
         self._frame_time = clock.from_host if frame_time is None else frame_time
-        self._stamps: FrameStamps | None = None
         kernel = config.can.interface == "socketcan"
+        self._stamps: list[FrameStamps] = []
         if frame_time is None and not kernel:
-            self._stamps = FrameStamps(clock.scale * TOLERANCE_S, clock.scale * WINDOW_S)
+            self._stamps = [
+                FrameStamps(clock.scale * TOLERANCE_S, clock.scale * WINDOW_S)
+                for _ in range(1 + len(config.can.buses))
+            ]
         self._recorder = recorder
         self._state = StateKeeper(config, self._log)
         self._pipeline = self._state.restored(lambda: make_pipeline(config, database))
@@ -271,19 +274,11 @@ class Daemon:
         may be held up at any line, and what comes meanwhile waits to be read.
         """
         now_s, monotonic_s = self._clock.read()
-        frames: list[CanFrame] = []
         for number, bus in enumerate((self._bus, *self._others)):
-            came = bus.read(monotonic_s)
-            self._own.received(number, came, monotonic_s)
-            frames += came
-        read_s = self._clock.now()
-        for frame in frames:
-            stamp_s = self._frame_time(frame.time_s)
-            if self._stamps is not None:
-                stamp_s = self._stamps.host(stamp_s, read_s)
-            self._queue.put_frame(frame, stamp_s, now_s)
-        if frames:
-            self._health.frames_came(monotonic_s)
+            if frames := bus.read(monotonic_s):
+                self._own.received(number, frames, monotonic_s)
+                self._enqueue(number, frames, now_s)
+                self._health.frames_came(monotonic_s)
         if self._out is not self._bus:
             self._out.read(monotonic_s)
         if self._receiver is not None:
@@ -292,14 +287,21 @@ class Daemon:
                     self._queue.put_sentence(line, stamp_s)
         return now_s, monotonic_s
 
+    def _enqueue(self, number: int, frames: list[CanFrame], now_s: float) -> None:
+        """Queue the frames just read of bus `number`, stamped by the host's clock."""
+        stamps_s = [self._frame_time(frame.time_s) for frame in frames]
+        offset_s = self._stamps[number].offset_s(stamps_s, self._clock.now()) if self._stamps else 0.0
+        for frame, stamp_s in zip(frames, stamps_s, strict=True):
+            self._queue.put_frame(frame, stamp_s + offset_s, now_s)
+
     def _tick(self, now_s: float, monotonic_s: float) -> None:
         """Feed the pipeline with what came until then."""
         steps_before = self._feeder.clock_steps
         self._handle(self._feeder.feed(now_s, monotonic_s, self._faults), monotonic_s)
         if self._feeder.clock_steps != steps_before:
             self._log.warning("the host's clock has stepped")
-            if self._stamps is not None:
-                self._stamps.reset()
+            for stamps in self._stamps:
+                stamps.reset()
         self._state.service(monotonic_s, self._pipeline.snapshot)
         self._notices.service(monotonic_s / self._clock.scale)
         self._send(self._own.asking(monotonic_s, self._health.last), monotonic_s)
