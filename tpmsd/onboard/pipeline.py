@@ -92,7 +92,10 @@ class Pipeline:
         self._on_tick: Callable[[Tick], object] | None = None
         self.vehicle_state = _vehicle_state(config)
         """None where it is not asked for."""
-        self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
+        calibration = config.calibration if config.calibration_holds else None
+        self.monitor = Monitor(
+            config.vehicle, config.monitor, monitored_wheels(config), config.tyre, calibration
+        )
         self._explanation = Explanation(monitored_wheels(config), config.monitor)
         self.resonance: ResonanceWatch | None = None
         if config.monitor.resonance:

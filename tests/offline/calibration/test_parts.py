@@ -178,7 +178,7 @@ def test_the_file_keeps_what_it_does_not_replace(vehicle: str, before: str) -> N
         [],
     )
     radii = {"fl": 0.3, "fr": 0.3, "rl": 0.3123456, "rr": 0.3133333}
-    written = calibrated_toml(text, found, radii, str(Path("drives") / "bus.dbc"), "2024-07-01")
+    written = calibrated_toml(text, found, radii, {"rl": 0.31}, str(Path("drives") / "bus.dbc"), "2024-07-01")
     data = tomllib.loads(written)
 
     assert {"fl": 0.3, "fr": 0.3, "rl": 0.312346, "rr": 0.313333} == data["vehicle"]["wheel_radius_m"]
@@ -192,5 +192,6 @@ def test_the_file_keeps_what_it_does_not_replace(vehicle: str, before: str) -> N
         "radius_std_rl_m": 1e-4,
         "radius_std_rr_m": 2e-4,
         "track_rear_std_m": 0.01,
+        "bus_radius_rl_m": 0.31,
     } == data["calibration"]
     assert written.startswith("# my van\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import cantools.database
@@ -12,7 +13,8 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.onboard.sources_can.build import config, database
+from tests.onboard.sources_can.build import RADIUS_M, SPEEDS_DBC, config, database, four
+from tpmsd.car.config.model import CalibrationConfig
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.onboard.sources.can.databases import load_database
 from tpmsd.onboard.sources.can.decoder import CanDecoder
@@ -247,3 +249,24 @@ def test_a_file_that_is_no_database_is_one_line(tmp_path: Path, content: bytes |
 
     assert str(caught.value).startswith(f"{path}:")
     assert "\n" not in str(caught.value)
+
+
+def test_a_calibrated_radius_does_not_move_what_it_was_calibrated_on() -> None:
+    """Speeds over the road become rotation by the radius of the calibration's time: with the calibrated one
+    in its place a wheel that is 1 % larger would be 1 % larger again. A file that does not say which one it
+    was is no calibration of such a bus."""
+    given = config(four("speed"))
+    calibration = CalibrationConfig(
+        bus_radius_fl_m=RADIUS_M, bus_radius_fr_m=RADIUS_M, bus_radius_rl_m=RADIUS_M, bus_radius_rr_m=RADIUS_M
+    )
+    larger = replace(given.vehicle, wheel_radius_m=(1.01 * RADIUS_M,) * 4)
+    unsaid = replace(given, vehicle=larger)
+    said = replace(unsaid, calibration=calibration)
+    before, without, after = (
+        [plan.gain for plan in compile_plans(one, database(SPEEDS_DBC))[176].groups[0].signals]
+        for one in (given, unsaid, said)
+    )
+    assert before == after
+    assert [gain / 1.01 for gain in before] == pytest.approx(without)
+    assert (False, True) == (unsaid.calibration_holds, said.calibration_holds)
+    assert config(four("count")).calibration_holds

@@ -356,7 +356,8 @@ class StateConfig:
 
 @dataclass(frozen=True, slots=True)
 class CalibrationConfig:
-    """Origin of the radii and tracks, as `tpmsd calibrate --write` notes it; nothing is computed from it."""
+    """Origin of the radii and tracks, as `tpmsd calibrate --write` notes it, and how well they are known: by
+    it the monitor knows the tyres from the first drive on."""
 
     made: str | None = None
     method: str | None = None
@@ -369,6 +370,22 @@ class CalibrationConfig:
     radius_std_rr_m: float | None = None
     track_rear_std_m: float | None = None
     track_front_std_m: float | None = None
+    bus_radius_fl_m: float | None = None
+    """Radius by which speeds over the road on the bus were made rotation, on which the calibrated radii
+    rest: with another one they would be others. None where the bus has counts or rotation."""
+    bus_radius_fr_m: float | None = None
+    bus_radius_rl_m: float | None = None
+    bus_radius_rr_m: float | None = None
+
+    @property
+    def bus_radius_m(self) -> tuple[float | None, ...]:
+        """`bus_radius_fl_m` and so on, in the order of `foundation.wheels`."""
+        return self.bus_radius_fl_m, self.bus_radius_fr_m, self.bus_radius_rl_m, self.bus_radius_rr_m
+
+    @property
+    def radius_std_m(self) -> tuple[float | None, ...]:
+        """Standard deviations of the four radii, in the order of `foundation.wheels`."""
+        return self.radius_std_fl_m, self.radius_std_fr_m, self.radius_std_rl_m, self.radius_std_rr_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -411,3 +428,16 @@ class Config:
     vehicle_state: VehicleStateConfig = field(default_factory=VehicleStateConfig)
     file: Path | None = None
     """File from which the configuration was read."""
+
+    def bus_radius_m(self, wheel: int) -> float:
+        """Return the radius by which a wheel's speed over the road on the bus is made its rotation."""
+        return self.calibration.bus_radius_m[wheel] or self.vehicle.wheel_radius_m[wheel]
+
+    @property
+    def calibration_holds(self) -> bool:
+        """False where the calibrated radii rest on speeds of the bus, and the radius that made them rotation
+        was not noted (0.1 did not)."""
+        return all(
+            role not in self.can.signals or radius_m is not None
+            for role, radius_m in zip(WHEEL_SPEED_ROLES, self.calibration.bus_radius_m, strict=True)
+        )

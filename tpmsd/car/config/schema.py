@@ -156,6 +156,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             **{f"radius_std_{wheel}_m": Number(0.0, 0.1, "m") for wheel in WHEELS},
             "track_rear_std_m": Number(0.0, 1.0, "m"),
             "track_front_std_m": Number(0.0, 1.0, "m"),
+            **{f"bus_radius_{wheel}_m": dynamics.RADIUS for wheel in WHEELS},
         },
         "physics": {
             "effects_path": FilePath(folder),

@@ -180,6 +180,7 @@ def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     OutputError where it cannot be written or would be no configuration; the target is then as it was.
     """
     from tpmsd.car.config.load import load_config
+    from tpmsd.car.config.model import WHEEL_SPEED_ROLES
     from tpmsd.foundation.wheels import WHEELS
     from tpmsd.offline.calibration.vehicle_file import calibrated_toml
 
@@ -188,6 +189,11 @@ def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     assert source is not None
     radii = dict(zip(WHEELS, base.vehicle.wheel_radius_m, strict=True))
     radii |= {wheel: result.radius_m for wheel, result in found.wheels.items()}
+    bus_radii = {
+        wheel: config.bus_radius_m(index)
+        for index, wheel in enumerate(WHEELS)
+        if WHEEL_SPEED_ROLES[index] in config.can.signals
+    }
     dbc = None
     if base is config:
         dbc = os.path.relpath(config.can.dbc.resolve(), target.resolve().parent)
@@ -195,7 +201,7 @@ def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     real = target.resolve()
     trial = real.with_name(f".{real.name}.trial.toml")  # beside it, so that its relative paths hold
     try:
-        text = calibrated_toml(source.read_text(encoding="utf-8-sig"), found, radii, dbc, made)
+        text = calibrated_toml(source.read_text(encoding="utf-8-sig"), found, radii, bus_radii, dbc, made)
         trial.write_text(text, encoding="utf-8")
         read_back = load_config(trial).vehicle.wheel_radius_m
     except (OSError, ValueError) as error:

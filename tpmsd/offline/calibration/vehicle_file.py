@@ -19,10 +19,16 @@ _WRITTEN = ("vehicle.wheel_radius_m", "calibration")
 
 
 def calibrated_toml(
-    text: str, found: FittedGeometry, radii_m: dict[str, float], dbc: str | None, made: str
+    text: str,
+    found: FittedGeometry,
+    radii_m: dict[str, float],
+    bus_radii_m: dict[str, float],
+    dbc: str | None,
+    made: str,
 ) -> str:
-    """Return the text with calibrated values: `radii_m` of all four wheels, `dbc` where the DBC lies seen
-    from the new file (None: as the text has it), `made` the date."""
+    """Return the text with calibrated values: `radii_m` of all four wheels, `bus_radii_m` of those whose bus
+    states speeds (`CalibrationConfig.bus_radius_fl_m`), `dbc` where the DBC lies seen from the new file
+    (None: as the text has it), `made` the date."""
     values = {"wheel_radius_m": _inline(radii_m)}
     if math.isfinite(found.track_rear_std_m):
         values["track_rear_m"] = f"{found.track_rear_m:.4f}"
@@ -36,7 +42,7 @@ def calibrated_toml(
     out = list(_replaced(text, stale, added))
     while out and not out[-1].strip():
         out.pop()
-    return "\n".join([*out, "", *_provenance_lines(found, made), ""])
+    return "\n".join([*out, "", *_provenance_lines(found, bus_radii_m, made), ""])
 
 
 def _replaced(text: str, stale: Mapping[str, set[str]], added: Mapping[str, list[str]]) -> Iterator[str]:
@@ -64,10 +70,10 @@ def _inline(radii_m: dict[str, float]) -> str:
     return "{ " + ", ".join(f"{wheel} = {radius:.6f}" for wheel, radius in radii_m.items()) + " }"
 
 
-def _provenance_lines(found: FittedGeometry, made: str) -> list[str]:
+def _provenance_lines(found: FittedGeometry, bus_radii_m: dict[str, float], made: str) -> list[str]:
     lines = [
         "[calibration]",
-        "# How the radii and tracks in [vehicle] were found; for the reader, nothing is computed from it.",
+        "# How the radii and tracks in [vehicle] were found; the monitor takes its tyres for these.",
         f"made = {json.dumps(made)}",
         f"method = {json.dumps(found.method)}",
         f"drives = {json.dumps(', '.join(found.drives), ensure_ascii=False)}",
@@ -78,4 +84,5 @@ def _provenance_lines(found: FittedGeometry, made: str) -> list[str]:
         lines.append(f"track_rear_std_m = {found.track_rear_std_m:.4f}")
     if math.isfinite(found.track_front_std_m):
         lines.append(f"track_front_std_m = {found.track_front_std_m:.4f}")
+    lines += [f"bus_radius_{wheel}_m = {radius!r}" for wheel, radius in bus_radii_m.items()]
     return lines

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.car.config.model import CalibrationConfig, MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.estimators.gates.agreement import AGREED, Agreement
@@ -52,12 +52,15 @@ class Monitor:
         settings: MonitorConfig,
         wheels: tuple[int, ...],
         tyre: TyreConfig | None = None,
+        calibration: CalibrationConfig | None = None,
     ) -> None:
-        """`wheels`: indices of the wheels whose signals the bus has."""
+        """`wheels`: indices of the wheels whose signals the bus has; `calibration`: how well the nominal
+        radii are known, None where they are guessed."""
         self._wheels = list(wheels)
         self._vehicle, self._settings, self._tyre = vehicle, settings, tyre or TyreConfig()
         self._judge = Judge(vehicle, settings, self._tyre, self._wheels)
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
+        self._sets.baseline.begin_calibrated(calibration or CalibrationConfig())
         self._grid = np.ix_(self._wheels, self._wheels)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()

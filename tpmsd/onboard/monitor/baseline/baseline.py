@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.config.model import CalibrationConfig, VehicleConfig
 from tpmsd.car.physics.priors import GROWTH_S2PM
 from tpmsd.foundation.bounds import number, whole
 from tpmsd.foundation.median import median
@@ -110,7 +110,7 @@ class TyreSetBaseline:
         """
         self._doubt = 0.0
         """Share of the last minutes of driving during which something was suspected."""
-        self.ready = False
+        self.ready = self.calibrated = False
         self._learned_s = 0.0
         self._since_s = 0.0
         self._drive_samples = 0
@@ -132,6 +132,17 @@ class TyreSetBaseline:
         """True if the last alarm was raised by the first drive as a whole alone."""
         self._closed = False
         """True if the drive as a whole is not judged any more."""
+
+    def begin_calibrated(self, calibration: CalibrationConfig) -> None:
+        """Begin with what a calibration knows: the car counts as learned, and its drives are compared with
+        that. Nothing changes where a monitored wheel is not calibrated, or not as well as learning asks."""
+        speed_mps = calibration.reference_speed_mps
+        std_m = np.array([calibration.radius_std_m[wheel] or math.nan for wheel in self._wheels])
+        if speed_mps is None or not self._contrasts_known(np.diag(std_m**2)):
+            return
+        self.reference.learn_calibration(std_m, speed_mps, self._wheels)
+        self._shadow = self.reference.copy()
+        self.ready = self.calibrated = True
 
     @property
     def fraction(self) -> float:
@@ -369,8 +380,11 @@ class TyreSetBaseline:
 
     def _may_begin(self, covariance_m2: FloatArray) -> bool:
         """Return whether enough was driven and the differences of the wheels are known."""
-        if self._learned_s < self._learn_s:
-            return False
+        return self._learned_s >= self._learn_s and self._contrasts_known(covariance_m2)
+
+    def _contrasts_known(self, covariance_m2: FloatArray) -> bool:
+        """Return whether radii of this covariance (d, d) are known well enough against each other; false for
+        NaN."""
         d = len(self._wheels)
         centring = np.eye(d) - np.ones((d, d)) / d
         contrast = math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
@@ -406,6 +420,7 @@ class TyreSetBaseline:
         """Plain numbers for the state file."""
         return {
             "ready": self.ready,
+            "calibrated": self.calibrated,
             "learned_s": self._learned_s,
             "since_s": self._since_s,
             "drive_samples": self._drive_samples,
@@ -422,6 +437,7 @@ class TyreSetBaseline:
             since_s = number(saved["since_s"], 0.0, BASELINE.longest_s, "learning time")
             drive_samples = whole(saved["drive_samples"], 0, REFERENCE.max_samples, "number of samples")
             ready = saved["ready"]
+            calibrated = saved.get("calibrated", False)  # states of before have none
             reference = RadiusReference.from_json(saved["reference"], self._vehicle)
             shadow = saved.get("lessons")  # states of before have none: the next drive begins again
             if shadow is not None:
@@ -431,9 +447,10 @@ class TyreSetBaseline:
             conditions.restore(saved["conditions"])
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
-        if not isinstance(ready, bool):
+        if not isinstance(ready, bool) or not isinstance(calibrated, bool):
             raise ValueError("the saved baseline is not one")
         self._shadow, self._doubt = shadow, doubt
         self.reference, self._conditions, self.ready = reference, conditions, ready
+        self.calibrated = calibrated
         self._sampled = self._compared = None
         self._learned_s, self._since_s, self._drive_samples = learned_s, since_s, drive_samples

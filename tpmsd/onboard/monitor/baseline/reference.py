@@ -26,7 +26,7 @@ more than load and weather can do.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -151,6 +151,24 @@ class RadiusReference:
         self.correct(deviation_m / radius, noise, self.features(at)[wheels], car=car)
         if car:
             self.ranges[speed_range(at)] += 1
+
+    def learn_calibration(self, std_m: FloatArray, speed_mps: float, wheels: list[int]) -> None:
+        """Take the nominal radii of these wheels as other drives measured them at this speed, with `std_m`
+        (d,).
+
+        Their load and weather are not those of any drive to come, and nobody noted how warm the tyres were:
+        anything between cold and warm, uniformly.
+        """
+        radius = self._radius[wheels]
+        at = Conditions(speed_mps**2, 0.0, (0.5, 0.5), 0.0, 0.0)
+        h = self.features(at)[wheels]
+        by_warmth = 2.0 * (self.features(replace(at, cold=(1.0, 1.0)))[wheels] - h)
+        warmth = by_warmth @ (self.covariance + np.outer(self.mean, self.mean)) @ by_warmth.T / 12.0
+        of_drives = h.copy()
+        of_drives[:, :CAR] = 0.0
+        h[:, CAR:] = 0.0
+        noise = np.diag((std_m / radius) ** 2) + of_drives @ self.covariance @ of_drives.T + warmth
+        self.correct(np.zeros(len(wheels)), noise, h)
 
     def learn_slip(self, slope: Slope, *, car: bool = True) -> tuple[Innovation, FloatArray]:
         """Take a slip slope, `car` as in `learn`: the slip of the driven axle under the force of a slope is

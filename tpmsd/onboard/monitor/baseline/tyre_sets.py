@@ -160,8 +160,10 @@ class TyreSets:
 
     def is_first(self, reported: bool) -> bool:
         """Return whether these tyres have never been compared with others: no reset yet, and either they are
-        being learned for the first time, or one was `reported` then.
+        being learned for the first time, or one was `reported` then. Calibrated tyres have been.
         """
+        if self.baseline.calibrated:
+            return False
         early = self.baseline.learned_s < FIRST_START.first_s
         driven = self.baseline.ready or self.baseline.learned_s >= self._learn_s
         return self.state == "none" and driven and (early or reported)

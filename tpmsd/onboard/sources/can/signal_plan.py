@@ -304,9 +304,9 @@ def _plan(config: Config, role: str, name: str, signal: Signal) -> SignalPlan:
     else:
         gain, bias = option.sign * factor * scale, option.sign * (factor * shift) + offset
     if role in WHEEL_SPEED_ROLES and wheel_speed_kind(unit) == "linear":
-        # The speed of the road divided by the nominal radius: what the maker's own radius hides in it
+        # The speed of the road divided by a radius that stays: what the maker's own radius hides in it
         # is a constant factor, which calibration takes up.
-        radius_m = config.vehicle.wheel_radius_m[WHEEL_SPEED_ROLES.index(role)]
+        radius_m = config.bus_radius_m(WHEEL_SPEED_ROLES.index(role))
         gain, bias = gain / radius_m, bias / radius_m
     if gain == 0.0:
         raise ConfigError(f"can.signals.{role}: {name} has the scale 0 in the DBC")
