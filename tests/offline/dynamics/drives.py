@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.worlds.lively_car import CarSpec, Concealed, drive, vehicle_tables
+from bench.worlds.lively_car import CarSpec, Concealed, SensorSpec, drive, vehicle_tables
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
@@ -32,6 +32,7 @@ def folder(
     duration_s: float = 60.0,
     seed: int = 1,
     forces: bool = False,
+    sensors: SensorSpec | None = None,
 ) -> Path:
     """Write a drive folder."""
     where.mkdir(parents=True, exist_ok=True)
@@ -42,7 +43,8 @@ def folder(
         np.random.default_rng(seed),
         model,
         duration_s,
-        forces=forces,
+        sensors,
+        forces,
     )
     (where / "signals.csv").write_text(signals_text(made.columns), encoding="utf-8")
     (where / "vehicle.toml").write_text(vehicle_tables(spec), encoding="utf-8")

@@ -10,6 +10,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from bench.worlds.lively_car import SensorSpec
 from tests.offline.dynamics.drives import folder, hidden
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.car.physics.dynamics_model import DynamicsModel, format_dynamics_model, parse_dynamics_model
@@ -120,6 +121,34 @@ def test_what_a_users_simulation_lacks_is_reported(drive: Path, tmp_path: Path) 
 
     assert 0 == main([*line, "--json", str(document)])
     assert ["yaw_inertia_error"] == [one["effect"] for one in json.loads(document.read_text())["findings"]]
+
+
+def test_what_is_left_out_is_that_of_the_simulation(tmp_path: Path) -> None:
+    """The simulated car has stiffer front tyres and weighs less than configured, the recorded one 15 % less
+    still and a centre of gravity ahead: that is found, about the simulation and not the configured car."""
+    stiff = {"front": 0.3, "rear": 0.1}
+    wrong = {"cornering_stiffness_error": stiff, "mass_error": {"relative": -0.1}}
+    noiseless = SensorSpec(yaw=0.0, ay=0.0, ax=0.0, v=0.0, u=0.0)
+    sim = folder(tmp_path / "sim", hidden(**wrong), duration_s=60.0, sensors=noiseless)
+    more = {"mass_error": {"relative": 0.9 * 0.85 - 1.0}, "cg_position_error": {"forward_m": 0.1}}
+    recorded = folder(tmp_path / "drive", hidden(**{**wrong, **more}), duration_s=60.0)
+    document = tmp_path / "found.json"
+    line = ["diagnose", str(recorded), "--baseline", "single-track", "--simulation", str(sim)]
+
+    assert 0 == main([*line, "--json", str(document)])
+    found = json.loads(document.read_text())
+    jsonschema.validate(found, schema_of("tpmsd.diagnosis/2"))
+    own, beyond = (
+        {
+            one["effect"]: {name: value["value"] for name, value in one["parameters"].items()}
+            for one in entries
+        }
+        for entries in (found["simulation_effects"], found["findings"])
+    )
+    assert stiff == {key: pytest.approx(x, abs=0.03) for key, x in own["cornering_stiffness_error"].items()}
+    assert {"relative": pytest.approx(-0.15, abs=0.01)} == beyond.pop("mass_error")
+    assert {"cg_position_error": {"forward_m": pytest.approx(0.1, abs=0.01)}} == beyond
+    assert found["summary"].startswith("Your simulation moves like the single-track model with ")
 
 
 def test_a_model_file_is_read_back_exactly() -> None:

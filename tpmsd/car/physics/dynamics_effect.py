@@ -60,6 +60,8 @@ class DynamicsEffect:
     """True if each of its parameters may have a value while the others do nothing."""
     shows_in: ClassVar[Mapping[str, str]] = {}
     """Outputs by parameter, for parameters that show in one output alone."""
+    composes: ClassVar[bool] = True
+    """True if two of it act as one: not where it adds states or sets a value in place of the configured."""
     confounded_with: ClassVar[tuple[str, ...]] = ()
     """Effects that it is often confounded with, for the reference."""
     acts_early: ClassVar[bool] = False

@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +20,7 @@ from tpmsd.interfaces.cli.output_files import Outputs, say_verdict
 if TYPE_CHECKING:
     from tpmsd.car.physics.baselines.base import Baseline
     from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+    from tpmsd.foundation.wheels import FloatArray
     from tpmsd.offline.dynamics.drive import DynamicsDrive
     from tpmsd.offline.dynamics.result import DynamicsDiagnosis
 
@@ -35,9 +36,10 @@ def run_dynamics(args: argparse.Namespace) -> int:
     from tpmsd.car.physics.dynamics_model import DynamicsModel, bound_to_time, format_dynamics_model
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.dynamics.certify import Replicates
-    from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
+    from tpmsd.offline.dynamics.diagnose import diagnose_dynamics, effects_of_simulation
     from tpmsd.offline.dynamics.document import dynamics_document
     from tpmsd.offline.dynamics.result import INSUFFICIENT
+    from tpmsd.offline.dynamics.simulate import against_simulation, as_recorded
     from tpmsd.offline.dynamics.summary import dynamics_summary
 
     files = (("--model-out", args.model_out), ("--html", args.html), ("--plot", args.plot))
@@ -46,13 +48,18 @@ def run_dynamics(args: argparse.Namespace) -> int:
     folder = args.drives[0]
     baseline, drive = read_dynamics_drive(folder, args.config, args.baseline)
     given = model_effects(args.model, drive.key)
-    if args.simulation is not None:
-        drive = _against(args.simulation, baseline, drive, folder)
+    simulation = None if args.simulation is None else _simulated(args.simulation, drive, folder)
     replicates = Replicates(args.certify or 0, np.random.default_rng(CERTIFY_SEED))
     with Progress(1.0, "diagnose") as progress:
         try:
+            simulated = None
+            if simulation is not None:
+                like = as_recorded(drive, simulation, np.random.default_rng(CERTIFY_SEED))
+                simulated = effects_of_simulation(baseline, like, partial(_part, progress, 0.0, 0.4))
+                drive = against_simulation(baseline, drive, simulation, simulated)
+            say = progress.update if simulated is None else partial(_part, progress, 0.4, 1.0)
             diagnosis = diagnose_dynamics(
-                baseline, drive, given, progress.update, replicates, args.propose is not None
+                baseline, drive, given, say, replicates, args.propose is not None, simulated
             )
         except np.linalg.LinAlgError as error:
             raise InputError(folder, f"no path of a car is determined by its signals ({error})") from None
@@ -75,6 +82,11 @@ def run_dynamics(args: argparse.Namespace) -> int:
     if args.propose is not None and known:
         _write_proposal(args.propose, diagnosis, drive.name)
     return code
+
+
+def _part(progress: Progress, first: float, last: float, share: float) -> None:
+    """Show the progress of a part of the work."""
+    progress.update(first + (last - first) * share)
 
 
 def _picture(diagnosis: DynamicsDiagnosis, name: str, suffix: str) -> bytes:
@@ -124,11 +136,10 @@ def _write_proposal(folder: Path, diagnosis: DynamicsDiagnosis, source: str) -> 
     print(f"tpmsd: proposed {path}: review it, then name its folder with --effects-path", file=sys.stderr)
 
 
-def _against(simulation: Path, baseline: Baseline, drive: DynamicsDrive, recording: Path) -> DynamicsDrive:
-    """Return the drive against a user's simulation of it; InputError if that has no usable output."""
+def _simulated(simulation: Path, drive: DynamicsDrive, recording: Path) -> dict[str, FloatArray]:
+    """Return the outputs of a user's simulation of the drive, (n,) each; InputError if none is usable."""
     import numpy as np
 
-    from tpmsd.offline.dynamics.simulate import against_simulation
     from tpmsd.offline.signals.columns import OUTPUTS
     from tpmsd.offline.signals.fmu import fmu_table
     from tpmsd.offline.signals.read import read_signals
@@ -144,10 +155,9 @@ def _against(simulation: Path, baseline: Baseline, drive: DynamicsDrive, recordi
             known[name] = np.interp(at, table.time_s[good], values[good])
     if table.time_s[0] > at[0] + 1.0 or table.time_s[-1] < at[-1] - 1.0:
         raise InputError(table.file, "does not cover the time of the recording")
-    compared = against_simulation(baseline, drive, known)
-    if not compared.outputs:
+    if not known.keys() & drive.outputs.keys():
         raise InputError(table.file, f"has none of the outputs {' '.join(drive.outputs)}", 1)
-    return compared
+    return known
 
 
 def read_dynamics_drive(folder: Path, config: Path | None, baseline: str) -> tuple[Baseline, DynamicsDrive]:

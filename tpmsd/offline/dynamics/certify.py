@@ -88,9 +88,9 @@ def _maxima(
 def _analysed(search: Search, terms: Sequence[CandidateTerm], rng: np.random.Generator) -> Search:
     """Return a replicate that holds these terms, with noise, path and terms fitted to it."""
     setup = search.setup
-    theta = (*search.fixed, *(term.effect for term in terms))
+    theta = (*search.base, *(term.effect for term in terms))
     drive = replicate(search, theta, rng)
-    again = Search(Setup(setup.baseline, drive, setup.channels), search.fixed, list(terms))
+    again = Search(Setup(setup.baseline, drive, setup.channels), search.fixed, search.simulated, list(terms))
     again.fit()
     return again
 

@@ -50,15 +50,17 @@ def diagnose_dynamics(
     say: Callable[[float], None] = _silent,
     replicates: Replicates | None = None,
     propose: bool = False,
+    simulated: tuple[DynamicsEffect, ...] | None = None,
 ) -> DynamicsDiagnosis:
     """Return what the drive holds that the baseline with the given effects leaves out.
 
     With `replicates` each finding has a p-value that is counted; `propose` looks for a closed form of what
-    has no name.
+    has no name. `simulated` are the effects with which the baseline moves like the user's simulation that the
+    drive is compared with (`against_simulation`).
     """
     names = tuple(effect.name for effect in given)
     drive = drive.bounded(SETTINGS.max_rows)
-    moving = float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
+    moving = _moving_s(drive)
     if reason := _too_little(drive, moving):
         return DynamicsDiagnosis(
             INSUFFICIENT, reason, baseline.name, baseline.forces, names, moving, notes=drive.notes
@@ -67,7 +69,7 @@ def diagnose_dynamics(
         name for name in UNITS if name in drive.outputs and name in baseline.outputs(tuple(given))
     )
     setup = Setup(baseline, drive, channels)
-    likeliest = with_likeliest(searched(setup, tuple(given), say))
+    likeliest = with_likeliest(searched(setup, tuple(given), say, simulated or ()))
     search, look = likeliest.search, likeliest.look
     found = findings_of(search, look, likeliest.competitors)
     threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
@@ -98,7 +100,24 @@ def diagnose_dynamics(
         proposals(search) if propose else (),
         certificate,
         nuisances_of(search, look),
+        simulated,
     )
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def effects_of_simulation(
+    baseline: Baseline, simulation: DynamicsDrive, say: Callable[[float], None] = _silent
+) -> tuple[DynamicsEffect, ...]:
+    """Return the effects with which the baseline moves like a simulation (`as_recorded`).
+
+    Effects change a car to first order about what it is: about the simulation, not about a configured car
+    that moves otherwise.
+    """
+    simulation = simulation.bounded(SETTINGS.max_rows)
+    if _too_little(simulation, _moving_s(simulation)):
+        return ()
+    channels = tuple(name for name in UNITS if name in simulation.outputs and name in baseline.outputs())
+    return with_likeliest(searched(Setup(baseline, simulation, channels), (), say)).search.theta
 
 
 def _model(
@@ -113,6 +132,11 @@ def _model(
             effects.append(term.effect)
             stds.append({name: std for name, std in pairs if not name.startswith("heights[")})
     return tuple(effects), tuple(stds)
+
+
+def _moving_s(drive: DynamicsDrive) -> float:
+    """Return the time of driving above walking pace, s."""
+    return float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
 
 
 def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
@@ -137,7 +161,7 @@ def _compared(search: Search) -> tuple[tuple[SelectionStep, ...], dict[str, Outp
         SelectionStep(
             tuple(dict.fromkeys(term.name for term in stage.terms)),
             {name: _rms(readings[:, k] - guess[:, k]) for k, name in enumerate(setup.channels)},
-            (*search.fixed, *(term.effect for term in stage.terms)),
+            (*search.base, *(term.effect for term in stage.terms)),
         )
         for stage, guess in zip(search.stages, guesses, strict=True)
     ]

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.offline.dynamics.result import (
     FINDING,
     DynamicsDiagnosis,
@@ -79,8 +80,16 @@ def _where_there_are_any(diagnosis: DynamicsDiagnosis) -> dict[str, Any]:
         "proposals": [asdict(one) for one in diagnosis.proposals],
         "notes": list(diagnosis.notes),
         "nuisances": [_nuisance(one) for one in diagnosis.nuisances],
+        "simulation_effects": [_effect(one) for one in diagnosis.simulated or ()],
     }
     return {name: entries for name, entries in lists.items() if entries}
+
+
+def _effect(one: DynamicsEffect) -> dict[str, Any]:
+    return {
+        "effect": one.name,
+        "parameters": {p.name: {"value": getattr(one, p.name), "unit": p.unit} for p in one.numbers()},
+    }
 
 
 def _nuisance(one: FittedNuisance) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def findings_of(
         without = _without(few, few.without(k))
         refitted = without
         if len(slots) > 1:
-            refitted = _without(few, (*few.fixed, *(term.effect for term in look.others_without(k))))
+            refitted = _without(few, (*few.base, *(term.effect for term in look.others_without(k))))
         one = _finding(search, few, slot, Guesses(with_all, without, refitted), alternatives)
         found.append(replace(one, term=k))
     return suspected(with_a_cause(sorted(found, key=lambda one: -one.loglik_gain)))

@@ -191,3 +191,5 @@ class DynamicsDiagnosis:
     proposals: tuple[ClosedForm, ...] = ()
     certificate: Certificate | None = None
     nuisances: tuple[FittedNuisance, ...] = ()
+    simulated: tuple[DynamicsEffect, ...] | None = None
+    """Effects with which the baseline moves like the user's simulation; None where there was none."""

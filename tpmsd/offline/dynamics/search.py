@@ -88,6 +88,8 @@ class Search:
     setup: Setup
     fixed: tuple[DynamicsEffect, ...] = ()
     """Effects that belong to the baseline: of a model file."""
+    simulated: tuple[DynamicsEffect, ...] = ()
+    """Effects with which the baseline moves like the user's simulation that the drive is compared with."""
     terms: list[CandidateTerm] = field(default_factory=list)
     stages: list[SelectionState] = field(default_factory=list)
     noise: PathNoise = field(init=False)
@@ -122,7 +124,12 @@ class Search:
     @property
     def theta(self) -> tuple[DynamicsEffect, ...]:
         """Return the effects of the model."""
-        return (*self.fixed, *(term.effect for term in self.terms))
+        return (*self.base, *(term.effect for term in self.terms))
+
+    @property
+    def base(self) -> tuple[DynamicsEffect, ...]:
+        """Return the effects that no step takes out."""
+        return (*self.simulated, *self.fixed)
 
     @property
     def covariates(self) -> dict[str, FloatArray]:
@@ -134,7 +141,8 @@ class Search:
         return [term for term in self._candidates() if not term.nuisance]
 
     def _candidates(self) -> list[CandidateTerm]:
-        return candidates(self.setup.baseline, self.setup.channels, self.theta)
+        taken = (*self.fixed, *(term.effect for term in self.terms))
+        return candidates(self.setup.baseline, self.setup.channels, taken, self.simulated)
 
     @property
     def named(self) -> list[CandidateTerm]:
@@ -143,7 +151,7 @@ class Search:
 
     def without(self, k: int) -> tuple[DynamicsEffect, ...]:
         """Return the effects of the model without one of its terms."""
-        return (*self.fixed, *(term.effect for j, term in enumerate(self.terms) if j != k))
+        return (*self.base, *(term.effect for j, term in enumerate(self.terms) if j != k))
 
     # -- fitting ---------------------------------------------------------------------------------------------
 
@@ -409,7 +417,7 @@ class Search:
         by_fold = []
         for blocks in folds:
             step = np.zeros(0) if not self.terms else look.statistics.fit(free, left_out=blocks)[0]
-            at, effects = 0, list(self.fixed)
+            at, effects = 0, list(self.base)
             for term in self.terms:
                 effects.append(term.moved(step[at : at + term.columns]).effect)
                 at += term.columns

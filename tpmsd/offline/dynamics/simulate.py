@@ -15,6 +15,7 @@ from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import DynamicsDrive
+from tpmsd.offline.dynamics.noise import white_noise
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import free_run, outputs_along
 
@@ -34,14 +35,35 @@ def simulated_outputs(
     return {name: table[:, k] for k, name in enumerate(names)}
 
 
+def as_recorded(
+    drive: DynamicsDrive, simulation: Mapping[str, FloatArray], rng: np.random.Generator
+) -> DynamicsDrive:
+    """Return the drive as it were if the car were the simulation: its outputs, (n,) each, where there is a
+    recorded one, with the white noise of that."""
+    outputs = {
+        name: np.where(
+            np.isfinite(values),
+            simulation[name] + white_noise(values) * rng.standard_normal(len(values)),
+            np.nan,
+        )
+        for name, values in drive.outputs.items()
+        if name in simulation
+    }
+    return replace(drive, outputs=outputs)
+
+
 def against_simulation(
-    baseline: Baseline, drive: DynamicsDrive, simulation: Mapping[str, FloatArray]
+    baseline: Baseline,
+    drive: DynamicsDrive,
+    simulation: Mapping[str, FloatArray],
+    simulated: Sequence[DynamicsEffect] = (),
 ) -> DynamicsDrive:
     """Return the drive with recording minus simulation plus baseline as its outputs, (n,) each.
 
-    To first order the effects that the simulation lacks change the recording as they change the baseline.
+    `simulated` are the effects with which the baseline moves like the simulation. To first order the effects
+    that the simulation lacks change the recording as they change that baseline.
     """
-    own = simulated_outputs(baseline, drive)
+    own = simulated_outputs(baseline, drive, simulated)
     outputs = {
         name: np.asarray(values - simulation[name] + own[name])
         for name, values in drive.outputs.items()

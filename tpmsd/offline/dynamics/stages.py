@@ -27,10 +27,15 @@ from tpmsd.offline.dynamics.terms import CandidateTerm
 Say = Callable[[float], None]
 
 
-def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Search:
+def searched(
+    setup: Setup,
+    fixed: tuple[DynamicsEffect, ...],
+    say: Say,
+    simulated: tuple[DynamicsEffect, ...] = (),
+) -> Search:
     """Return the likelier of two selections, each grown until no step helps any more: that of the catalogue,
     and the one that begins with a term without a name."""
-    search = Search(setup, fixed)
+    search = Search(setup, fixed, simulated)
     threshold = threshold_of(len({term.name for term in search.offered()}))
     search.keep_stage()
     search.admit()

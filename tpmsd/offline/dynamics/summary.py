@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.english import listed
 from tpmsd.offline.dynamics.result import (
     CONSISTENT,
@@ -36,11 +37,15 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
     """Return the answer in sentences."""
     if diagnosis.verdict == INSUFFICIENT:
         return [f"Nothing can be concluded: {diagnosis.reason}."]
-    base = f"the {diagnosis.baseline} model"
+    named = [one for one in diagnosis.findings if one.status != SUSPICION]
+    base, out = f"the {diagnosis.baseline} model", list[str]()
+    if diagnosis.simulated:
+        effects = listed([_with_values(effect) for effect in diagnosis.simulated])
+        out.append(f"Your simulation moves like {base} with {effects}.")
+    if diagnosis.simulated is not None:
+        base = "your simulation"
     if diagnosis.given:
         base += f" with {listed(list(diagnosis.given))}"
-    named = [one for one in diagnosis.findings if one.status != SUSPICION]
-    out = []
     if diagnosis.verdict == CONSISTENT:
         out.append(f"The drive agrees with {base}: nothing beyond noise was found.")
     else:
@@ -90,6 +95,12 @@ def clause(finding: DynamicsFinding) -> str:
         return f"something without a name in the {_equation(finding.acts_on)} {over}"
     sentence = DYNAMICS_EFFECTS[finding.effect].wording.sentence
     return f"{sentence} ({finding.effect}: {_numbers(finding.parameters)})"
+
+
+def _with_values(effect: DynamicsEffect) -> str:
+    """Return an effect with its numbers; a spline by its name alone."""
+    values = ", ".join(f"{p.name} {getattr(effect, p.name):.3g}" for p in effect.numbers())
+    return f"{effect.name} ({values})" if values else effect.name
 
 
 def _numbers(parameters: Mapping[str, FittedNumber]) -> str:

@@ -186,12 +186,16 @@ def spline_term(effect: DynamicsEffect, std: float) -> CandidateTerm:
     )
 
 
-def candidates(baseline: Baseline, channels: Sequence[str], taken: Theta = ()) -> list[CandidateTerm]:
+def candidates(
+    baseline: Baseline, channels: Sequence[str], taken: Theta = (), simulated: Theta = ()
+) -> list[CandidateTerm]:
     """Return a term for every effect with numbers that is not in the model, grids included.
 
-    Parameters that show only in an output that is not among `channels` stay at neutral.
+    Parameters that show only in an output that is not among `channels` stay at neutral. Of the effects in
+    `simulated`, which a user's simulation has, the recording may have another one.
     """
     there = {effect.name for effect in taken}
+    there |= {effect.name for effect in simulated if effect.kind == NUISANCE or not effect.composes}
     out: list[CandidateTerm] = []
     for name, cls in DYNAMICS_EFFECTS.items():
         if name in there or not cls.numbers() or cls.kind == EVENT:

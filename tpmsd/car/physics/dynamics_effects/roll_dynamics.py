@@ -39,6 +39,7 @@ class RollDynamics(DynamicsEffect):
     covariate = "steering_rate"
     states = ("roll_q", "roll_rate_q")
     grid = tuple({"frequency_hz": f, "damping": 0.3} for f in (1.0, 1.5, 2.2))
+    composes = False
     confounded_with = ("accelerometer_position", "tyre_relaxation")
     parameters = (
         Parameter(

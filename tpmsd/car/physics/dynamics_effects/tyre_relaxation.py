@@ -37,6 +37,7 @@ class TyreRelaxation(DynamicsEffect):
     covariate = "steering_rate"
     states = ("relaxed_front", "relaxed_rear")
     positive = True
+    composes = False
     confounded_with = ("steering_delay", "gyro_delay", "yaw_inertia_error")
     grid = ({"length_m": 0.3}, {"length_m": 0.8})
     parameters = (

@@ -30,6 +30,7 @@ class TyreSaturation(DynamicsEffect):
     )
     channel = "accel_lat"
     covariate = "accel_lat"
+    composes = False
     confounded_with = ("load_dependent_stiffness", "cg_height_error")
     grid = (
         *({"friction": mu, "shape": 0.0} for mu in (0.3, 0.45, 0.6, 0.75, 0.9, 1.05, 1.25, 1.5)),
