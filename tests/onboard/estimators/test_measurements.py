@@ -228,3 +228,49 @@ def test_a_wrong_track_shows_in_bends_alone() -> None:
     assert [-0.14 * 1.5 / 2, 0.14 * 1.5 / 2] == pytest.approx(rows)
     assert (0.0, 0.0, 0.0) == (row[E], row[BE], row[SLIP])
     assert row[LOAD] * made.heading_change_rad < 0.0
+
+
+def take(mean: FloatArray, spread: FloatArray, scalar: measurements.Scalar) -> None:
+    """Kalman's update of mean (1, n) and covariance (n, n), in place."""
+    across = spread @ scalar.row
+    gain = across / (scalar.row @ across + scalar.variance)
+    mean[0] += gain * scalar.innovation[0]
+    spread -= np.outer(gain, across)
+
+
+def test_reading_errors_move_no_common_radius() -> None:
+    """Twenty minutes straight on without a fix, wheels read within 0.05 rad and a gyro of the usual noise:
+    nothing tells how large all wheels are, so their level stays within its prior's standard deviation, which
+    does not shrink. With the rotations that were read in the rows it goes 36 mm away."""
+    rng = np.random.default_rng(4)
+    mean, covariance = initial_state(1, NOMINAL)
+    mean[0, LAT:MU], spread = 0.0, covariance[0]
+    prior_m = math.sqrt(spread[MU:, MU:].mean())
+    builder = BlockBuilder([2, 3, 0, 1], NOMINAL, WheelPositions(1.5, TRACK_M, 2.63))
+    reading = 0.05 * rng.standard_normal((12_001, 4))
+    for k in range(1, 12_001):
+        rotation = 2.0 / NOMINAL + reading[k] - reading[k - 1]  # what one tick lacks the next one has
+        yaw_rate = 0.006 * rng.standard_normal()
+        tick = Tick(k, START_S + 0.1 * k, 0.1, rotation, np.full(4, 0.07), yaw_rate_radps=yaw_rate)
+        made = builder.add(tick, True, mean[0, MU:], 0.0)
+        if made is None:
+            continue
+        turn = made.gyro_heading_change_rad
+        take(mean, spread, measurements.gyro_turn(mean, made, TRACK_M, turn))
+        for place, front in enumerate(made.front, start=2):
+            assert front is not None
+            take(mean, spread, measurements.front_wheel(mean, made, front, place, 0.0, turn))
+    assert abs(mean[0, MU:].mean()) < prior_m
+    assert math.sqrt(spread[MU:, MU:].mean()) > 0.9 * prior_m
+
+
+def test_what_all_radii_scaled_alike_change() -> None:
+    """All radii larger by a share: the turn of the rear wheels by that share of the independent turn, the
+    front wheels' paths against the rear pair's not at all."""
+    mean, _ = initial_state(1, NOMINAL)
+    made = block(1, np.zeros(4))
+    assert 0.14 == pytest.approx(measurements.gyro_turn(mean, made, TRACK_M, 0.14).row[MU:] @ NOMINAL)
+    for place, front in enumerate(made.front, start=2):
+        assert front is not None
+        row = measurements.front_wheel(mean, made, front, place, 0.0, 0.14).row
+        assert 0.0 == pytest.approx(row[MU:] @ NOMINAL, abs=1e-12)

@@ -25,6 +25,10 @@ class FrontResidual:
     residual_m: float
     by_rear: FloatArray
     """(2,) derivative of the predicted path by the radii of rl and rr."""
+    by_own: float
+    """Derivative of the residual by that wheel's radius: minus the rotation that the rear pair predicts. With
+    the rotation that was read, its reading error would be the residual's too (errors in variables), and would
+    pull the radius that all wheels have in common down without end."""
     by_track_m: float
     """Derivative of the predicted path by the relative error of the track, per turn."""
     reading_m: float
@@ -204,7 +208,8 @@ class BlockBuilder:
             rear_m = math.hypot(reading[0] * to_left, reading[1] * to_right) * radius[0]
             noise = math.hypot(reading[column] * radius[column], rear_m)
             residual = path_m - angle[column] * radius[column]
-            out.append(FrontResidual(residual, by_rear, side * half_m, noise))
+            by_own = -float(by_rear @ radius[:2]) / radius[column]
+            out.append(FrontResidual(residual, by_rear, by_own, side * half_m, noise))
         return out[0], out[1]
 
 

@@ -139,7 +139,7 @@ def front_wheel(
     """
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = front.by_rear
-    row[MU + index] = -block.angle_rad[index]
+    row[MU + index] = front.by_own
     row[TRK] = front.by_track_m * heading_change_rad
     row[SLIP] = driven_front_minus_rear * block.distance_m * block.accel_mps2
     residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
@@ -153,12 +153,15 @@ def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, heading_chang
     states.
 
     `heading_change_rad` is the block's turn as something other than these wheels in this second tells it. It
-    is what gain, track and load are multiplied by: with the wheels' own turn there, whose reading error is
-    the innovation's too, that error would be taken for a gain (errors in variables) and on a straight road,
-    where it is all there is, pull gain, track and load away without end.
+    is what gain, track, load and the radii's common part are multiplied by: with the wheels' own turn there,
+    whose reading error is the innovation's too, that error would be taken for a gain (errors in variables)
+    and on a straight road, where it is all there is, pull them away without end.
     """
     row = np.zeros(mean.shape[1])
-    row[MU : MU + 2] = np.array([-block.angle_rad[0], block.angle_rad[1]]) / track_rear_m
+    left_rad, right_rad = block.angle_rad[:2].tolist()
+    radius_m = 2.0 * block.distance_m / (left_rad + right_rad)
+    misread_rad = track_rear_m * (block.heading_change_rad - heading_change_rad) / (2.0 * radius_m)
+    row[MU : MU + 2] = np.array([-left_rad - misread_rad, right_rad - misread_rad]) / track_rear_m
     row[TRK] = row[GAIN] = heading_change_rad
     row[LOAD] = block.load_per_turn * heading_change_rad
     row[GYRO] = block.duration_s
