@@ -85,6 +85,9 @@ def test_everything_configured_is_recorded(tmp_path: Path) -> None:
         '[tyre]\nsize = "205/60R15"\ncurve_pressure_percent = [10, 20]\ncurve_radius_mm = [0.6, 1.4]\n'
         "[alarms]\nextended_ids = true\nstatus_id = 0x18FF1234\n"
         '[calibration]\nmade = "2024-07-01"\nmethod = "joint"\ndrives = "a, b"\nradius_std_rl_m = 0.0001\n'
+        "[dynamics]\nmass_kg = 1400\nyaw_inertia_kgm2 = 2400\ncg_to_front_m = 1.2\ncg_to_rear_m = 1.4\n"
+        "cornering_stiffness_front_n_per_rad = 9e4\ncornering_stiffness_rear_n_per_rad = 1e5\n"
+        "[vehicle_state]\nparticles = 50\n"
     )
     config, _ = car(tmp_path, extra)
     config = replace(

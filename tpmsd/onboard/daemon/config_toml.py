@@ -13,11 +13,15 @@ from pathlib import Path
 from tpmsd.car.config.model import BusConfig, CanConfig, Condition, Config
 from tpmsd.foundation.wheels import WHEELS
 
-_TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "tyre", "alarms", "status", "state", "calibration")
+_TABLES = (
+    *("vehicle", "can", "gnss", "filter", "monitor", "tyre", "alarms", "status", "state", "calibration"),
+    *("dynamics", "vehicle_state"),
+)
+"""All but what a replay does not do, [notify] and [obd] (it sends nothing), and the path of [physics]."""
 
 
 def config_toml(config: Config, dbc: str) -> str:
-    """Return all tables with all values; `dbc` is the name under which the DBC lies beside the file."""
+    """Return the tables with all values; `dbc` is the name under which the DBC lies beside the file."""
     lines: list[str] = []
     for table in _TABLES:
         record = getattr(config, table)
