@@ -18,6 +18,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.signals.read import read_signals
+from tpmsd.offline.signals.write import signals_text
 
 
 @pytest.fixture(scope="module")
@@ -149,6 +150,27 @@ def test_what_is_left_out_is_that_of_the_simulation(tmp_path: Path) -> None:
     assert {"relative": pytest.approx(-0.15, abs=0.01)} == beyond.pop("mass_error")
     assert {"cg_position_error": {"forward_m": pytest.approx(0.1, abs=0.01)}} == beyond
     assert found["summary"].startswith("Your simulation moves like the single-track model with ")
+
+
+@pytest.mark.parametrize(
+    ("column", "factor", "said"),
+    [
+        ("yaw_rate_radps", -1.0, "yaw_rate_radps moves against the recorded one: of the other sign?"),
+        ("yaw_rate_radps", 180.0 / np.pi, "times the recorded one: in deg/s?"),
+        ("accel_lat_mps2", 1.0 / 9.81, "accel_lat_mps2 is 0.1 times the recorded one: in g?"),
+    ],
+)
+def test_a_simulation_of_another_sign_or_unit_is_told(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], column: str, factor: float, said: str
+) -> None:
+    """No physics is fitted to it."""
+    table = read_signals(drive)
+    columns = {"time_s": table.time_s, **table.columns, column: factor * table.columns[column]}
+    (tmp_path / "signals.csv").write_text(signals_text(columns), encoding="utf-8")
+
+    line = ["diagnose", str(drive), "--baseline", "single-track", "--simulation", str(tmp_path)]
+    assert 3 == main(line)
+    assert said in capsys.readouterr().err
 
 
 def test_a_model_file_is_read_back_exactly() -> None:

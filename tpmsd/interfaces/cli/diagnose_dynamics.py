@@ -138,26 +138,13 @@ def _write_proposal(folder: Path, diagnosis: DynamicsDiagnosis, source: str) -> 
 
 def _simulated(simulation: Path, drive: DynamicsDrive, recording: Path) -> dict[str, FloatArray]:
     """Return the outputs of a user's simulation of the drive, (n,) each; InputError if none is usable."""
-    import numpy as np
-
-    from tpmsd.offline.signals.columns import OUTPUTS
     from tpmsd.offline.signals.fmu import fmu_table
     from tpmsd.offline.signals.read import read_signals
+    from tpmsd.offline.signals.simulation import outputs_of_simulation
 
     is_fmu = simulation.suffix.lower() == ".fmu"
     table = fmu_table(simulation, recording, drive) if is_fmu else read_signals(simulation)
-    at = drive.time_s + drive.start_s
-    known = {}
-    for name, column in OUTPUTS.items():
-        values = table.columns.get(column)
-        if values is not None and np.isfinite(values).sum() >= 10:
-            good = np.isfinite(values)
-            known[name] = np.interp(at, table.time_s[good], values[good])
-    if table.time_s[0] > at[0] + 1.0 or table.time_s[-1] < at[-1] - 1.0:
-        raise InputError(table.file, "does not cover the time of the recording")
-    if not known.keys() & drive.outputs.keys():
-        raise InputError(table.file, f"has none of the outputs {' '.join(drive.outputs)}", 1)
-    return known
+    return outputs_of_simulation(table, drive)
 
 
 def read_dynamics_drive(folder: Path, config: Path | None, baseline: str) -> tuple[Baseline, DynamicsDrive]:

@@ -99,6 +99,8 @@ def clause(finding: DynamicsFinding) -> str:
 
 def _with_values(effect: DynamicsEffect) -> str:
     """Return an effect with its numbers; a spline by its name alone."""
+    if effect.name == "unknown":
+        return "something without a name"
     values = ", ".join(f"{p.name} {getattr(effect, p.name):.3g}" for p in effect.numbers())
     return f"{effect.name} ({values})" if values else effect.name
 
