@@ -80,10 +80,13 @@ class Body:
         self.length = hidden.get("tyre_relaxation", "length_m")
         self.load_loss = hidden.get("load_dependent_stiffness", "coefficient")
         self.roll_steer = hidden.get("roll_steer", "coefficient")
+        self.roll_steer_front = hidden.get("roll_steer", "front")
+        self.lean_instant = hidden.get("roll_steer", "instant")
         self.give = hidden.get("compliance_steer", "coefficient")
         self.camber = hidden.get("camber_thrust", "coefficient")
         self.lock = hidden.get("locked_differential", "coefficient")
         self.pull = hidden.get("yaw_moment", "coefficient")
+        self.vector = hidden.get("yaw_moment", "lateral_m")
         self.roll_resist = hidden.get("rolling_resistance", "coefficient")
         self.drag = hidden.get("aero_drag", "drag_area_m2")
         self.lift = (hidden.get("aero_downforce", "front_m2"), hidden.get("aero_downforce", "rear_m2"))
@@ -157,6 +160,7 @@ class Body:
             mz -= self.lock * 2.0 * self.car.cx * (track / 2.0) ** 2 * r / u
         if self.pull:
             mz += self.pull * ((drive - brake) if self.forces else self.m * ax)
+        mz += self.vector * fy
         wind = self._wind(t, u)
         fy += wind
         mz += 0.25 * wind + self.iz * self.outside * u * u * math.copysign(1.0, r) * min(abs(r) * 20.0, 1.0)
@@ -200,7 +204,9 @@ class Body:
     ) -> tuple[float, float, float, tuple[float, float]]:
         alpha_f = delta - (v + self.a * r) / u
         alpha_r = -(v - self.b * r) / u
-        alpha_r += self.roll_steer * u * r
+        lean = u * r + self.lean_instant * self.beside
+        alpha_f -= self.roll_steer_front * lean
+        alpha_r += self.roll_steer * lean
         if self.give:
             alpha_f /= 1.0 + self.give * (self.a + self.b) / (self.m * self.b) * self.cf
         alpha_f, rate_f = self._relaxed(alpha_f, u, lag[0])

@@ -40,3 +40,22 @@ def test_a_name_that_is_plainly_likelier_takes_the_place_of_the_one_selected(tmp
     assert likeliest.search.terms[0].value("delay_s") == pytest.approx(0.04, abs=0.004)
     assert [stage.terms[0].name for stage in likeliest.search.stages[1:]] == ["steering_delay", "gyro_delay"]
     assert all(nats < 3.0 for nats in likeliest.competitors.get("gyro_delay", {}).values())
+
+
+def test_one_name_takes_the_place_of_two_that_are_the_same(tmp_path: Path) -> None:
+    """Axles that steer by a_y change force and moment in proportion to it, as mass and a moment do together:
+    the name that needs no other stays alone."""
+    steered = {"coefficient": 0.0006, "front": 0.0009, "instant": 1.0}
+    where = folder(tmp_path / "d", hidden(roll_steer=steered), duration_s=20.0)
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    search.keep_stage()
+    two = {"yaw_moment": {"lateral_m": -0.1}, "mass_error": {"relative": 0.05}}
+    search.terms = [term_of(make_dynamics_effect(name, **value), baseline) for name, value in two.items()]
+    search.settle()
+    search.keep_stage()
+
+    likeliest = with_likeliest(search).search
+
+    assert [term.name for term in likeliest.named] == ["roll_steer"]
+    assert likeliest.named[0].effect.values() == pytest.approx(steered, abs=1e-4)

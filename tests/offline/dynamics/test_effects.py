@@ -563,6 +563,28 @@ def test_wheels_that_turn_with_the_roll_follow_the_accelerations_of_the_instant(
     assert same.outputs["accel_lat"][0] == pytest.approx(float(plain.outputs["accel_lat"][0]), rel=1e-12)
 
 
+def test_a_body_may_lean_by_all_of_the_lateral_acceleration() -> None:
+    """m a = F + k a, solved for a: wheels that steer by c * a_y and -c_f * a_y have k = C_r c - C_f c_f,
+    those that push outwards in proportion to their load are a heavier car with the same loads."""
+    model, still = SingleTrack(CAR), replace(U, accel_long_mps2=np.zeros(1))
+    front, rear = CAR.cornering_front_n * front_angle(), CAR.cornering_rear_n * rear_angle()
+    mass, inertia = CAR.mass_kg, CAR.yaw_inertia_kgm2
+    turned = make_dynamics_effect("roll_steer", coefficient=0.0006, front=0.0009, instant=1.0)
+    gain_f, gain_r = -0.0009 * CAR.cornering_front_n, 0.0006 * CAR.cornering_rear_n
+    across = (front + rear) / (mass - gain_f - gain_r)
+    moment = CAR.front_m * (front + gain_f * across) - CAR.rear_m * (rear + gain_r * across)
+
+    assert model.read(X, still, (turned,))["accel_lat"][0] == pytest.approx(across, rel=1e-3)
+    assert model.rates(X, still, (turned,))[0, 1] == pytest.approx(moment / inertia, rel=2e-3)
+    leaning = make_dynamics_effect("camber_thrust", coefficient=0.05, instant=1.0)
+    heavier = make_dynamics_effect("mass_error", relative=0.05)
+    one, other = (model.rates(X, still, (effect,)) for effect in (leaning, heavier))
+    assert one == pytest.approx(other, rel=1e-9)
+    steady = make_dynamics_effect("camber_thrust", coefficient=0.05)
+    assert abs(model.rates(X, still, (steady,))[0, 0] - other[0, 0]) > 0.01
+    assert rates("yaw_moment", lateral_m=0.1) == pytest.approx([0.0, 0.1 * (front + rear) / inertia])
+
+
 def test_the_rate_of_the_speed_is_the_specific_force_and_v_r() -> None:
     """Where no accelerometer is recorded, F_x / m = du/dt - v r."""
     moving = held(0.1, 20.0, -2.0)

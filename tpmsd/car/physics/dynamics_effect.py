@@ -110,6 +110,11 @@ class DynamicsEffect:
         return {p.name: p.neutral for p in cls.parameters if isinstance(p, Parameter)}
 
     @classmethod
+    def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+        """Return values of parameters that no fit moves, each of which it is looked for with."""
+        return ({},)
+
+    @classmethod
     def has_neutral(cls, nonlinear: bool) -> bool:
         """Return True if some values of it do nothing, from which a fit's distance is measured."""
         return True
@@ -123,6 +128,10 @@ class DynamicsEffect:
     def applies(cls, nonlinear: bool, forces: bool) -> bool:
         """Return True if the effect can act on a baseline with these tyres and inputs."""
         return forces or not cls.needs_forces
+
+    def follows_instant(self) -> bool:
+        """Return True if it acts on slip angles by the accelerations that the tyres give."""
+        return False
 
     def fastest_rate_per_s(self, speed_mps: float) -> float:
         """Return the rate constant of its own states at most at this speed."""

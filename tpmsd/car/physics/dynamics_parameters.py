@@ -5,6 +5,8 @@ Out: `Parameter` records.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 FORCE_ERROR = Parameter(
@@ -29,6 +31,21 @@ READING_DELAY = Parameter(
     prior=Prior(0.0, 0.03, "3 to 50 ms: data sheets, buses"),
 )
 """Age of an instrument's reading."""
+
+INSTANT = Parameter(
+    "instant",
+    "1",
+    1.0,
+    0.0,
+    1.0,
+    "share of dv/dt in the lateral acceleration that the body leans by: 0 for u r, 1 for all of it",
+)
+"""Which acceleration an effect of the body's lean follows."""
+
+
+def leans(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+    """Return the ways to lean: where tyres feel their loads, `instant_loads` says what the body follows."""
+    return ({"instant": 0.0},) if nonlinear else ({"instant": 0.0}, {"instant": 1.0})
 
 
 def physical_share(description: str, source: str) -> Parameter:

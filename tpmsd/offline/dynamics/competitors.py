@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from tpmsd.offline.dynamics.model_statistics import ModelStatistics
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.stages import marginal_parts
+from tpmsd.offline.dynamics.stages import log_marginal, marginal_parts
 from tpmsd.offline.dynamics.terms import CandidateTerm
 
 CompetitorNats = Mapping[str, Mapping[str, float]]
@@ -48,30 +48,39 @@ def with_likeliest(search: Search) -> Compared:
 def _likelier(
     search: Search,
     look: ModelStatistics,
-    nats: CompetitorNats,
+    nats: dict[str, dict[str, float]],
     fits: CompetitorFits,
     seen: set[frozenset[str]],
 ) -> Search | None:
     """Return the selection with the likeliest competitor in its term's place; None where none is plainly
-    likelier, the prediction gets worse, or the selection was there before."""
+    likelier, the prediction gets worse, or the selection was there before.
+
+    Odds of a part of the blocks become those of the whole drive where that is asked.
+    """
     odds = [
         (value, k, name)
         for k, term in enumerate(search.terms)
         for name, value in nats.get(term.key, {}).items()
         if value > SETTINGS.confounded_nats
     ]
+    own = log_marginal(search, search) if odds else 0.0
     for _, k, name in sorted(odds, reverse=True):
         competitor = next(one for one in _close(look, k) if one.name == name)
         if frozenset(one.name for one in (*search.terms[:k], competitor, *search.terms[k + 1 :])) in seen:
             continue
         other = fits.get((search.terms[k].key, name)) or _exchanged(search, k, competitor)
-        if other is not None:
+        if other is None:
+            continue
+        nats[search.terms[k].key][name] = gain = log_marginal(other, search) - own
+        if gain > 0.0:
             other.keep_stage()
             return other
     return None
 
 
-def fitted_competitors(search: Search, look: ModelStatistics) -> tuple[CompetitorNats, CompetitorFits]:
+def fitted_competitors(
+    search: Search, look: ModelStatistics
+) -> tuple[dict[str, dict[str, float]], CompetitorFits]:
     """Return the log odds of the competitors of each named term, fitted on a part of the blocks, and the fits
     where that part is the whole drive."""
     few = search.part()
@@ -92,7 +101,8 @@ def fitted_competitors(search: Search, look: ModelStatistics) -> tuple[Competito
                 fitted = _exchanged(own, k, competitor)
                 if fitted is None:
                     continue
-                gain, rest = _parts(fitted, own, k)
+                at = [one.key for one in fitted.terms].index(competitor.key)
+                gain, rest = _parts(fitted, own, at)
                 nats = whole * (gain - likelihood) + rest - other
                 out.setdefault(term.key, {})[competitor.name] = nats
                 if few.setup is search.setup:
@@ -121,7 +131,18 @@ def _exchanged(own: Search, k: int, competitor: CandidateTerm) -> Search | None:
     if not out.attempt(terms):
         return None
     out.settle()
+    while _freed(out, competitor):
+        out.settle()
     return out
+
+
+def _freed(search: Search, kept: CandidateTerm) -> bool:
+    """Take out a term that is needless beside another one; False if there is none."""
+    look = search.look([])
+    for k, term in enumerate(search.terms):
+        if term.key != kept.key and look.evidence(k) < 0.0:
+            return search.attempt([one for j, one in enumerate(search.terms) if j != k])
+    return False
 
 
 def _parts(search: Search, judge: Search, k: int) -> tuple[float, float]:

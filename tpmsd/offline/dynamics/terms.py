@@ -204,9 +204,12 @@ def candidates(
             continue
         neutral = cls.neutral_values(baseline.car, baseline.nonlinear)
         if not cls.grid or cls.near_neutral(baseline.nonlinear):
-            term = term_of(_at_neutral(cls, neutral), baseline)
-            if term.free_in(channels):
-                out.append(term.only(term.free_in(channels)))
+            variants = cls.variants(baseline.nonlinear)
+            for fixed in variants:
+                effect = cls(**{p.name: neutral[p.name] for p in cls.numbers()}, **fixed)
+                term = term_of(effect, baseline, alternatives=len(variants))
+                if term.free_in(channels):
+                    out.append(term.only(term.free_in(channels)))
         out += [
             term_of(cls(**values), baseline, jump=True, alternatives=len(cls.grid))
             for values in cls.grid
@@ -217,10 +220,6 @@ def candidates(
 
 def _same(values: Mapping[str, float], neutral: Mapping[str, float]) -> bool:
     return all(abs(value - neutral[name]) < 0.03 for name, value in values.items())
-
-
-def _at_neutral(cls: type[DynamicsEffect], neutral: Mapping[str, float]) -> DynamicsEffect:
-    return cls(**{p.name: neutral[p.name] for p in cls.numbers()})
 
 
 def typical_values(term: CandidateTerm) -> dict[str, float]:

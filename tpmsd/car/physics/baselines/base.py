@@ -201,7 +201,8 @@ class Baseline(ABC):
             frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
         frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
         frame.across = frame.u * frame.r
-        if not (isinstance(frame.instant_loads, float) and frame.instant_loads == 0.0):
+        waiting = isinstance(frame.instant_loads, float) and frame.instant_loads == 0.0
+        if not waiting or any(effect.follows_instant() for effect in theta):
             if not any(effect.acts_on_angles for effect in theta):
                 self._to_unlimited(frame, theta)  # the same in each round
             self._follow_instant(frame, theta)
@@ -213,11 +214,12 @@ class Baseline(ABC):
         their error falls by the tyres' sensitivity to load, a fifth near the limit, each time.
         """
         steady = frame.across, frame.ahead
+        frame.instant = frame.across
         for _ in range(INSTANT_ROUNDS):
             first = copy(frame)
             self._to_tyres(first, theta)
-            across = np.asarray(first.force_y / frame.mass)
-            frame.across = steady[0] + frame.instant_loads * (across - steady[0])
+            frame.instant = np.asarray(first.force_y / frame.mass)
+            frame.across = steady[0] + frame.instant_loads * (frame.instant - steady[0])
             if self.forces:
                 ahead = np.asarray((first.force_x - resistance(frame)) / frame.mass)
                 frame.ahead = steady[1] + frame.instant_loads * (ahead - steady[1])

@@ -111,6 +111,8 @@ class Frame:
     """Longitudinal acceleration that loads follow, m/s2."""
     across: Real = field(default=0.0, kw_only=True)
     """Lateral acceleration that loads and roll follow, m/s2."""
+    instant: Real = field(default=0.0, kw_only=True)
+    """Lateral acceleration that the tyres give, m/s2, where an effect follows it."""
     load: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) N."""
     transfer: FloatArray = field(default_factory=lambda: np.zeros(0))

@@ -1,35 +1,39 @@
-"""The rear wheels steer as the body rolls."""
+"""Wheels steer as the body rolls."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.dynamics_parameters import INSTANT, leans
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
 
 @dataclass(frozen=True)
 class RollSteer(DynamicsEffect):
-    """The rear wheels turn by c * a_y into the bend, a_y = u r.
+    """The rear wheels turn by c * a_y into the bend, the front ones by c_f * a_y out of it.
 
-    Source: roll steer of 0.02 to 0.15 rad/rad times a roll of 3 to 7 degrees per g: 1e-4 to 2e-3 rad per m/s2
+    a_y = u r + instant * (F_y / m - u r): the body leans by the steady acceleration or by all of it. Source:
+    roll steer of 0.02 to 0.15 rad/rad times a roll of 3 to 7 degrees per g: 1e-4 to 2e-3 rad per m/s2
     ([Gillespie 1992], ch. 6).
     """
 
     name = "roll_steer"
     kind = PHYSICS
     wording = Wording(
-        formula="rear slip angle = geometric + c * u * r",
-        sentence="the rear axle steers as the body rolls",
+        formula="slip angle = geometric + c * a_y at the rear, - c_f * a_y at the front",
+        sentence="the axles steer as the body rolls",
         distinguished_by="hold steady bends from 1 to 6 m/s2 at two speeds",
     )
     channel = "velocity_lat"
     covariate = "accel_lat"
     confounded_with = ("cornering_stiffness_error", "compliance_steer")
+    separable = True
     parameters = (
         Parameter(
             "coefficient",
@@ -37,16 +41,40 @@ class RollSteer(DynamicsEffect):
             0.0015,
             -0.02,
             0.02,
-            "c, angle of the rear wheels per lateral acceleration",
+            "c, angle of the rear wheels into the bend per lateral acceleration",
             probe=1e-05,
             prior=Prior(0.0, 0.001, "1e-4 to 2e-3: Gillespie, ch. 6"),
         ),
+        Parameter(
+            "front",
+            "rad.s2/m",
+            0.0015,
+            -0.02,
+            0.02,
+            "c_f, angle of the front wheels out of the bend per lateral acceleration",
+            probe=1e-05,
+            prior=Prior(0.0, 0.001, "1e-4 to 2e-3: Gillespie, ch. 6"),
+        ),
+        INSTANT,
     )
     coefficient: float = 0.0
+    front: float = 0.0
+    instant: float = 0.0
+
+    @classmethod
+    def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+        """Return the ways to lean."""
+        return leans(nonlinear)
+
+    def follows_instant(self) -> bool:
+        """Return True if the body leans by more than the steady acceleration."""
+        return self.instant > 0.0
 
     def adapt_angles(self, frame: Frame) -> None:
-        """Turn the rear wheels."""
-        turn = np.asarray(self.coefficient * frame.across)
-        still = np.zeros_like(turn)
-        turned = (still, turn) if frame.axles else (still, still, turn, turn)
+        """Turn the wheels."""
+        accel = frame.across
+        if self.instant > 0.0:
+            accel = accel + self.instant * (frame.instant - accel)
+        front, rear = np.asarray(-self.front * accel), np.asarray(self.coefficient * accel)
+        turned = (front, rear) if frame.axles else (front, front, rear, rear)
         frame.angle = frame.angle + np.stack(np.broadcast_arrays(*turned))
