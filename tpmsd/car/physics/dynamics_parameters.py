@@ -40,7 +40,7 @@ INSTANT = Parameter(
     1.0,
     "share of dv/dt in the lateral acceleration that the body leans by: 0 for u r, 1 for all of it",
 )
-"""Which acceleration an effect of the body's lean follows."""
+"""Acceleration that an effect of the body's lean follows."""
 
 
 def leans(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
