@@ -242,6 +242,10 @@ class Effect:
         """Slopes that the wheels feel over those that the reference shows."""
         return 1.0
 
+    def wheels_time_constant_s(self) -> float:
+        """Time constant of the low-pass behind which all wheels' speeds are shown; 0 where there is none."""
+        return 0.0
+
     def antenna_offset_m(self) -> tuple[float, float]:
         """(forward, left): where the antenna is minus where the configuration says."""
         return 0.0, 0.0

@@ -20,12 +20,12 @@ from tpmsd.foundation.wheels import FloatArray
 
 WHEELS_READ, GYRO_READ, RECEIVER_READ = "wheels", "gyro", "receiver"
 """Groups of channels."""
-_OF_MOTION = ("axle_course_rad", "grade_factor")
+_OF_MOTION = ("axle_course_rad", "grade_factor", "wheels_time_constant_s")
 _OF_TYRES = ("radius_change_m", "wheel_slip")
 _OF_TEETH = ("tooth_angle_error_rad", "true_teeth_per_rev")
 _HOOKS = {
     WHEELS_READ: (*_OF_MOTION, *_OF_TYRES, *_OF_TEETH, "track_error_m"),
-    GYRO_READ: ("grade_factor", "read_yaw_rate", "yaw_rate_error_radps"),
+    GYRO_READ: ("grade_factor", "wheels_time_constant_s", "read_yaw_rate", "yaw_rate_error_radps"),
     RECEIVER_READ: (
         *_OF_MOTION,
         *("horizontal_factor", "antenna_offset_m", "fix_age_s", "velocity_age_s"),

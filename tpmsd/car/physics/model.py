@@ -80,6 +80,10 @@ class ExtendedModel:
         """Product of the shares of the slopes that the wheels feel."""
         return float(np.prod([effect.grade_factor() for effect in self.effects]))
 
+    def wheels_time_constant_s(self) -> float:
+        """Sum of the low-passes' time constants, which slow changes are late by."""
+        return sum(effect.wheels_time_constant_s() for effect in self.effects)
+
     def antenna_offset_m(self) -> tuple[float, float]:
         """(forward, left), summed."""
         offsets = [effect.antenna_offset_m() for effect in self.effects]

@@ -170,6 +170,8 @@ class RefinementSettings:
     """Penalised gain by which finer knots must be better."""
     exact_rounds: int = 2
     """Steps of Gauss-Newton with the exact response: the first leaves a tenth of the linearisation error."""
+    step_halvings: int = 4
+    """Times that a step of Gauss-Newton is halved: what takes a shorter one is no step of a linear model."""
     max_relative_radius_change: float = 0.05
     """Relative change of a radius at one linearisation."""
 

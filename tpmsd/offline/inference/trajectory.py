@@ -103,6 +103,24 @@ def moved(
     return replace(before, motion=replace(motion, grade_rad=old.grade_rad, measured=old.measured))
 
 
+def before_low_pass(recording: Recording, shown: ReferenceTrajectory, time_constant_s: float) -> Motion:
+    """Return the motion whose wheel speeds are those of a reference behind a first-order low-pass.
+
+    The wheels tell the motion best by far, so it is the motion that changes with the constant, and not what
+    they show: x = y + T dy/dt is linear in T, where a low-pass of y is not. A gyro's yaw rate stays.
+    """
+    old = shown.motion
+
+    def restored(values: FloatArray) -> FloatArray:
+        return np.asarray(values + time_constant_s * np.gradient(values, recording.dt_s))
+
+    speed, yaw, heading = np.maximum(restored(old.speed_mps), 0.0), old.yaw_rate_radps, old.heading_rad
+    if not _has_gyro(recording):
+        yaw, heading = restored(yaw), restored(heading)
+    motion = _motion(recording, shown.car, speed, yaw, heading)
+    return replace(motion, grade_rad=old.grade_rad, measured=old.measured)
+
+
 def _motion(
     recording: Recording, car: Car, speed: FloatArray, yaw: FloatArray, heading: FloatArray
 ) -> Motion:

@@ -35,7 +35,7 @@ from tpmsd.car.physics.motion import Motion
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.rounding import repeated_rounding_variance
-from tpmsd.offline.inference.trajectory import WINDOW_S, ReferenceTrajectory, moved
+from tpmsd.offline.inference.trajectory import WINDOW_S, ReferenceTrajectory, before_low_pass, moved
 
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""
@@ -119,6 +119,7 @@ class Reader:
         self._turning: tuple[ExtendedModel, FloatArray] | None = None
         self._base: tuple[ExtendedModel, FloatArray] | None = None
         self._wheels: tuple[ExtendedModel, Rolling | None] | None = None
+        self._restored: tuple[float, Motion] | None = None
 
     def _driven(self) -> np.ndarray:
         """(d,) indices of the windows with all wheels read, fast enough and without a tight bend."""
@@ -142,7 +143,7 @@ class Reader:
         car = replace(self.reference.car, radius_m=radii_m)
         end_s = (self.windows.index + 1.0) * WINDOW_S
         self.reference = moved(self.recording, replace(self.reference, car=car), end_s, errors)
-        self._rolled = self._turning = self._base = self._wheels = None
+        self._rolled = self._turning = self._base = self._wheels = self._restored = None
         self.windows = self._linearised_windows(base)
 
     def predicted(self, base: ExtendedModel) -> FloatArray:
@@ -154,7 +155,7 @@ class Reader:
     def by_radius(self, wheel: int, share: FloatArray, base: ExtendedModel) -> FloatArray:
         """(w,) change of a wheel's distance by a metre more radius times a share (n + 1,) at the ticks'
         edges, at a model: rate is speed over radius, so its derivative is minus rate over radius."""
-        motion, car = self.reference.motion, self.reference.car
+        motion, car = self.felt(base), self.reference.car
         if self._turning is None or self._turning[0] is not base:
             rates = wheel_rates(motion, car, base) / wheel_radii(motion, car, base)
             self._turning = base, rates * car.radius_m * WINDOW_S
@@ -199,8 +200,14 @@ class Reader:
         return self._wheels[1]
 
     def felt(self, model: ExtendedModel) -> Motion:
-        """Return the reference's motion on the slopes that the wheels feel."""
+        """Return the reference's motion, before the low-pass of the wheels' speeds and on the slopes that
+        the wheels feel.
+        """
         motion = self.reference.motion
+        if (constant_s := model.wheels_time_constant_s()) > 0.0:
+            if self._restored is None or self._restored[0] != constant_s:
+                self._restored = constant_s, before_low_pass(self.recording, self.reference, constant_s)
+            motion = self._restored[1]
         if (felt := model.grade_factor()) == 1.0:
             return motion
         return replace(motion, grade_rad=felt * motion.grade_rad)

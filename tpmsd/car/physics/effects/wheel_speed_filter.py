@@ -41,7 +41,11 @@ class WheelSpeedFilter(Effect):
         distinguished_by="accelerate and brake as hard as the traffic allows, ten times",
     )
     identification = Identification(shows_in=("wheel", "accel_long"), needs=("speeds", "gnss"))
-    confounding = Confounding(rare=True, tested_jointly_with=("velocity_lag", "gnss_latency"))
+    confounding = Confounding(
+        rare=True,
+        tested_jointly_with=("velocity_lag", "gnss_latency"),
+        estimated_jointly_with=("gnss_latency", "velocity_lag"),
+    )
     one_sign = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (
@@ -70,6 +74,10 @@ class WheelSpeedFilter(Effect):
         if value - 2.0 * std > TOLERANCE_S:
             return ""
         return f"the bus smooths its wheel speeds over {value:.2f} +- {std:.2f} s; taken into account"
+
+    def wheels_time_constant_s(self) -> float:
+        """Return the time constant."""
+        return self.time_constant_s
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) smoothed minus true speed of each hub, over the true one."""

@@ -45,6 +45,7 @@ def needed_exactly(
         ratio = selector.ratio([*others, one.term], len(others))
         if exact_gain(regression, selector, others, one.term) / ratio < one.term.penalty:
             return needed_exactly(regression, selector.judged(others), evidence, last)
+    selection = _exchanged(regression, selector, selection)
     if not last or not selection.chosen:
         return selection
 
@@ -56,6 +57,32 @@ def needed_exactly(
     return exact.judged([one.term for one in selection.chosen])
 
 
+def _exchanged(regression: Regression, selector: Selector, selection: Selection) -> Selection:
+    """Return what was chosen, with effects in place of those that do as well in the linear model, where their
+    exact response is better.
+
+    A low-pass of the wheels' speeds and a fix that seems younger by as much are one to first order.
+    """
+    chosen = [one.term for one in selection.chosen]
+    for one in selection.chosen:
+        rest = [term for term in chosen if term is not one.term]
+        similar = {
+            terms[0].effect: (score, terms[0])
+            for score, terms in reversed(selector.candidates(rest))
+            if terms[0].effect in one.confounded_with and not (terms[0].ramp or terms[0].pulse)
+        }
+        if not similar:
+            continue
+        scores = [
+            (score + beyond_linear(regression, selector, [*rest, term]), term)
+            for score, term in [(selector.score(rest, one.term), one.term), *similar.values()]
+        ]
+        best = max(scores, key=lambda entry: entry[0])
+        if best[0] > scores[0][0] + SETTINGS.selection.exchange_nats:
+            return _exchanged(regression, selector, selector.judged([*rest, best[1]]))
+    return selection
+
+
 def beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Term]) -> float:
     """Log-likelihood (nats) of terms which act by the forward model, at their best, over that of their linear
     responses at theirs."""
@@ -65,7 +92,7 @@ def beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Te
     values, exact = linear.values, -math.inf
     for _ in range(SETTINGS.refinement.exact_rounds):
         gram = _exact_gram(
-            regression, _OtherTerms(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting
+            regression, ActingTerms(terms, values[selector.hypotheses.nuisance.shape[1] :]), acting
         )
         values, gain = fitted(gram)
         exact = gain - 0.5 * float(gram[0, 0])
@@ -80,13 +107,13 @@ def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term
     values = selector.evidence.fit(before).values
     gram = np.zeros((0, 0))
     for _ in range(SETTINGS.refinement.exact_rounds):
-        null = _OtherTerms(others, values[len(values) - sum(one.design.shape[1] for one in others) :])
+        null = ActingTerms(others, values[len(values) - sum(one.design.shape[1] for one in others) :])
         gram = _exact_gram(regression, null, acting)
         values, without = fitted(gram[: 1 + before.shape[1], : 1 + before.shape[1]])
     return gain_of(gram) - without
 
 
-def _exact_gram(regression: Regression, null: _OtherTerms, acting: Sequence[FloatArray]) -> FloatArray:
+def _exact_gram(regression: Regression, null: ActingTerms, acting: Sequence[FloatArray]) -> FloatArray:
     """Gram matrix (1 + k, 1 + k) of the data less the linearisation error of terms, and of columns, (w, 9, k)
     of each drive."""
     size = 1 + acting[0].shape[2]
@@ -99,8 +126,8 @@ def _exact_gram(regression: Regression, null: _OtherTerms, acting: Sequence[Floa
 
 
 @dataclass(frozen=True)
-class _OtherTerms:
-    """The other terms and their values."""
+class ActingTerms:
+    """Terms that act by the forward model, and their values."""
 
     terms: Sequence[Term]
     values: FloatArray
@@ -108,6 +135,10 @@ class _OtherTerms:
 
     def error(self, regression: Regression, number: int) -> FloatArray:
         """(w, 9, 1) the linearisation error of one drive, whitened."""
+        return regression.drives[number].whitened(self.plain_error(regression, number)[:, :, None])
+
+    def plain_error(self, regression: Regression, number: int) -> FloatArray:
+        """(w, 9) the same in the channels' units."""
         drive, at = regression.drives[number], 0
         effects: list[Effect] = []
         linear = np.zeros(regression.width)
@@ -118,7 +149,7 @@ class _OtherTerms:
             if made is not None:
                 effects.append(made[0])
                 linear += term.design @ made[1]
-        return drive.whitened(_linearisation_error(drive, ExtendedModel(tuple(effects)), linear)[:, :, None])
+        return _linearisation_error(drive, ExtendedModel(tuple(effects)), linear)
 
 
 def _linearisation_error(drive: DriveRegression, model: ExtendedModel, linear: FloatArray) -> FloatArray:

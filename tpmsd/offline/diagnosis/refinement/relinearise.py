@@ -12,8 +12,9 @@ import numpy as np
 from tpmsd.car.physics.catalogue import RADIUS
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.foundation.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.prepared.regression import Regression
+from tpmsd.offline.diagnosis.refinement.damped import damped
 from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
 from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -21,14 +22,16 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 def relinearised(regression: Regression, selection: Selection) -> Regression:
     """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
-    fitted = selection.fit.design @ selection.fit.values
+    shorter = damped(regression, selection)
+    fitted = selection.fit.design @ (selection.fit.values if shorter is None else shorter)
+    values_of = _values_of(selection, shorter)
     drives = []
     for number, drive in enumerate(regression.drives):
         effects: list[Effect] = []
         origin = np.zeros(len(fitted))
-        for one in selection.chosen:
+        for one, its_values in zip(selection.chosen, values_of, strict=True):
             if number in regression.acting(one.term):
-                added = effect_of(one.term, one.values)
+                added = effect_of(one.term, its_values)
                 if added is not None:
                     effects.append(added[0])
                     origin += one.term.design @ added[1]
@@ -43,3 +46,11 @@ def relinearised(regression: Regression, selection: Selection) -> Regression:
         values = drive.own(origin[:, None])[1:, 0]
         drives.append(drive.relinearised(ExtendedModel(tuple(effects)), radii, values, own[1:]))
     return regression.trial(drives)
+
+
+def _values_of(selection: Selection, shorter: FloatArray | None) -> list[FloatArray]:
+    """Values of each chosen term: as they are told, or those of a shorter step (k,)."""
+    if shorter is None:
+        return [one.values for one in selection.chosen]
+    sizes = [len(one.values) for one in selection.chosen]
+    return np.split(shorter[len(shorter) - sum(sizes) :], np.cumsum(sizes)[:-1])

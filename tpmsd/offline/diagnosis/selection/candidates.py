@@ -99,6 +99,11 @@ class Candidates:
         """
         return (penalised_gain + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
 
+    def score(self, rest: Sequence[Term], term: Term) -> float:
+        """Return the penalised gain (nats) of a term beside the rest, as `candidates` has it."""
+        terms = [*rest, term]
+        return self.penalised_gain(term, self.gain(terms) - self.gain(rest), self._first(terms, len(rest)))
+
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
         """(gain less penalty, terms) of what may be added to these terms, the best first."""
         key = tuple(chosen), everything
