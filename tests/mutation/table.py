@@ -550,7 +550,12 @@ NAMED = (
                 "if not self._manager.is_ready and",
                 "daemon/test_loop_log",
             ),
-            ("daemon/loop.py", "if frames:\n", "if not frames:\n", "daemon/test_loop_log"),
+            (
+                "daemon/loop.py",
+                "if frames := bus.read(monotonic_s):",
+                "if not (frames := bus.read(monotonic_s)):",
+                "daemon/test_loop_log",
+            ),
             (
                 "daemon/link.py",
                 "self._until_data = False\n        self._delay_s",

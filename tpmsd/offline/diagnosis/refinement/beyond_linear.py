@@ -61,7 +61,8 @@ def _exchanged(regression: Regression, selector: Selector, selection: Selection)
     """Return what was chosen, with effects in place of those that do as well in the linear model, where their
     exact response is better.
 
-    A low-pass of the wheels' speeds and a fix that seems younger by as much are one to first order.
+    A low-pass of the wheels' speeds and a fix that seems younger by as much are one to first order. What the
+    linear model decides is decided: their exact responses must differ.
     """
     chosen = [one.term for one in selection.chosen]
     for one in selection.chosen:
@@ -73,13 +74,15 @@ def _exchanged(regression: Regression, selector: Selector, selection: Selection)
         }
         if not similar:
             continue
-        scores = [
-            (score + beyond_linear(regression, selector, [*rest, term]), term)
-            for score, term in [(selector.score(rest, one.term), one.term), *similar.values()]
+        own = selector.score(rest, one.term)
+        beyond = beyond_linear(regression, selector, chosen)
+        gains = [
+            (beyond_linear(regression, selector, [*rest, term]) - beyond + min(score - own, 0.0), term)
+            for score, term in similar.values()
         ]
-        best = max(scores, key=lambda entry: entry[0])
-        if best[0] > scores[0][0] + SETTINGS.selection.exchange_nats:
-            return _exchanged(regression, selector, selector.judged([*rest, best[1]]))
+        gain, term = max(gains, key=lambda entry: entry[0])
+        if gain > SETTINGS.selection.exchange_nats:
+            return _exchanged(regression, selector, selector.judged([*rest, term]))
     return selection
 
 
