@@ -1,4 +1,4 @@
-"""Wheel speeds behind a low-pass, told from fixes that are old on arrival: one delay to first order."""
+"""Wheel speeds behind a low-pass, against fixes that are old on arrival: one delay to first order."""
 
 from __future__ import annotations
 

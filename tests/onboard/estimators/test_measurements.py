@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from tpmsd.onboard.estimators.bank.error_state import (
     BE,
     FWD,
     GAIN,
+    GYRO,
     LAT,
     LATV,
     LOAD,
@@ -228,6 +230,14 @@ def test_a_wrong_track_shows_in_bends_alone() -> None:
     assert [-0.14 * 1.5 / 2, 0.14 * 1.5 / 2] == pytest.approx(rows)
     assert (0.0, 0.0, 0.0) == (row[E], row[BE], row[SLIP])
     assert row[LOAD] * made.heading_change_rad < 0.0
+
+
+def test_the_gyro_of_a_standing_car_tells_its_bias_alone() -> None:
+    """Nothing has turned: radii, track and load are in no row, and nothing is divided by the distance."""
+    mean, _ = initial_state(1, NOMINAL)
+    stood = replace(block(1, np.zeros(4)), angle_rad=np.zeros(4), distance_m=0.0, heading_change_rad=0.0)
+    row = measurements.gyro_turn(mean, stood, TRACK_M, 0.0).row
+    assert {GYRO: stood.duration_s} == {k: value for k, value in enumerate(row) if value != 0.0}
 
 
 def take(mean: FloatArray, spread: FloatArray, scalar: measurements.Scalar) -> None:

@@ -49,7 +49,7 @@ def relinearised(regression: Regression, selection: Selection) -> Regression:
 
 
 def _values_of(selection: Selection, shorter: FloatArray | None) -> list[FloatArray]:
-    """Values of each chosen term: as they are told, or those of a shorter step (k,)."""
+    """Values of each chosen term: as they are reported, or those of a shorter step (k,)."""
     if shorter is None:
         return [one.values for one in selection.chosen]
     sizes = [len(one.values) for one in selection.chosen]

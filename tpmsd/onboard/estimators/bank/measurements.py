@@ -159,8 +159,9 @@ def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, heading_chang
     """
     row = np.zeros(mean.shape[1])
     left_rad, right_rad = block.angle_rad[:2].tolist()
-    radius_m = 2.0 * block.distance_m / (left_rad + right_rad)
-    misread_rad = track_rear_m * (block.heading_change_rad - heading_change_rad) / (2.0 * radius_m)
+    # Nothing has turned where the car stands, or where the fixes that bound a block lie outside its ticks.
+    per_m = 0.0 if block.distance_m == 0.0 else (left_rad + right_rad) / (2.0 * block.distance_m)
+    misread_rad = 0.5 * track_rear_m * (block.heading_change_rad - heading_change_rad) * per_m
     row[MU : MU + 2] = np.array([-left_rad - misread_rad, right_rad - misread_rad]) / track_rear_m
     row[TRK] = row[GAIN] = heading_change_rad
     row[LOAD] = block.load_per_turn * heading_change_rad
