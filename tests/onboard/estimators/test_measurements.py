@@ -32,6 +32,7 @@ from tpmsd.onboard.estimators.bank.error_state import (
 )
 from tpmsd.onboard.estimators.bank.measurements import Present
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
+from tpmsd.onboard.estimators.published.gnss_likelihood import block_measurements
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 NOMINAL = np.full(4, 0.316)
@@ -272,6 +273,44 @@ def test_reading_errors_move_no_common_radius() -> None:
             take(mean, spread, measurements.front_wheel(mean, made, front, place, 0.0, turn))
     assert abs(mean[0, MU:].mean()) < prior_m
     assert math.sqrt(spread[MU:, MU:].mean()) > 0.9 * prior_m
+
+
+def test_reading_errors_move_no_common_radius_of_the_published_filters() -> None:
+    """The same half an hour for the rear pair by Kalman's update alone, as the augmented filters do it: with
+    the rotations that were read in the rows both radii go 28 mm down."""
+    rng = np.random.default_rng(5)
+    nominal = NOMINAL[:2]
+    prior_m = 0.01 * math.sqrt(nominal @ nominal / 4.0)
+    mean, spread = np.zeros(2), np.diag((0.01 * nominal) ** 2)
+    reading = 0.05 * rng.standard_normal((1801, 2))
+    shape = block(1, np.zeros(4))
+    for k in range(1800):
+        angle = 20.0 / nominal + reading[k + 1] - reading[k]
+        gyro = 0.002 * rng.standard_normal()
+        made = replace(
+            shape,
+            angle_rad=angle,
+            doppler_distance_m=math.nan,
+            gyro_heading_change_rad=gyro,
+            reading_heading_change_rad=0.05 * math.hypot(*nominal) * math.sqrt(2.0) / TRACK_M,
+        )
+        (seen,) = block_measurements(made, 0.0, nominal, TRACK_M)
+        across = spread @ seen.by_radius
+        gain = across / (seen.by_radius @ across + seen.variance)
+        mean += gain * (seen.residual - seen.by_radius @ mean)
+        spread -= np.outer(gain, across)
+    assert abs(mean.mean()) < 0.5 * prior_m
+
+
+def test_what_both_radii_scaled_alike_change_by_a_gyro() -> None:
+    """The turn of the rear wheels, by that share of the turn that the gyro tells; nothing of a standing
+    car."""
+    nominal = NOMINAL[:2]
+    made = replace(block(1, np.zeros(4)), doppler_distance_m=math.nan, gyro_heading_change_rad=0.14)
+    (seen,) = block_measurements(made, 0.0, nominal, TRACK_M)
+    assert 0.14 == pytest.approx(seen.by_radius @ nominal)
+    (stood,) = block_measurements(replace(made, angle_rad=np.zeros(4)), 0.0, nominal, TRACK_M)
+    assert [0.0, 0.0] == stood.by_radius.tolist()
 
 
 def test_what_all_radii_scaled_alike_change() -> None:

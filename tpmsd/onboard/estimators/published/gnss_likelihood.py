@@ -106,6 +106,10 @@ def block_measurements(
         )
         variance += ((SETTINGS.gyro_relative + GYRO_SCALE.std) * block.gyro_heading_change_rad) ** 2
         turn = float(angle[1] * nominal_m[1] - angle[0] * nominal_m[0]) / track_m
-        by_radius = np.array([-angle[0], angle[1]]) / track_m
         residual = block.gyro_heading_change_rad - turn
+        # What both radii have in common acts by the gyro's turn, as in `gyro_turn`: the wheels' has the
+        # residual's reading error, and would pull them down without end.
+        rolled_m = float(angle @ nominal_m)
+        misread_rad = 0.0 if rolled_m == 0.0 else -0.5 * track_m * residual * float(angle.sum()) / rolled_m
+        by_radius = (np.array([-angle[0], angle[1]]) - misread_rad) / track_m
         yield BlockMeasurement(residual, by_radius, variance, max(variance, SETTINGS.turn_floor_rad**2))
