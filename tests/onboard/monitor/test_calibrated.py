@@ -55,6 +55,7 @@ def test_a_tyre_that_is_soft_when_the_next_drive_begins_is_found(wheels: tuple[i
     events = player.play(120.0, one(2, -0.0058))
     assert [("deflation", "rl", "raised")] == said(events)
     assert "" == events[0].since
+    assert "of radius since calibrated, " in events[0].reason
     guessed = Player(monitor(wheels), dt_s=2.0, offset_m=SOUND)
     assert [] == guessed.play(120.0, one(2, -0.0058))
 
@@ -92,6 +93,7 @@ def test_after_a_reset_the_calibration_is_history() -> None:
     assert [] == player.play(600.0, smaller)
     worse = player.play(120.0, (-0.006, -0.006, -0.014, -0.006))
     assert ("deflation", "rl", "raised") in said(worse)
+    assert all("since learned" in event.reason for event in worse)
 
 
 def test_it_holds_after_a_restart_and_not_after_a_state_that_was_reset() -> None:

@@ -284,16 +284,17 @@ class Monitor:
         judged = self._judged
         change, std = float(judged.change_m[wheel]), float(judged.change_std_m[wheel])
         pressure, pressure_std = float(judged.pressure_loss[wheel]), float(judged.pressure_loss_std[wheel])
+        since = f"since {self._sets.judging.origin}"
         if kind is AlarmKind.DEFLATION:
             reason = (
-                f"lost {1e3 * float(judged.loss_m[wheel]):.1f} mm of radius since learned, "
+                f"lost {1e3 * float(judged.loss_m[wheel]):.1f} mm of radius {since}, "
                 f"about {100 * pressure:.0f} +- {100 * pressure_std:.0f} % of its pressure "
                 f"(probability {probability:.3f})"
             )
             if judged.all_monitored and transition == "raised":
                 reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
-            reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
+            reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm {since}"
             if judged.all_larger > JUDGE.undecided and transition == "raised":
                 reason += "; all wheels alike: other tyres (then: tpmsd reset --tyres NAME), or the receiver"
         reason = f"no longer so: {reason}" if transition == "cleared" else reason

@@ -184,7 +184,7 @@ class Explanation:
         wheels: dict[str, Any] = {}
         for wheel in self._wheels:
             name = WHEELS[wheel]
-            wheels[name] = {"state": states[name], **self._wheel_entry(wheel)}
+            wheels[name] = {"state": states[name], **self._wheel_entry(wheel, sets.judging.origin)}
         return {
             "time": _number(self._time_s),
             "alarms": list(self._alarms),
@@ -234,18 +234,19 @@ class Explanation:
         ]
         return out
 
-    def _wheel_entry(self, wheel: int) -> dict[str, Any]:
+    def _wheel_entry(self, wheel: int, origin: str) -> dict[str, Any]:
+        """Return what is known of a wheel; `origin`: where the radii are from that its change counts from."""
         if self._judged is None:
             return {"why_no_alarm": "nothing was judged yet"}
         judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
-        std = float(judged.change_std_m[wheel])
+        change_mm, std_mm = 1e3 * float(judged.change_m[wheel]), 1e3 * float(judged.change_std_m[wheel])
         detectable = judged.detectable
         smallest = math.nan if detectable is None else detectable.each_m[self._wheels.index(wheel)]
         return {
             **now,
             "smallest_loss_seen_mm": _mm(smallest),
             "why_no_alarm": (
-                f"changed by {1e3 * float(judged.change_m[wheel]):+.2f} +- {1e3 * std:.2f} mm since learned; "
+                f"changed by {change_mm:+.2f} +- {std_mm:.2f} mm since {origin}; "
                 f"it has lost air with probability {float(judged.deflated[wheel]):.3f}"
             ),
         }

@@ -18,7 +18,7 @@ import functools
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -178,6 +178,11 @@ class TyreSetBaseline:
     def settled(self) -> bool:
         """True if the car has been learned once, so that drives are compared with what was known before."""
         return self._shadow is not None
+
+    @property
+    def origin(self) -> Literal["learned", "calibrated"]:
+        """Source of the radii that changes count from: calibrated, until drives have taught more."""
+        return "calibrated" if self.calibrated and not any(self.reference.ranges) else "learned"
 
     @property
     def own_growth_m(self) -> FloatArray:
