@@ -41,7 +41,7 @@ def asked(questions: Questions, of_front: float, seconds: int, *, said: bool = F
 def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
     """From the clearing threshold on, after the time that an alarm of all wheels takes; between that and the
     prior the question stands; at the prior and below it goes."""
-    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), round(JUDGE.all_hold_s)
+    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3], "front"), round(JUDGE.all_hold_s)
     assert () == asked(questions, 0.64, hold_s - 5)
     assert ("fl", "fr") == asked(questions, 0.64, 10)
     assert "fl fr soft (0.64) or another load (0.36)" in questions.open[0].question
@@ -53,7 +53,7 @@ def test_what_lasts_is_asked_and_what_the_evidence_drops_is_not() -> None:
 def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
     """Asked from the clearing threshold on; it stands above the prior that any tyre was soft or larger
     before, and goes at it."""
-    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3]), JUDGE.all_hold_s
+    questions, hold_s = Questions(SETTINGS, [0, 1, 2, 3], "front"), JUDGE.all_hold_s
     prior = 4 * (FIRST_START.soft_prior + FIRST_START.larger_prior)
 
     def stands(probability: float, seconds: float) -> bool:
@@ -70,7 +70,7 @@ def test_what_the_first_minutes_left_open_stands_down_to_their_prior() -> None:
 
 def test_what_an_alarm_says_is_not_asked() -> None:
     """An alarm of a tyre stands: there is no question, and after it one has to last again."""
-    questions = Questions(SETTINGS, [0, 1, 2, 3])
+    questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
     assert ("fl", "fr") == asked(questions, 0.64, 200)
     assert () == asked(questions, 0.64, 1, said=True)
     assert () == asked(questions, 0.64, 100)
@@ -78,7 +78,7 @@ def test_what_an_alarm_says_is_not_asked() -> None:
 
 def test_a_question_keeps_the_time_at_which_it_was_first_asked() -> None:
     """And says the present probability."""
-    questions = Questions(SETTINGS, [0, 1, 2, 3])
+    questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
     asked(questions, 0.64, 200)
     since_s = questions.open[0].since_s
     questions.update(found(0.5), 1.0, 9999.0, said=False)
@@ -113,7 +113,7 @@ def test_what_is_certainly_other_than_learned_is_asked_and_names_the_axle_that_i
     """That something differs and no wheel slips is 0.995: a question, naming the axle whose loss would look
     the same; at 0.97 none."""
     for unusual, wheels in ((0.995, ("fl", "fr")), (0.97, ())):
-        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
             questions.update(found(0.01, unusual), 1.0, float(second), said=False)
         assert wheels == (questions.open[0].wheels if questions.open else ())
@@ -124,18 +124,37 @@ def test_even_slip_of_driven_wheels_is_asked_about_as_slip() -> None:
     """A drive that even slip explains for certain, or another load: the question names the likelier cause,
     and the axle of which a loss would look the same."""
     for models, cause in (({"evenly low grip": 0.99}, "a slippery road"), ({"a trailer": 0.99}, "trailer")):
-        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
             questions.update(found(0.01, 0.995, **models), 1.0, float(second), said=False)
         assert ("fl", "fr") == questions.open[0].wheels
         assert cause in questions.open[0].question
 
 
+@pytest.mark.parametrize(
+    ("driven", "of_rear", "axle"),
+    [("rear", 0.3, ("rl", "rr")), ("front", 0.3, ("fl", "fr")), ("all", 0.3, ("rl", "rr"))],
+)
+def test_a_slippery_road_looks_like_soft_tyres_of_a_driven_axle(
+    driven: str, of_rear: float, axle: tuple[str, ...]
+) -> None:
+    """What slips is driven. Where both axles are, the one that looks soft now: what its slip hides is in no
+    subset, be the other's 1e-9 or not."""
+    judged = found(1e-9, 0.995, **{"evenly low grip": 0.99})
+    assert judged.posterior is not None
+    possible = np.array([0.0, 0.0, of_rear, of_rear])
+    judged = replace(judged, posterior=replace(judged.posterior, possible=possible))
+    questions = Questions(SETTINGS, [0, 1, 2, 3], driven)
+    for second in range(200):
+        questions.update(judged, 1.0, float(second), said=False)
+    assert axle == questions.open[0].wheels
+
+
 def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() -> None:
     """Too little for an alarm and too much for a set of tyres: asked, also after the first minutes, until an
     alarm of a tyre or a reset; what a set has is not."""
     for chance, wheels in ((0.6, ("fr",)), (0.1, ())):
-        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        questions = Questions(SETTINGS, [0, 1, 2, 3], "front")
         for second in range(200):
             questions.at_first((1, chance, "2.1 mm smaller"), 1.0)
             questions.update(None, 1.0, float(second), said=False)

@@ -95,7 +95,7 @@ class Monitor:
         self._configuration = ConfigurationWatch(vehicle, self._wheels)
         self._encoders = EncoderWatch(vehicle, self._wheels)
         self._leaks = SlowLeakWatch(vehicle, self._tyre, self._wheels)
-        self._questions = Questions(settings, self._wheels)
+        self._questions = Questions(settings, self._wheels, vehicle.driven_axle)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
 

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.car.config.model import MonitorConfig
+from tpmsd.car.physics.motion import driven_mask
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.monitor.alarms.alarm_state import Hysteresis
 from tpmsd.onboard.monitor.alarms.judge import Judgement
@@ -57,8 +58,8 @@ class Question:
 class Questions:
     """The question of one car: about tyres, or else about the load."""
 
-    def __init__(self, settings: MonitorConfig, wheels: list[int]) -> None:
-        """`wheels`: indices of the monitored wheels."""
+    def __init__(self, settings: MonitorConfig, wheels: list[int], driven_axle: str) -> None:
+        """`wheels`: indices of the monitored wheels; `driven_axle`: front, rear or all."""
         self._wheels = wheels
         self._subsets = subsets(len(wheels))
         self._sizes = sizes_of(tuple(wheels))
@@ -75,6 +76,8 @@ class Questions:
             for index, one in enumerate(self._subsets)
             if len(one) == 2 and wheels[one[0]] ^ 1 == wheels[one[1]]
         ]
+        driven = driven_mask(driven_axle)[wheels]
+        self._driven_axles = [index for index in self._axles if driven[list(self._subsets[index])].all()]
         self.open: tuple[Question, ...] = ()
 
     def update(
@@ -129,10 +132,12 @@ class Questions:
 
     def _of_axle(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
         """Return the axle of which a loss would look the same, and the question."""
-        index = max(self._axles, key=lambda one: float(found.subsets[one]))
+        slips = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.by_slope) > JUDGE.undecided
+        axles = self._driven_axles if slips and self._driven_axles else self._axles
+        # By what looks the same now: of an axle that slips `subsets` leaves out what its slip hides.
+        index = max(axles, key=lambda one: float(found.possible[list(self._subsets[one])].sum()))
         names = self._names(self._subsets[index])
-        slips = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.by_slope)
-        cause = "a slippery road" if slips > JUDGE.undecided else "another load than usual, or a trailer"
+        cause = "a slippery road" if slips else "another load than usual, or a trailer"
         return names, (
             f"{cause}? If not, look at {' '.join(names)}: both tyres soft since the drive began look the same"
         )
