@@ -50,6 +50,8 @@ class DynamicsEffect:
     """Values at which it is looked for where it enters nonlinearly; empty: it is linear about neutral."""
     states: ClassVar[tuple[str, ...]] = ()
     """States that it adds once it belongs to a model."""
+    state_sizes: ClassVar[tuple[float, ...]] = ()
+    """Values that its states hardly exceed, in their order; 1 each unless given."""
     needs_forces: ClassVar[bool] = False
     """True if the effect shows only where speed is an output."""
     positive: ClassVar[bool] = False
@@ -98,6 +100,11 @@ class DynamicsEffect:
             any(getattr(cls, hook) is not getattr(DynamicsEffect, hook) for hook in hooks)
             for hooks in (EARLY_HOOKS, ANGLE_HOOKS, MOVING_HOOKS)
         )
+
+    @classmethod
+    def sizes_of_states(cls) -> dict[str, float]:
+        """Return the sizes of its states by name."""
+        return dict(zip(cls.states, cls.state_sizes or (1.0,) * len(cls.states), strict=True))
 
     @classmethod
     def numbers(cls) -> tuple[Parameter, ...]:

@@ -111,9 +111,7 @@ def replicate(search: Search, theta: Theta, rng: np.random.Generator) -> Dynamic
     setup, noise = search.setup, search.noise
     names, all_names = setup.states(theta), setup.states(search.theta)
     start = search.at.path[:, [all_names.index(name) for name in names]]
-    own = PathNoise(
-        np.array([noise.white[all_names.index(name)] for name in names]), noise.disturbance, noise.outputs
-    )
+    own = noise.of(names)
     drive = setup.drive
     dt = np.where(drive.linked, np.diff(drive.time_s), 0.0)
     deviation = np.sqrt(own.step_variance(dt))

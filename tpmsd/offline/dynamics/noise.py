@@ -5,8 +5,8 @@ In: standard deviations. Out: `PathNoise`, and a first guess of it from a record
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,8 +18,12 @@ from tpmsd.offline.dynamics.settings import SETTINGS
 class PathNoise:
     """Standard deviations."""
 
+    states: tuple[str, ...]
+    """Names of the states."""
     white: FloatArray
-    """(s,) random walk of the baseline's states per square root of a second."""
+    """(s,) random walk of the states per square root of a second."""
+    start: FloatArray
+    """(s,) of the states at the start of a block."""
     disturbance: FloatArray
     """(d,) stationary standard deviation of the disturbances."""
     outputs: FloatArray
@@ -32,24 +36,36 @@ class PathNoise:
             [self.white**2 * dt_s[:, None], self.disturbance**2 * (1.0 - decay)[:, None]], axis=1
         )
 
+    def of(self, states: Sequence[str], other: PathNoise | None = None) -> PathNoise:
+        """Return the noise of these states; of those that are not in this one `other` has it."""
+        known: dict[str, tuple[float, float]] = {}
+        for one in (self,) if other is None else (other, self):
+            known.update(zip(one.states, zip(one.white, one.start, strict=True), strict=True))
+        white, start = np.array([known[name] for name in states]).T
+        return replace(self, states=tuple(states), white=white, start=start)
 
-def least(states: Sequence[str], disturbances: Sequence[str]) -> tuple[FloatArray, FloatArray]:
-    """Return the least white and disturbance standard deviations of these states and disturbances."""
+
+def least(sizes: Mapping[str, float], disturbances: Sequence[str], outputs: FloatArray) -> PathNoise:
+    """Return the least noise of states of these sizes, by name, and of these disturbances and outputs."""
     white = dict(zip(("v", "r", "u"), SETTINGS.min_white, strict=True))
+    start = dict(zip(("v", "r", "u"), SETTINGS.start_std, strict=True))
     free = dict(zip(("force_x", "force_y", "moment"), SETTINGS.min_disturbance, strict=True))
-    return (
-        np.array([white.get(name, SETTINGS.min_other) for name in states]),
+    return PathNoise(
+        tuple(sizes),
+        np.array([white.get(name, SETTINGS.min_other * size) for name, size in sizes.items()]),
+        np.array([start.get(name, size) for name, size in sizes.items()]),
         np.array([free[name] for name in disturbances]),
+        outputs,
     )
 
 
 def first_guess(
-    states: Sequence[str], disturbances: Sequence[str], readings: Sequence[FloatArray]
+    sizes: Mapping[str, float], disturbances: Sequence[str], readings: Sequence[FloatArray]
 ) -> PathNoise:
     """Return a noise to start from: outputs by their second differences, the rest plainly too large."""
-    white, free = least(states, disturbances)
-    outputs = [max(white_noise(values), 1e-6) for values in readings]
-    return PathNoise(10.0 * white, 100.0 * free, np.array(outputs))
+    outputs = np.array([max(white_noise(values), 1e-6) for values in readings])
+    low = least(sizes, disturbances, outputs)
+    return replace(low, white=10.0 * low.white, disturbance=100.0 * low.disturbance)
 
 
 def white_noise(values: FloatArray) -> float:

@@ -62,6 +62,11 @@ class Setup:
         """Return the names of the baseline's states with these effects."""
         return self.baseline.states(theta)
 
+    def sizes(self, theta: Theta) -> dict[str, float]:
+        """Return the sizes of the states by name, in their order; those of the baseline's own count as 1."""
+        own = {name: size for effect in theta for name, size in effect.sizes_of_states().items()}
+        return {name: own.get(name, 1.0) for name in self.states(theta)}
+
     def inputs(self, theta: Theta) -> Inputs:
         """Return the inputs as effects shift them."""
         inputs = self.drive.inputs
@@ -352,7 +357,7 @@ class Weighted:
         diagonal[:-1] += np.swapaxes(at.by_state, 1, 2) @ weighted
         order = np.arange(diagonal.shape[1])
         diagonal[1:, order, order] += step
-        first = _start_information(setup, noise, diagonal.shape[1])
+        first = 1.0 / np.concatenate([noise.start, noise.disturbance]) ** 2
         diagonal[drive.starts[:, None], order, order] += first
         self._starts, self._start_weight = drive.starts, first
         self._start_pull = np.where(order < len(noise.white), 0.0, first)
@@ -404,12 +409,6 @@ class Weighted:
 
 def _zeroed(residual: FloatArray) -> FloatArray:
     return np.where(np.isfinite(residual), residual, 0.0)
-
-
-def _start_information(setup: Setup, noise: PathNoise, total: int) -> FloatArray:
-    """Return one over the variances of a block's first state, (t,)."""
-    wide = np.array([*SETTINGS.start_std, *([1.0] * total)])[: total - len(noise.disturbance)]
-    return 1.0 / np.concatenate([wide, noise.disturbance]) ** 2
 
 
 def smoothed(setup: Setup, theta: Theta, start: FloatArray | Linear, noise: PathNoise) -> Linear:
@@ -480,10 +479,11 @@ def fitted_noise(setup: Setup, at: Linear, noise: PathNoise, rounds: int, least:
 def _scaled(noise: PathNoise, by: FloatArray, least: PathNoise) -> PathNoise:
     """Return noise times factors of standard deviations, none below the least."""
     states, free = len(noise.white), len(noise.disturbance)
-    return PathNoise(
-        np.maximum(noise.white * by[:states], least.white),
-        np.maximum(noise.disturbance * by[states : states + free], least.disturbance),
-        np.maximum(noise.outputs * by[states + free :], least.outputs),
+    return replace(
+        noise,
+        white=np.maximum(noise.white * by[:states], least.white),
+        disturbance=np.maximum(noise.disturbance * by[states : states + free], least.disturbance),
+        outputs=np.maximum(noise.outputs * by[states + free :], least.outputs),
     )
 
 

@@ -111,11 +111,10 @@ class Search:
 
     def __post_init__(self) -> None:
         setup = self.setup
-        states = setup.states(self.theta)
-        readings = setup.readings()
-        self.noise = first_guess(states, setup.disturbances, list(readings.T))
-        white, free = least(states, setup.disturbances)
-        self.floor = PathNoise(white, free, np.maximum(SETTINGS.white_share * self.noise.outputs, 1e-7))
+        sizes, readings = setup.sizes(self.theta), setup.readings()
+        self.noise = first_guess(sizes, setup.disturbances, list(readings.T))
+        white = np.maximum(SETTINGS.white_share * self.noise.outputs, 1e-7)
+        self.floor = least(sizes, setup.disturbances, white)
         self.at = smoothed(setup, self.theta, setup.start(self.theta), self.noise)
         self.scale = self.noise.outputs
         self._refit_noise(SETTINGS.noise_rounds)
@@ -199,17 +198,17 @@ class Search:
 
     def _resized(self, path: FloatArray) -> FloatArray:
         """Return a path and set noise for the states that the model has now."""
-        names, free = self.setup.states(self.theta), len(self.setup.disturbances)
-        have = path.shape[1] - free
-        if have == len(names):
+        setup, old = self.setup, self.noise
+        names = setup.states(self.theta)
+        if names == old.states:
             return path
-        old = self.noise
-        white, _ = least(names, self.setup.disturbances)
-        self.floor = replace(self.floor, white=white)
-        basic = 3 if self.setup.baseline.forces else 2
-        extra = np.zeros((len(path), len(names) - basic))
-        self.noise = replace(old, white=np.concatenate([old.white[:basic], white[basic:]]))
-        return np.concatenate([path[:, :basic], extra, path[:, have:]], axis=1)
+        self.floor = least(setup.sizes(self.theta), setup.disturbances, self.floor.outputs)
+        self.noise = old.of(names, self.floor)
+        states = np.zeros((len(path), len(names)))
+        for k, name in enumerate(names):
+            if name in old.states:
+                states[:, k] = path[:, old.states.index(name)]
+        return np.concatenate([states, path[:, len(old.states) :]], axis=1)
 
     def own(self, first: int) -> tuple[list[PriorColumns], list[Probe]]:
         """Return the columns of the model's own terms, counted from `first`, and their probes."""

@@ -18,7 +18,6 @@ from tpmsd.offline.dynamics.columns import gram
 from tpmsd.offline.dynamics.evidence import Statistics
 from tpmsd.offline.dynamics.located import located_terms, nameless, nameless_penalty, refined, slopes
 from tpmsd.offline.dynamics.model_statistics import threshold_of
-from tpmsd.offline.dynamics.noise import PathNoise
 from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.search import CompetingSelection, Search
 from tpmsd.offline.dynamics.settings import SETTINGS
@@ -150,9 +149,7 @@ def log_marginal(search: Search, judge: Search) -> float:
 def marginal_parts(search: Search, judge: Search) -> tuple[float, float]:
     """Return the likelihood, which grows with the drive, and what priors and alternatives add to it."""
     effects, noise = search.theta, judge.noise
-    states = len(search.setup.states(effects))
-    white = np.concatenate([noise.white[:states], search.noise.white[len(noise.white) :]])
-    noise = PathNoise(white, noise.disturbance, noise.outputs)
+    noise = noise.of(search.noise.states, search.noise)
     at = smoothed(search.setup, effects, search.at.path, noise)
     likelihood = -0.5 * path_cost(search.setup, at, noise)
     if not search.terms:

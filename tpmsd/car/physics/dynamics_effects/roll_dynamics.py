@@ -38,6 +38,7 @@ class RollDynamics(DynamicsEffect):
     channel = "velocity_lat"
     covariate = "steering_rate"
     states = ("roll_q", "roll_rate_q")
+    state_sizes = (10.0, 100.0)  # m/s2 and, at 1.6 Hz, m/s3
     grid = tuple({"frequency_hz": f, "damping": 0.3} for f in (1.0, 1.5, 2.2))
     composes = False
     confounded_with = ("accelerometer_position", "tyre_relaxation")
