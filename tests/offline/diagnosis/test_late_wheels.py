@@ -15,7 +15,9 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
+from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.offline.diagnosis.refinement.damped import damped
+from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.stages import estimated
 from tpmsd.offline.inference.noise_fit import SearchStage
@@ -54,6 +56,28 @@ def test_with_a_low_pass_the_motion_changes_and_not_what_the_wheels_show() -> No
 
     assert restored[:, :4].mean(axis=1) == pytest.approx(plain[:, :4].mean(axis=1), abs=2e-3)
     assert np.polyfit(accel[known], ahead[known], 1)[0] == pytest.approx(0.3, abs=0.015)
+
+
+def test_what_cancels_to_first_order_must_act_as_it_says() -> None:
+    """A rough road and no gyro: a low-pass of 3.3 s and fixes as old gain thirty nats together by what little
+    differs in their linear responses, but as they act they are far off."""
+    spec = Spec(duration_s=240.0, road="motorway", doppler_mps=0.03, doppler_tau_s=3.0, receiver_hz=4.0)
+    plain = recording_of(drive(spec, 2))
+    shape = plain.rotation_rad.shape
+    rough = plain.rotation_rad + 0.1 * plain.dt_s * np.random.default_rng(2).normal(size=shape)
+    blind = {**plain.inertial, "yaw_rate_radps": np.full(plain.ticks, np.nan)}
+    recording = replace(plain, rotation_rad=rough, quantum_rad=np.zeros(4), inertial=blind)
+    regression = Regression(admitted([recording])[0])
+    regression = estimated(regression, regression.hypotheses.everything, SearchStage.FIRST)
+    selector = Selector(regression.evidence(), regression.hypotheses, last=True)
+    regression = relinearised(regression, selector.judged([]))
+    evidence = regression.evidence()
+    selector = Selector(evidence, regression.hypotheses, last=True)
+    pair = [one for one in regression.hypotheses.catalogue if one.effect in (FILTER, "gnss_latency")]
+    linear = selector.judged(pair)
+    assert 2 == len(linear.chosen)
+
+    assert () == needed_exactly(regression, linear, evidence, last=True).chosen
 
 
 def test_a_step_is_no_longer_than_the_exact_likelihood_allows() -> None:

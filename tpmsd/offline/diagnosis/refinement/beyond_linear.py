@@ -43,7 +43,10 @@ def needed_exactly(
     for one in sorted(selection.chosen, key=lambda chosen: chosen.gain)[:-1]:
         others = [other.term for other in selection.chosen if other is not one]
         ratio = selector.ratio([*others, one.term], len(others))
-        if exact_gain(regression, selector, others, one.term) / ratio < one.term.penalty:
+        gain = exact_gain(regression, selector, others, one.term)
+        if last and gain / ratio >= one.term.penalty:
+            gain = min(gain, _likelihood_ratio(regression, selector, others, one.term))
+        if gain / ratio < one.term.penalty:
             return needed_exactly(regression, selector.judged(others), evidence, last)
     selection = _exchanged(regression, selector, selection)
     if not last or not selection.chosen:
@@ -100,6 +103,22 @@ def beyond_linear(regression: Regression, selector: Selector, terms: Sequence[Te
         values, gain = fitted(gram)
         exact = gain - 0.5 * float(gram[0, 0])
     return exact - linear.gain + 0.5 * float(selector.evidence.total[0, 0])
+
+
+def _likelihood_ratio(
+    regression: Regression, selector: Selector, others: Sequence[Term], term: Term
+) -> float:
+    """Log-likelihood (nats) of others and a term over that of the others alone, where all act by the forward
+    model.
+
+    Two terms whose linear responses all but cancel have whatever is left of them at values that are far from
+    small, and their exact responses cancel no more.
+    """
+    gains = [
+        selector.gain(terms) + beyond_linear(regression, selector, terms)
+        for terms in ([*others, term], list(others))
+    ]
+    return gains[0] - gains[1]
 
 
 def exact_gain(regression: Regression, selector: Selector, others: Sequence[Term], term: Term) -> float:
