@@ -434,6 +434,15 @@ class Config:
         return self.calibration.bus_radius_m[wheel] or self.vehicle.wheel_radius_m[wheel]
 
     @property
+    def bus_radii_m(self) -> dict[str, float]:
+        """`bus_radius_m` of each wheel whose speed the bus states."""
+        return {
+            role.rpartition("_")[2]: self.bus_radius_m(index)
+            for index, role in enumerate(WHEEL_SPEED_ROLES)
+            if role in self.can.signals
+        }
+
+    @property
     def calibration_holds(self) -> bool:
         """False where the calibrated radii rest on speeds of the bus, and the radius that made them rotation
         was not noted (0.1 did not)."""

@@ -136,8 +136,9 @@ def calibrate(
         at = refusal.drive
         where = wanted[at].name if at is not None else ", ".join(drive.name for drive in wanted)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
-    radii = wanted[0].config.vehicle.wheel_radius_m
-    return Calibration(found, _source(wanted), dict(zip(WHEELS, radii, strict=True)))
+    config = wanted[0].config
+    radii = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
+    return Calibration(found, _source(wanted), radii, config.bus_radii_m)
 
 
 def simulate(**settings: Any) -> Drive:

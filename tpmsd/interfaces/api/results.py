@@ -275,6 +275,8 @@ class Calibration:
     source: Source = Source()
     nominal_m: Mapping[str, float] = field(default_factory=dict)
     """Configured radius of each wheel, metres."""
+    bus_radii_m: Mapping[str, float] = field(default_factory=dict)
+    """Radius by which each speed on the bus was made rotation, metres; the radii hold with these."""
 
     @property
     def radii_m(self) -> dict[str, float]:
@@ -293,7 +295,8 @@ class Calibration:
         """Return the document of `tpmsd calibrate --json`."""
         from tpmsd.offline.calibration.wording import document as calibration_document
 
-        return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **calibration_document(self.result)})
+        found = calibration_document(self.result, self.bus_radii_m)
+        return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **found})
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a row per wheel."""

@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
         where = args.drives[at] if at is not None else ", ".join(str(drive) for drive in args.drives)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
     refuse_the_impossible(found, config)
-    outputs.say(summary(found))
+    outputs.say(summary(found, config.bus_radii_m))
     if args.write is not None:
         write_vehicle(config, found, args.write)
     outputs.write(
@@ -121,7 +121,9 @@ def run(args: argparse.Namespace) -> int:
             "--plot": lambda: picture(
                 draw_calibration(found, recordings, config.vehicle, car), args.plot.suffix
             ),
-            "--json": lambda: json_text({**provenance(SCHEMA, args.drives, config.file), **document(found)}),
+            "--json": lambda: json_text(
+                {**provenance(SCHEMA, args.drives, config.file), **document(found, config.bus_radii_m)}
+            ),
         }
     )
     return 0
@@ -180,7 +182,6 @@ def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     OutputError where it cannot be written or would be no configuration; the target is then as it was.
     """
     from tpmsd.car.config.load import load_config
-    from tpmsd.car.config.model import WHEEL_SPEED_ROLES
     from tpmsd.foundation.wheels import WHEELS
     from tpmsd.offline.calibration.vehicle_file import calibrated_toml
 
@@ -189,11 +190,6 @@ def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     assert source is not None
     radii = dict(zip(WHEELS, base.vehicle.wheel_radius_m, strict=True))
     radii |= {wheel: result.radius_m for wheel, result in found.wheels.items()}
-    bus_radii = {
-        wheel: config.bus_radius_m(index)
-        for index, wheel in enumerate(WHEELS)
-        if WHEEL_SPEED_ROLES[index] in config.can.signals
-    }
     dbc = None
     if base is config:
         dbc = os.path.relpath(config.can.dbc.resolve(), target.resolve().parent)
@@ -201,7 +197,9 @@ def write_vehicle(config: Config, found: FittedGeometry, target: Path) -> None:
     real = target.resolve()
     trial = real.with_name(f".{real.name}.trial.toml")  # beside it, so that its relative paths hold
     try:
-        text = calibrated_toml(source.read_text(encoding="utf-8-sig"), found, radii, bus_radii, dbc, made)
+        text = calibrated_toml(
+            source.read_text(encoding="utf-8-sig"), found, radii, config.bus_radii_m, dbc, made
+        )
         trial.write_text(text, encoding="utf-8")
         read_back = load_config(trial).vehicle.wheel_radius_m
     except (OSError, ValueError) as error:

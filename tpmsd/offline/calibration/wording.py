@@ -6,7 +6,8 @@ In: `FittedGeometry`. Out: the summary for a reader, the document for a program.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from tpmsd.car.physics.catalogue import EFFECTS
@@ -16,8 +17,8 @@ from tpmsd.offline.calibration.result import FittedGeometry
 _NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 
 
-def summary(found: FittedGeometry) -> str:
-    """Return the text that the command prints."""
+def summary(found: FittedGeometry, bus_radii_m: Mapping[str, float] = MappingProxyType({})) -> str:
+    """Return the text that the command prints; `bus_radii_m` as `Config.bus_radii_m`."""
     kmh = found.reference_speed_mps * 3.6
     lines = [f"Calibration by the {found.method} method from {', '.join(found.drives)}", ""]
     lines.append("wheel            circumference            radius")
@@ -32,6 +33,9 @@ def summary(found: FittedGeometry) -> str:
         f"rear right minus left: {rear * 1e3:+.3f} +- {found.difference_std_m * 1e3:.3f} mm of radius"
     )
     lines.append(f"The radii are those at {kmh:.0f} km/h.")
+    if bus_radii_m:
+        stated = ", ".join(f"bus_radius_{wheel}_m = {radius:g}" for wheel, radius in bus_radii_m.items())
+        lines.append(f"Of speeds over the road they hold with these in [calibration]: {stated}")
     if math.isfinite(found.track_rear_std_m):
         lines.append(f"track rear:  {found.track_rear_m:.3f} +- {found.track_rear_std_m:.3f} m")
     else:
@@ -65,8 +69,10 @@ def _effect_label(name: str, drives: Sequence[str]) -> str:
     return known.get(base, base) + of_drive
 
 
-def document(found: FittedGeometry) -> dict[str, Any]:
-    """Return the document that `--json` writes."""
+def document(
+    found: FittedGeometry, bus_radii_m: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Return the document that `--json` writes; `bus_radii_m` as `Config.bus_radii_m`."""
     return {
         "method": found.method,
         "drives": list(found.drives),
@@ -76,6 +82,7 @@ def document(found: FittedGeometry) -> dict[str, Any]:
                 "radius_std_m": result.radius_std_m,
                 "circumference_m": result.circumference_m,
                 "circumference_std_m": result.circumference_std_m,
+                **({"bus_radius_m": bus_radii_m[wheel]} if wheel in bus_radii_m else {}),
             }
             for wheel, result in found.wheels.items()
         },
