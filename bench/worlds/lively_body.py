@@ -224,17 +224,12 @@ class Body:
         return 0.0, ff + fr, self.a * ff - self.b * fr, (rate_f, rate_r)
 
     def _slip_angle(
-        self, front: bool, left: bool, delta: float, u: float, v: float, r: float
+        self, front: bool, left: bool, angle: float, u: float, v: float, r: float
     ) -> tuple[float, float, float]:
-        """Return a wheel's place (x, y) and its slip angle, with what suspension and bushings add."""
+        """Return the place (x, y) of a wheel that points to `angle`, and its slip angle."""
         x = self.a if front else -self.b
         y = (self.car.tf if front else self.car.tr) / 2.0 * (1.0 if left else -1.0)
-        alpha = (delta if front else 0.0) - math.atan2(v + x * r, u - y * r)
-        if not front:
-            alpha += self.roll_steer * u * r
-        elif self.give:
-            alpha /= 1.0 + self.give * (self.a + self.b) / (self.m * self.b) * self.cf
-        return x, y, alpha
+        return x, y, angle - math.atan2(v + x * r, u - y * r)
 
     def _four_wheels(
         self,
@@ -247,6 +242,27 @@ class Body:
         brake: float,
         lag: list[float],
     ) -> tuple[float, float, float, tuple[float, float]]:
+        """Return forces, moment and the lags' rates, bushings in balance with the side force."""
+        given = 0.0
+        for _ in range(7 if self.give else 1):
+            *found, side = self._with_front_turned(given, delta, u, v, r, ax, drive, brake, lag)
+            given = -self.give * (self.a + self.b) / (self.m * self.b) * side
+        fx, fy, mz, rates = found
+        return fx, fy, mz, rates
+
+    def _with_front_turned(
+        self,
+        given: float,
+        delta: float,
+        u: float,
+        v: float,
+        r: float,
+        ax: float,
+        drive: float,
+        brake: float,
+        lag: list[float],
+    ) -> tuple[float, float, float, tuple[float, float], float]:
+        """Return the same and the front side force, with bushings that gave way by an angle."""
         car, base = self.car, self.a + self.b
         if not self.forces:
             force = self.m * ax
@@ -266,14 +282,16 @@ class Body:
         move = 2.0 * self.h * lat / G
         mean = [0.0, 0.0]
         wheels = []
+        points = delta + given, self.roll_steer * u * r
         for front in (True, False):
             for left in (True, False):
-                x, y, alpha = self._slip_angle(front, left, delta, u, v, r)
+                x, y, alpha = self._slip_angle(front, left, points[0 if front else 1], u, v, r)
                 mean[0 if front else 1] += alpha / 2.0
                 wheels.append((front, left, x, y, alpha))
         rates = (0.0, 0.0)
         if self.length > 0.0:
             rates = ((mean[0] - lag[0]) * u / self.length, (mean[1] - lag[1]) * u / self.length)
+        sides = [0.0, 0.0]
         for front, left, x, y, alpha in wheels:
             axle = 0 if front else 1
             if self.length > 0.0:
@@ -288,13 +306,14 @@ class Body:
             along, side = car.cx * slip, stiff * math.tan(alpha)
             grip = dugoff(math.hypot(along, side), self.mu * max(load, 0.0) * (1.0 + slip)) / (1.0 + slip)
             along, side = along * grip, side * grip
-            angle = delta if front else 0.0
+            angle = points[axle]
+            sides[axle] += side
             ahead = along * math.cos(angle) - side * math.sin(angle)
             across = along * math.sin(angle) + side * math.cos(angle)
             fx += ahead
             fy += across
             mz += x * across - y * ahead
-        return fx, fy, mz, rates
+        return fx, fy, mz, rates, sides[0]
 
 
 def dugoff(linear: float, limit: float) -> float:

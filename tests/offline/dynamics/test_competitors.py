@@ -8,7 +8,7 @@ import pytest
 
 from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
 from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
-from tpmsd.offline.dynamics.competitors import with_likeliest
+from tpmsd.offline.dynamics.competitors import with_best_variants, with_likeliest
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.terms import term_of
@@ -58,4 +58,20 @@ def test_one_name_takes_the_place_of_two_that_are_the_same(tmp_path: Path) -> No
     likeliest = with_likeliest(search).search
 
     assert [term.name for term in likeliest.named] == ["roll_steer"]
-    assert likeliest.named[0].effect.values() == pytest.approx(steered, abs=1e-4)
+    assert likeliest.named[0].effect.values() == pytest.approx({**steered, "directed": 1.0}, abs=1e-4)
+
+
+def test_an_effect_acts_in_its_likeliest_variant(tmp_path: Path) -> None:
+    """Axles that steer by all of a_y were taken for axles that steer by u r when the first step chose."""
+    steered = {"coefficient": 0.0006, "front": 0.0009, "instant": 1.0}
+    where = folder(tmp_path / "d", hidden(roll_steer=steered), duration_s=20.0)
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat")))
+    search.terms = [term_of(make_dynamics_effect("roll_steer", coefficient=0.0006, front=0.0009), baseline)]
+    search.settle()
+
+    best = with_best_variants(search)
+
+    assert best.terms[0].effect.values() == pytest.approx({**steered, "directed": 1.0}, abs=1e-4)
+    assert best.stages[-1].terms[0] is best.terms[0]
+    assert with_best_variants(best) is best

@@ -410,7 +410,7 @@ def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:
     assert between[0] == pytest.approx(0.5 * (plain[0] + brush[0]))
 
 
-def test_wheels_give_way_to_the_force_of_finite_angles() -> None:
+def test_wheels_comply_to_the_force_of_finite_angles() -> None:
     """With C / (1 + k C) at the front in C's place the car moves alike, its angles finite or small."""
     stiff, coefficient = CAR.cornering_front_n, 0.002
     k = coefficient * (CAR.front_m + CAR.rear_m) / (CAR.mass_kg * CAR.rear_m)
@@ -561,6 +561,40 @@ def test_wheels_that_turn_with_the_roll_follow_the_accelerations_of_the_instant(
     idle = make_dynamics_effect("roll_steer", coefficient=0.0)
     same = ThreeDof(CAR).frame(state, entering, (instant, idle))
     assert same.outputs["accel_lat"][0] == pytest.approx(float(plain.outputs["accel_lat"][0]), rel=1e-12)
+
+
+def test_wheels_comply_to_the_force_that_remains() -> None:
+    """Near the limit of friction too they turn by -k F of their axle, and their forces with them."""
+    coefficient, cornering = 0.003, replace(U, steer_rad=np.array([0.09]))
+    k = coefficient * CAR.wheelbase_m / (CAR.mass_kg * CAR.rear_m)
+    model = ThreeDof(CAR, forces=True)
+    gives = make_dynamics_effect("compliance_steer", coefficient=coefficient)
+    frame = model.frame(FORCED, cornering, (gives,))
+    force = float(frame.side[0][0] + frame.side[1][0])
+    stiff = 0.5 * CAR.cornering_front_n * float(frame.angle[0][0] + frame.angle[1][0])
+
+    assert force < 0.9 * stiff  # the tyres are near their limit
+    assert float(np.asarray(frame.compliance_angle)[0]) == pytest.approx(-k * force, rel=0.01)
+    steered = replace(cornering, steer_rad=cornering.steer_rad + frame.compliance_angle)
+    found, expected = model.rates(FORCED, cornering, (gives,)), model.rates(FORCED, steered, ())
+    assert found == pytest.approx(expected, rel=1e-9)
+
+
+def test_forces_of_turned_wheels_point_where_these_do() -> None:
+    """Front wheels that roll steer turns are front wheels steered so; forces of the rear ones turn with them,
+    or not, where a simulation adds the turn to the slip angle alone."""
+    model, lean = ThreeDof(CAR, forces=True), 22.0 * 0.15
+    front = make_dynamics_effect("roll_steer", front=0.002)
+    steered = replace(U, steer_rad=U.steer_rad - 0.002 * lean)
+    assert model.rates(FORCED, U, (front,)) == pytest.approx(model.rates(FORCED, steered, ()), rel=1e-12)
+    along, alone = (
+        model.frame(FORCED, U, (make_dynamics_effect("roll_steer", coefficient=0.002, directed=to),))
+        for to in (1.0, 0.0)
+    )
+    turned, side = 0.002 * lean, float(along.side[2][0] + along.side[3][0])
+    drag = float(np.asarray(along.force_x - alone.force_x)[0])
+    assert drag == pytest.approx(-turned * side, rel=1e-6)
+    assert along.side == pytest.approx(alone.side, rel=1e-12)
 
 
 def test_a_body_may_lean_by_all_of_the_lateral_acceleration() -> None:

@@ -41,11 +41,26 @@ INSTANT = Parameter(
     "share of dv/dt in the lateral acceleration that the body leans by: 0 for u r, 1 for all of it",
 )
 """Acceleration that an effect of the body's lean follows."""
+DIRECTED = Parameter(
+    "directed",
+    "1",
+    1.0,
+    0.0,
+    1.0,
+    "share of the rear wheels' turn that their forces follow: all of it, or none in simulations that add the"
+    " turn to the slip angle alone",
+)
+"""Direction of the forces of rear wheels that turn."""
 
 
 def leans(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
     """Return the ways to lean: where tyres feel their loads, `instant_loads` says what the body follows."""
     return ({"instant": 0.0},) if nonlinear else ({"instant": 0.0}, {"instant": 1.0})
+
+
+def directions(nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+    """Return the ways in which the forces of turned rear wheels may point: one where angles are small."""
+    return ({"directed": 1.0}, {"directed": 0.0}) if nonlinear else ({"directed": 1.0},)
 
 
 def physical_share(description: str, source: str) -> Parameter:

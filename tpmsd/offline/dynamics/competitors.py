@@ -35,6 +35,7 @@ def with_likeliest(search: Search) -> Compared:
     """Return the selection in which no competitor that was fitted beats a term by the odds of confounded
     effects."""
     seen: set[frozenset[str]] = set()
+    search = with_best_variants(search)
     while True:
         look = search.look([term for term in search.offered() if term.name not in search.rejected])
         nats, fits = fitted_competitors(search, look)
@@ -43,6 +44,34 @@ def with_likeliest(search: Search) -> Compared:
         if other is None:
             return Compared(search, look, nats)
         search = other
+
+
+def with_best_variants(search: Search) -> Search:
+    """Return the selection in which each effect acts in the likeliest of its variants.
+
+    The first step took the variant that was likelier while other effects were missing.
+    """
+    for name in {term.name: None for term in search.terms}:
+        search = _in_best_variant(search, name)
+    return search
+
+
+def _in_best_variant(search: Search, name: str) -> Search:
+    """Return the selection in which the effect of this name, where it is there, acts in its best variant."""
+    here = next((term for term in search.terms if term.name == name), None)
+    variants = () if here is None else type(here.effect).variants(search.setup.baseline.nonlinear)
+    own = log_marginal(search, search) if len(variants) > 1 else 0.0
+    best = search
+    for fixed in variants:
+        if here is None or all(getattr(here.effect, key) == value for key, value in fixed.items()):
+            continue
+        variant = replace(here, effect=replace(here.effect, **fixed))
+        other = _exchanged(search, search.terms.index(here), variant)
+        if other is not None and (nats := log_marginal(other, search)) > own:
+            best, own = other, nats
+    if best is not search:
+        best.keep_stage()
+    return best
 
 
 def _likelier(

@@ -168,7 +168,7 @@ def _finding(search: Search, few: Search, slot: Slot, guesses: Guesses, alternat
     )
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in competitors)
     against += odds_of_nothing(slot.evidence, slot.distance)
-    with_nameless_term = search.may_be_proxy and term.name != "unknown"
+    with_nameless_term = search.may_be_proxy and search.nameless_there and term.name != "unknown"
     against += math.exp(min(term.proxy_nats, 50.0))
     if search.competitor is not None and term.key not in search.competitor.keys:
         against += math.exp(min(search.competitor.nats, 50.0))

@@ -148,6 +148,11 @@ class Search:
         """Return the terms of the model that are no nuisances."""
         return [term for term in self.terms if not term.nuisance]
 
+    @property
+    def nameless_there(self) -> bool:
+        """Return True if one of its terms has no name."""
+        return any(term.name == "unknown" for term in self.terms)
+
     def without(self, k: int) -> tuple[DynamicsEffect, ...]:
         """Return the effects of the model without one of its terms."""
         return (*self.base, *(term.effect for j, term in enumerate(self.terms) if j != k))

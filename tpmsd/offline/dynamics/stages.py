@@ -53,9 +53,8 @@ def searched(
     for one, against, nats in ((search, other, first - best), (other, search, best - first)):
         one.competitor = CompetingSelection(nats, frozenset(term.key for term in against.terms))
     chosen = preferred(search, other, first - best)
-    nameless_there = any(term.name == "unknown" for term in chosen.named)
     explained = max(first, best) - base
-    chosen.may_be_proxy = nameless_there and first - base > SETTINGS.proxy_share * explained
+    chosen.may_be_proxy = chosen.nameless_there and first - base > SETTINGS.proxy_share * explained
     return chosen
 
 

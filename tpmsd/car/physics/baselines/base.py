@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.baselines.car import DynamicCar
-from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, Unlimited, frame_of
+from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, Unlimited, frame_of, is_zero, like
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect, before_forces, in_order
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -47,6 +47,8 @@ MAX_STIFF = 0.8
 """Largest rate constant times step of the integration."""
 INSTANT_ROUNDS = 2
 """Rounds from the steady accelerations to the instantaneous ones: 4 m/s2 apart they leave 0.03 m/s2."""
+COMPLIANCE_ROUNDS = 2
+"""Rounds after which wheels give way to the forces of tyres near their limit: a 25th of the error is left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,8 +203,7 @@ class Baseline(ABC):
             frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
         frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
         frame.across = frame.u * frame.r
-        waiting = isinstance(frame.instant_loads, float) and frame.instant_loads == 0.0
-        if not waiting or any(effect.follows_instant() for effect in theta):
+        if not is_zero(frame.instant_loads) or any(effect.follows_instant() for effect in theta):
             if not any(effect.acts_on_angles for effect in theta):
                 self._to_unlimited(frame, theta)  # the same in each round
             self._follow_instant(frame, theta)
@@ -232,6 +233,11 @@ class Baseline(ABC):
         if frame.unlimited is None:
             self._to_unlimited(frame, theta)
         self._tyres(frame)
+        if not is_zero(frame.front_compliance) and frame.friction is not None:
+            for _ in range(COMPLIANCE_ROUNDS):
+                self._comply(frame, frame.side)
+                frame.unlimited = self._unlimited(frame)
+                self._tyres(frame)
 
     def _to_unlimited(self, frame: Frame, theta: Theta) -> None:
         """Go on from states to the forces of tyres without a limit."""
@@ -240,7 +246,21 @@ class Baseline(ABC):
             effect.adapt_angles(frame)
         for effect in theta:
             effect.adapt_tyres(frame)
+        if not is_zero(frame.front_compliance):
+            self._comply(frame, frame.stiffness * frame.angle)
         frame.unlimited = self._unlimited(frame)
+
+    def _comply(self, frame: Frame, side: FloatArray) -> None:
+        """Turn the front wheels by what they give way to side forces (contacts, ...).
+
+        The angle is -k F of the force that remains. A step of Newton's method with the slope of tyres without
+        a limit: what is left falls by k (C - dF/dalpha) / (1 + k C), a fifth at the limit, each time.
+        """
+        k, wheels = frame.front_compliance, 1 if frame.axles else 2
+        missing = k * side[:wheels].sum(axis=0) + frame.compliance_angle
+        turn = -missing / (1.0 + k * frame.stiffness[:wheels].sum(axis=0))
+        frame.compliance_angle = frame.compliance_angle + turn
+        frame.turn(turn, 0.0)
 
     def _pushed(self, frame: Frame, theta: Theta) -> Frame:
         """Return a frame with the tyres' forces, all other forces and rates added."""
@@ -393,12 +413,6 @@ def lateral_transfer(frame: Frame) -> FloatArray:
     """
     pull = 2.0 * frame.height * frame.across / GRAVITY_MPS2
     return np.stack(np.broadcast_arrays(pull / frame.track_front, pull / frame.track_rear))
-
-
-def like(contacts: FloatArray, shape: FloatArray) -> FloatArray:
-    """Return values of contacts (k, ...) with axes of one put in behind the first, as many as `shape` has."""
-    missing = max(shape.ndim - contacts.ndim, 0)
-    return contacts.reshape((len(contacts),) + (1,) * missing + contacts.shape[1:])
 
 
 def aligned(*arrays: FloatArray) -> list[FloatArray]:

@@ -124,6 +124,14 @@ class Frame:
     """(contacts, ...) cornering stiffness, N/rad."""
     unlimited: Unlimited | None = None
     """Forces of tyres without a limit, where they are known."""
+    turned_front: Real = field(default=0.0, kw_only=True)
+    """Angle to the left that the suspension adds to the front wheels' steer angle."""
+    turned_rear: Real = field(default=0.0, kw_only=True)
+    """Angle to the left by which the forces of the rear wheels are turned."""
+    front_compliance: Real = field(default=0.0, kw_only=True)
+    """Angle out of the bend by which the front wheels give way per side force of their axle, rad/N."""
+    compliance_angle: Real = field(default=0.0, kw_only=True)
+    """Angle to the left by which they have given way; a part of `turned_front`."""
     side: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) lateral tyre forces in the wheel's frame, N."""
     along: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -148,6 +156,27 @@ class Frame:
     def axles(self) -> bool:
         """True if the contacts are the two axles, False if they are the four wheels."""
         return len(self.angle) == 2
+
+    def turn(self, front: Real, rear: Real, share: Real = 1.0) -> None:
+        """Turn the wheels of both axles to the left, rad: their slip angles, and where their forces point, at
+        the rear by a `share` of it."""
+        turned = (front, rear) if self.axles else (front, front, rear, rear)
+        self.angle = self.angle + like(np.stack(np.broadcast_arrays(*turned)), self.angle)
+        self.turned_front, self.turned_rear = (
+            self.turned_front + front,
+            self.turned_rear + share * rear,
+        )
+
+
+def like(contacts: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return values of contacts (k, ...) with axes of one put in behind the first, as many as `shape` has."""
+    missing = max(shape.ndim - contacts.ndim, 0)
+    return contacts.reshape((len(contacts),) + (1,) * missing + contacts.shape[1:])
+
+
+def is_zero(value: Real) -> bool:
+    """Return True if a quantity is the number zero that it is unless an effect sets it."""
+    return isinstance(value, float) and value == 0.0
 
 
 def frame_of(

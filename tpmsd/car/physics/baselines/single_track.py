@@ -11,9 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer, like
+from tpmsd.car.physics.baselines.base import Baseline, axle_forces, lateral_transfer
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
-from tpmsd.car.physics.baselines.frame import Frame, Real, Unlimited
+from tpmsd.car.physics.baselines.frame import Frame, Real, Unlimited, is_zero, like
 from tpmsd.car.physics.baselines.names import SINGLE_TRACK
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
@@ -22,10 +22,10 @@ from tpmsd.foundation.wheels import FloatArray
 def _axle_share(frame: Frame, linear: FloatArray, friction: Real) -> FloatArray:
     """Return the share of the linear force that each axle carries, (2, ...): the mean of its two wheels."""
     load = frame.load
-    if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
+    if not is_zero(frame.ellipse):
         longitudinal = np.stack(np.broadcast_arrays(*axle_forces(frame)))
         load = load * (1.0 - frame.ellipse * (1.0 - lateral_friction_share(longitudinal, friction, load)))
-    if isinstance(frame.wheel_loads, float) and frame.wheel_loads == 0.0:
+    if is_zero(frame.wheel_loads):
         return grip_share(linear, friction, load, frame.tyre_shape)
     part = frame.wheel_loads * frame.transfer
     inner, outer = (

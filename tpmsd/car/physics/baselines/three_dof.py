@@ -13,9 +13,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, aligned, axle_forces, lateral_transfer, like
+from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, aligned, axle_forces, lateral_transfer
 from tpmsd.car.physics.baselines.dugoff import grip_share, lateral_friction_share
-from tpmsd.car.physics.baselines.frame import Frame, Unlimited
+from tpmsd.car.physics.baselines.frame import Frame, Unlimited, is_zero, like
 from tpmsd.car.physics.baselines.names import THREE_DOF
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
@@ -65,7 +65,7 @@ class ThreeDof(Baseline):
         side = like(frame.stiffness, angle) * np.tan(angle) / lengthened
         along = frame.longitudinal * slip / lengthened
         # cosine and sine by the tangent of half the angle, which takes a fifth of their time
-        half = np.tan(0.5 * frame.steer)
+        half = np.tan(0.5 * (frame.steer + frame.turned_front))
         square = half * half
         cos, sin = (1.0 - square) / (1.0 + square), 2.0 * half / (1.0 + square)
         side, along = np.broadcast_arrays(side, along)
@@ -78,10 +78,14 @@ class ThreeDof(Baseline):
         side, along, total, load = aligned(tyres.side, tyres.along, tyres.total, frame.load)
         share = grip_share(total, frame.friction, load, frame.tyre_shape)
         frame.side, frame.along = side * share, along * share
-        if not (isinstance(frame.ellipse, float) and frame.ellipse == 0.0):
+        if not is_zero(frame.ellipse):
             frame.side = frame.side + frame.ellipse * (_by_ellipse(frame, side, load) - frame.side)
         ahead = [*(frame.along[k] * tyres.cos - frame.side[k] * tyres.sin for k in (0, 1)), *frame.along[2:]]
         left = [*(frame.along[k] * tyres.sin + frame.side[k] * tyres.cos for k in (0, 1)), *frame.side[2:]]
+        if not is_zero(frame.turned_rear):  # some hundredths of a radian, whose cosine is 1
+            for k in (2, 3):
+                ahead[k] = ahead[k] - frame.turned_rear * frame.side[k]
+                left[k] = left[k] + frame.turned_rear * frame.along[k]
         frame.force_x = ahead[0] + ahead[1] + ahead[2] + ahead[3]
         front, rear = left[0] + left[1], left[2] + left[3]
         frame.force_y = front + rear

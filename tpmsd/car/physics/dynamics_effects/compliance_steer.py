@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
 from tpmsd.car.physics.effect_records import Wording
@@ -23,11 +21,10 @@ class DynamicsComplianceSteer(DynamicsEffect):
     name = "compliance_steer"
     kind = PHYSICS
     wording = Wording(
-        formula="front slip angle = geometric / (1 + k * C_f), k = c * l / (m * b)",
+        formula="front wheels turned by -k * F_f, k = c * l / (m * b)",
         sentence="the front wheels give way under side force",
         distinguished_by="hold steady bends at two speeds and change lanes quickly",
     )
-    order = 1  # after what else makes the slip angles: the wheels give way to all of the force
     channel = "yaw_rate"
     covariate = "accel_lat"
     confounded_with = ("cornering_stiffness_error",)
@@ -47,11 +44,6 @@ class DynamicsComplianceSteer(DynamicsEffect):
     coefficient: float = 0.0
 
     def adapt_angles(self, frame: Frame) -> None:
-        """Reduce the front slip angles."""
+        """Let the front wheels give way."""
         base = frame.front + frame.rear
-        by_force = self.coefficient * base / (frame.mass * frame.rear)
-        less = 1.0 / (1.0 + by_force * frame.cornering_front)
-        same = np.ones_like(less)
-        shares = (less, same) if frame.axles else (less, less, same, same)
-        share = np.stack(np.broadcast_arrays(*shares))
-        frame.angle = frame.angle * share.reshape(share.shape + (1,) * (frame.angle.ndim - share.ndim))
+        frame.front_compliance = frame.front_compliance + self.coefficient * base / (frame.mass * frame.rear)

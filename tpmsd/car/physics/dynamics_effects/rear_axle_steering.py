@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.dynamics_parameters import DIRECTED, directions
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.kinematics import rear_steer_ratio
 from tpmsd.car.physics.parameters import Parameter, Prior
@@ -58,15 +60,19 @@ class DynamicsRearAxleSteering(DynamicsEffect):
             probe=1e-4,
             prior=Prior(0.0, 0.1, "a tenth to a quarter: Sano, SAE 860625"),
         ),
+        DIRECTED,
     )
     coefficient: float = 0.0
     by_speed: float = 0.0
+    directed: float = 1.0
+
+    @classmethod
+    def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
+        """Return the ways in which the forces point."""
+        return directions(nonlinear)
 
     def adapt_angles(self, frame: Frame) -> None:
         """Turn the rear wheels."""
         speed = np.asarray(frame.u)
         ratio = self.coefficient + self.by_speed * rear_steer_ratio(speed, CROSSOVER_MPS)
-        turn = ratio * frame.steer
-        still = np.zeros_like(turn)
-        turned = (still, turn) if frame.axles else (still, still, turn, turn)
-        frame.angle = frame.angle + np.stack(np.broadcast_arrays(*turned))
+        frame.turn(0.0, ratio * frame.steer, self.directed)

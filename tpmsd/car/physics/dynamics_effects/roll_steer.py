@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
-from tpmsd.car.physics.dynamics_parameters import INSTANT, leans
+from tpmsd.car.physics.dynamics_parameters import DIRECTED, INSTANT, directions, leans
 from tpmsd.car.physics.effect_records import Wording
 from tpmsd.car.physics.parameters import Parameter, Prior
 
@@ -56,15 +54,17 @@ class RollSteer(DynamicsEffect):
             prior=Prior(0.0, 0.001, "1e-4 to 2e-3: Gillespie, ch. 6"),
         ),
         INSTANT,
+        DIRECTED,
     )
     coefficient: float = 0.0
     front: float = 0.0
     instant: float = 0.0
+    directed: float = 1.0
 
     @classmethod
     def variants(cls, nonlinear: bool) -> tuple[Mapping[str, float], ...]:
-        """Return the ways to lean."""
-        return leans(nonlinear)
+        """Return the ways to lean and to point."""
+        return tuple({**lean, **to} for lean in leans(nonlinear) for to in directions(nonlinear))
 
     def follows_instant(self) -> bool:
         """Return True if the body leans by more than the steady acceleration."""
@@ -75,6 +75,4 @@ class RollSteer(DynamicsEffect):
         accel = frame.across
         if self.instant > 0.0:
             accel = accel + self.instant * (frame.instant - accel)
-        front, rear = np.asarray(-self.front * accel), np.asarray(self.coefficient * accel)
-        turned = (front, rear) if frame.axles else (front, front, rear, rear)
-        frame.angle = frame.angle + np.stack(np.broadcast_arrays(*turned))
+        frame.turn(-self.front * accel, self.coefficient * accel, self.directed)
