@@ -347,7 +347,18 @@ class Search:
     def attempt(self, terms: list[CandidateTerm]) -> bool:
         """Take these terms, fitted, as the model if it predicts no worse; else leave the model as it is.
 
-        A model without a path, such as one whose fit ran away, is no model."""
+        A model without a path, such as one whose fit ran away, is no model. Beside names that are
+        there most terms fail, so a part of the blocks is asked first: what predicts plainly worse there is
+        not fitted to the whole drive.
+        """
+        part = self.part() if self.named else self
+        if part.setup is not self.setup and not part._taken(terms, SETTINGS.plain_error_increase):
+            return False
+        return self._taken(terms, SETTINGS.max_error_increase)
+
+    def _taken(self, terms: list[CandidateTerm], most: float) -> bool:
+        """Take these terms, fitted, if the prediction error grows by `most` at most; else leave the model as
+        it is."""
         before = (self.terms, self.at, self.noise, self.floor, self.error)
         self.terms = [_inside(term) for term in terms]
         try:
@@ -357,7 +368,7 @@ class Search:
             self.error = np.inf
         else:
             self.error = self.prediction_error()
-        if self.error <= before[-1] + SETTINGS.max_error_increase:
+        if self.error <= before[-1] + most:
             return True
         self.terms, self.at, self.noise, self.floor, self.error = before
         return False

@@ -82,6 +82,9 @@ class DynamicsSettings:
     cost: what explains how readings follow each other but predicts them worse is a property of the noise."""
     plain: float = 4.0
     """Log evidence on a part of the blocks, in thresholds, beyond which the whole drive need not be asked."""
+    plain_error_increase: float = 0.03
+    """Increase of the prediction's error on a part of the blocks beyond which the whole drive need not be
+    asked: fits to a part and to the whole differ by half of that in it."""
     min_fall: float = 0.995
     """Prediction error after over before, below which it is said to fall: three digits are printed."""
     tried: int = 4
