@@ -410,7 +410,7 @@ def test_a_brush_tyre_and_dugoff_s_are_the_ends_of_the_tyre_s_shape() -> None:
     assert between[0] == pytest.approx(0.5 * (plain[0] + brush[0]))
 
 
-def test_wheels_comply_to_the_force_of_finite_angles() -> None:
+def test_wheels_give_way_to_the_force_of_finite_angles() -> None:
     """With C / (1 + k C) at the front in C's place the car moves alike, its angles finite or small."""
     stiff, coefficient = CAR.cornering_front_n, 0.002
     k = coefficient * (CAR.front_m + CAR.rear_m) / (CAR.mass_kg * CAR.rear_m)
@@ -563,21 +563,17 @@ def test_wheels_that_turn_with_the_roll_follow_the_accelerations_of_the_instant(
     assert same.outputs["accel_lat"][0] == pytest.approx(float(plain.outputs["accel_lat"][0]), rel=1e-12)
 
 
-def test_wheels_comply_to_the_force_that_remains() -> None:
-    """Near the limit of friction too they turn by -k F of their axle, and their forces with them."""
-    coefficient, cornering = 0.003, replace(U, steer_rad=np.array([0.09]))
+def test_forces_of_wheels_that_give_way_turn() -> None:
+    """They turn by -k F / (1 + k C), F and C force and stiffness of their axle, as wheels that steer so."""
+    coefficient, model = 0.003, ThreeDof(CAR, forces=True)
     k = coefficient * CAR.wheelbase_m / (CAR.mass_kg * CAR.rear_m)
-    model = ThreeDof(CAR, forces=True)
     gives = make_dynamics_effect("compliance_steer", coefficient=coefficient)
-    frame = model.frame(FORCED, cornering, (gives,))
-    force = float(frame.side[0][0] + frame.side[1][0])
-    stiff = 0.5 * CAR.cornering_front_n * float(frame.angle[0][0] + frame.angle[1][0])
+    force = 0.5 * CAR.cornering_front_n * float(model.frame(FORCED, U, ()).angle[:2, 0].sum())
+    steered = U.steer_rad - k * force / (1.0 + k * CAR.cornering_front_n)
 
-    assert force < 0.9 * stiff  # the tyres are near their limit
-    assert float(np.asarray(frame.compliance_angle)[0]) == pytest.approx(-k * force, rel=0.01)
-    steered = replace(cornering, steer_rad=cornering.steer_rad + frame.compliance_angle)
-    found, expected = model.rates(FORCED, cornering, (gives,)), model.rates(FORCED, steered, ())
-    assert found == pytest.approx(expected, rel=1e-9)
+    found = model.rates(FORCED, U, (gives,))
+
+    assert found == pytest.approx(model.rates(FORCED, replace(U, steer_rad=steered), ()), rel=1e-9)
 
 
 def test_forces_of_turned_wheels_point_where_these_do() -> None:

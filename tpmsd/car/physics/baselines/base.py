@@ -47,8 +47,6 @@ MAX_STIFF = 0.8
 """Largest rate constant times step of the integration."""
 INSTANT_ROUNDS = 2
 """Rounds from the steady accelerations to the instantaneous ones: 4 m/s2 apart they leave 0.03 m/s2."""
-COMPLIANCE_ROUNDS = 2
-"""Rounds after which wheels give way to the forces of tyres near their limit: a 25th of the error is left."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,11 +231,6 @@ class Baseline(ABC):
         if frame.unlimited is None:
             self._to_unlimited(frame, theta)
         self._tyres(frame)
-        if not is_zero(frame.front_compliance) and frame.friction is not None:
-            for _ in range(COMPLIANCE_ROUNDS):
-                self._comply(frame, frame.side)
-                frame.unlimited = self._unlimited(frame)
-                self._tyres(frame)
 
     def _to_unlimited(self, frame: Frame, theta: Theta) -> None:
         """Go on from states to the forces of tyres without a limit."""
@@ -247,20 +240,8 @@ class Baseline(ABC):
         for effect in theta:
             effect.adapt_tyres(frame)
         if not is_zero(frame.front_compliance):
-            self._comply(frame, frame.stiffness * frame.angle)
+            _comply(frame)
         frame.unlimited = self._unlimited(frame)
-
-    def _comply(self, frame: Frame, side: FloatArray) -> None:
-        """Turn the front wheels by what they give way to side forces (contacts, ...).
-
-        The angle is -k F of the force that remains. A step of Newton's method with the slope of tyres without
-        a limit: what is left falls by k (C - dF/dalpha) / (1 + k C), a fifth at the limit, each time.
-        """
-        k, wheels = frame.front_compliance, 1 if frame.axles else 2
-        missing = k * side[:wheels].sum(axis=0) + frame.compliance_angle
-        turn = -missing / (1.0 + k * frame.stiffness[:wheels].sum(axis=0))
-        frame.compliance_angle = frame.compliance_angle + turn
-        frame.turn(turn, 0.0)
 
     def _pushed(self, frame: Frame, theta: Theta) -> Frame:
         """Return a frame with the tyres' forces, all other forces and rates added."""
@@ -379,6 +360,15 @@ class Baseline(ABC):
     @abstractmethod
     def _tyres(self, frame: Frame) -> None:
         """Fill in `side` and `along`, and add them up to forces and moment."""
+
+
+def _comply(frame: Frame) -> None:
+    """Turn the front wheels by what they give way to the side force of tyres without a limit: by -k F / (1 +
+    k C), F the force of wheels that do not give way."""
+    wheels, k = 1 if frame.axles else 2, frame.front_compliance
+    stiffness = frame.stiffness[:wheels]
+    force = (stiffness * frame.angle[:wheels]).sum(axis=0)
+    frame.turn(-k * force / (1.0 + k * stiffness.sum(axis=0)), 0.0)
 
 
 def _add_drag_and_rolling_resistance(frame: Frame) -> None:

@@ -129,9 +129,7 @@ class Frame:
     turned_rear: Real = field(default=0.0, kw_only=True)
     """Angle to the left by which the forces of the rear wheels are turned."""
     front_compliance: Real = field(default=0.0, kw_only=True)
-    """Angle out of the bend by which the front wheels give way per side force of their axle, rad/N."""
-    compliance_angle: Real = field(default=0.0, kw_only=True)
-    """Angle to the left by which they have given way; a part of `turned_front`."""
+    """Angle by which the front wheels give way per side force of their axle without a limit, rad/N."""
     side: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) lateral tyre forces in the wheel's frame, N."""
     along: FloatArray = field(default_factory=lambda: np.zeros(0))

@@ -14,8 +14,9 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 class DynamicsComplianceSteer(DynamicsEffect):
     """The front wheels turn out of the bend by k * F_f, k = c l / (m b): by c * a_y in steady bends.
 
-    With a linear tyre the axle has C / (1 + k C) instead of C. It gives way: c is positive. Source: 1 to 3
-    degrees per g with rack and bushings, a third of it by compliance ([Gillespie 1992], ch. 6).
+    F_f is the force of tyres without a limit: the axle has C / (1 + k C) instead of C. It gives way: c is
+    positive. Source: 1 to 3 degrees per g with rack and bushings, a third of it by compliance
+    ([Gillespie 1992], ch. 6).
     """
 
     name = "compliance_steer"
