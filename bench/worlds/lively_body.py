@@ -146,7 +146,11 @@ class Body:
         """Return dv, dr, du, a_y, a_x and the rates of the relaxed slip angles."""
         drive, brake = drive * self.drive_gain, brake * self.brake_gain
         if self.model == "three-dof":
-            fx, fy, mz, slip_rates = self._four_wheels(delta, u, v, r, ax, drive, brake, lag)
+            given = 0.0  # the angle by which bushings give way, in balance with the side force
+            for _ in range(7 if self.give else 1):
+                wheels = delta + given, u, v, r, ax, drive, brake, lag
+                fx, fy, mz, slip_rates, side = self._four_wheels(*wheels)
+                given = -self.give * (self.a + self.b) / (self.m * self.b) * side
         else:
             fx, fy, mz, slip_rates = self._two_axles(delta, u, v, r, ax, lag)
         lat = u * r
@@ -241,28 +245,8 @@ class Body:
         drive: float,
         brake: float,
         lag: list[float],
-    ) -> tuple[float, float, float, tuple[float, float]]:
-        """Return forces, moment and the lags' rates, bushings in balance with the side force."""
-        given = 0.0
-        for _ in range(7 if self.give else 1):
-            *found, side = self._with_front_turned(given, delta, u, v, r, ax, drive, brake, lag)
-            given = -self.give * (self.a + self.b) / (self.m * self.b) * side
-        fx, fy, mz, rates = found
-        return fx, fy, mz, rates
-
-    def _with_front_turned(
-        self,
-        given: float,
-        delta: float,
-        u: float,
-        v: float,
-        r: float,
-        ax: float,
-        drive: float,
-        brake: float,
-        lag: list[float],
     ) -> tuple[float, float, float, tuple[float, float], float]:
-        """Return the same and the front side force, with bushings that gave way by an angle."""
+        """Return forces, moment, the lags' rates and the front wheels' side force."""
         car, base = self.car, self.a + self.b
         if not self.forces:
             force = self.m * ax
@@ -282,7 +266,7 @@ class Body:
         move = 2.0 * self.h * lat / G
         mean = [0.0, 0.0]
         wheels = []
-        points = delta + given, self.roll_steer * u * r
+        points = delta, self.roll_steer * u * r
         for front in (True, False):
             for left in (True, False):
                 x, y, alpha = self._slip_angle(front, left, points[0 if front else 1], u, v, r)

@@ -59,14 +59,14 @@ def with_best_variants(search: Search) -> Search:
 def _in_best_variant(search: Search, name: str) -> Search:
     """Return the selection in which the effect of this name, where it is there, acts in its best variant."""
     here = next((term for term in search.terms if term.name == name), None)
-    variants = () if here is None else type(here.effect).variants(search.setup.baseline.nonlinear)
-    own = log_marginal(search, search) if len(variants) > 1 else 0.0
-    best = search
+    if here is None or len(variants := type(here.effect).variants(search.setup.baseline.nonlinear)) < 2:
+        return search
+    best, own = search, log_marginal(search, search)
     for fixed in variants:
-        if here is None or all(getattr(here.effect, key) == value for key, value in fixed.items()):
+        effect = replace(here.effect, **fixed)
+        if effect == here.effect:
             continue
-        variant = replace(here, effect=replace(here.effect, **fixed))
-        other = _exchanged(search, search.terms.index(here), variant)
+        other = _exchanged(search, search.terms.index(here), replace(here, effect=effect))
         if other is not None and (nats := log_marginal(other, search)) > own:
             best, own = other, nats
     if best is not search:

@@ -54,7 +54,7 @@ def searched(
         one.competitor = CompetingSelection(nats, frozenset(term.key for term in against.terms))
     chosen = preferred(search, other, first - best)
     explained = max(first, best) - base
-    chosen.may_be_proxy = chosen.nameless_there and first - base > SETTINGS.proxy_share * explained
+    chosen.may_be_proxy = first - base > SETTINGS.proxy_share * explained
     return chosen
 
 

@@ -239,8 +239,6 @@ class Baseline(ABC):
             effect.adapt_angles(frame)
         for effect in theta:
             effect.adapt_tyres(frame)
-        if not is_zero(frame.front_compliance):
-            _comply(frame)
         frame.unlimited = self._unlimited(frame)
 
     def _pushed(self, frame: Frame, theta: Theta) -> Frame:
@@ -360,15 +358,6 @@ class Baseline(ABC):
     @abstractmethod
     def _tyres(self, frame: Frame) -> None:
         """Fill in `side` and `along`, and add them up to forces and moment."""
-
-
-def _comply(frame: Frame) -> None:
-    """Turn the front wheels by what they give way to the side force of tyres without a limit: by -k F / (1 +
-    k C), F the force of wheels that do not give way."""
-    wheels, k = 1 if frame.axles else 2, frame.front_compliance
-    stiffness = frame.stiffness[:wheels]
-    force = (stiffness * frame.angle[:wheels]).sum(axis=0)
-    frame.turn(-k * force / (1.0 + k * stiffness.sum(axis=0)), 0.0)
 
 
 def _add_drag_and_rolling_resistance(frame: Frame) -> None:

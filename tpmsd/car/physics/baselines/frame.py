@@ -128,8 +128,6 @@ class Frame:
     """Angle to the left that the suspension adds to the front wheels' steer angle."""
     turned_rear: Real = field(default=0.0, kw_only=True)
     """Angle to the left by which the forces of the rear wheels are turned."""
-    front_compliance: Real = field(default=0.0, kw_only=True)
-    """Angle by which the front wheels give way per side force of their axle without a limit, rad/N."""
     side: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(contacts, ...) lateral tyre forces in the wheel's frame, N."""
     along: FloatArray = field(default_factory=lambda: np.zeros(0))
@@ -160,10 +158,8 @@ class Frame:
         the rear by a `share` of it."""
         turned = (front, rear) if self.axles else (front, front, rear, rear)
         self.angle = self.angle + like(np.stack(np.broadcast_arrays(*turned)), self.angle)
-        self.turned_front, self.turned_rear = (
-            self.turned_front + front,
-            self.turned_rear + share * rear,
-        )
+        self.turned_front = self.turned_front + front
+        self.turned_rear = self.turned_rear + share * rear
 
 
 def like(contacts: FloatArray, shape: FloatArray) -> FloatArray:

@@ -26,6 +26,7 @@ class DynamicsComplianceSteer(DynamicsEffect):
         sentence="the front wheels give way under side force",
         distinguished_by="hold steady bends at two speeds and change lanes quickly",
     )
+    order = 1  # after what else makes the slip angles: the wheels give way to all of the force
     channel = "yaw_rate"
     covariate = "accel_lat"
     confounded_with = ("cornering_stiffness_error",)
@@ -45,6 +46,8 @@ class DynamicsComplianceSteer(DynamicsEffect):
     coefficient: float = 0.0
 
     def adapt_angles(self, frame: Frame) -> None:
-        """Let the front wheels give way."""
+        """Turn the front wheels by -k F / (1 + k C), F the force of wheels that do not give way."""
         base = frame.front + frame.rear
-        frame.front_compliance = frame.front_compliance + self.coefficient * base / (frame.mass * frame.rear)
+        soft = self.coefficient * base / (frame.mass * frame.rear) * frame.cornering_front
+        angle = frame.angle[: len(frame.angle) // 2].mean(axis=0)
+        frame.turn(-angle * soft / (1.0 + soft), 0.0)
