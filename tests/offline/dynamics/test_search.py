@@ -1,0 +1,112 @@
+"""The state of the selection: paths with states that effects add, and what an attempt costs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.offline.dynamics.drives import folder, hidden, loaded
+from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.offline.dynamics.findings import findings_of
+from tpmsd.offline.dynamics.located import nameless
+from tpmsd.offline.dynamics.path import Setup, smoothed
+from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.settings import SETTINGS
+from tpmsd.offline.dynamics.terms import CandidateTerm, term_of
+
+CHANNELS = ("yaw_rate", "accel_lat", "velocity_lat")
+ROLL = make_dynamics_effect("roll_dynamics", frequency_hz=1.5, damping=0.3)
+
+
+def begun(tmp_path: Path, kind: type[Search] = Search, duration_s: float = 20.0) -> Search:
+    """Return a selection without terms on a drive without hidden effects."""
+    baseline, drive = loaded(folder(tmp_path / "d", hidden(), duration_s=duration_s), "single-track")
+    return kind(Setup(baseline, drive, CHANNELS))
+
+
+def test_a_path_with_roll_is_the_likeliest(tmp_path: Path) -> None:
+    """A rolled acceleration of some m/s2 is reached from zero. Steps that are held back leave half a per
+    cent of a nat; Newton's leave the square of what there was."""
+    search = begun(tmp_path)
+    search.terms = [term_of(ROLL, search.setup.baseline)]
+    start = search._resized(search.at.path)
+
+    at = smoothed(search.setup, search.theta, start, search.noise)
+
+    step = at.weighted(search.setup, search.noise)
+    gradient = step.gradient()
+    assert float(np.abs(at.path[:, 2]).max()) > 3.0
+    assert float(np.vdot(gradient, step.factor.solve(gradient))) < 1e-5
+
+
+def test_states_go_with_their_effects(tmp_path: Path) -> None:
+    """Where one effect's states come before another's, those keep path and noise and the new have their
+    sizes."""
+    search = begun(tmp_path)
+    slip = make_dynamics_effect("tyre_relaxation", length_m=0.5)
+    search.terms = [term_of(slip, search.setup.baseline)]
+    search.at = smoothed(search.setup, search.theta, search._resized(search.at.path), search.noise)
+    before, states = search.at.path, search.noise.states
+    assert float(np.abs(before[:, 2:4]).max()) > 1e-3
+
+    search.terms = [term_of(ROLL, search.setup.baseline), *search.terms]
+    path = search._resized(before)
+
+    names = search.setup.states(search.theta)
+    assert search.noise.states == names != states
+    for name in states:
+        assert path[:, names.index(name)].tolist() == before[:, states.index(name)].tolist()
+    starts = dict(zip(names, search.noise.start, strict=True))
+    assert [starts[name] for name in ROLL.states] == [10.0, 100.0]
+    assert [starts[name] for name in slip.states] == [1.0, 1.0]
+    assert search.noise.start == pytest.approx(search.floor.start)
+
+
+class Judged(Search):
+    """A selection whose prediction gets worse by a given amount with the tyres' relaxation."""
+
+    worse: float
+    asked: list[int]
+
+    def prediction_error(self) -> float:
+        """Return the error that is given."""
+        return self.worse if any(term.name == "tyre_relaxation" for term in self.terms) else 0.0
+
+    def _taken(self, terms: list[CandidateTerm], most: float) -> bool:
+        self.asked.append(len(self.setup.drive.time_s))
+        return super()._taken(terms, most)
+
+
+def test_what_predicts_plainly_worse_on_a_part_is_not_fitted_to_the_whole_drive(tmp_path: Path) -> None:
+    """Beside a name that is there; what is a little worse on the part is asked of the whole."""
+    Judged.worse, Judged.asked = 0.0, []
+    search = begun(tmp_path, Judged, 180.0)
+    search.terms = [term_of(make_dynamics_effect("mass_error", relative=0.0), search.setup.baseline)]
+    search.error, whole = 0.0, len(search.setup.drive.time_s)
+    slip = term_of(make_dynamics_effect("tyre_relaxation", length_m=0.1), search.setup.baseline)
+
+    for worse, asked in ((2.0, 1), (0.5, 2)):
+        Judged.worse, Judged.asked = worse * SETTINGS.plain_error_increase, []
+        assert not search.attempt([*search.terms, slip])
+        assert [count < whole for count in Judged.asked] == [True, False][:asked]
+
+
+def test_names_are_doubted_for_a_term_without_a_name_only_while_it_is_there(tmp_path: Path) -> None:
+    """An exchange took it out: what was said of the names beside it holds no more."""
+    where = folder(tmp_path / "d", hidden(gyro_delay={"delay_s": 0.04}), duration_s=20.0)
+    baseline, drive = loaded(where, "single-track")
+    search = Search(Setup(baseline, drive, CHANNELS))
+    search.terms = [term_of(make_dynamics_effect("gyro_delay", delay_s=0.04), baseline)]
+    search.settle()
+    search.may_be_proxy = True
+
+    (alone,) = findings_of(search, search.look(search.offered()))
+
+    assert not alone.may_be_proxy
+    search.terms.append(nameless(search)[0].term)
+    search.settle()
+    found = {one.effect: one for one in findings_of(search, search.look(search.offered()))}
+    assert found["gyro_delay"].may_be_proxy
+    assert found["gyro_delay"].confidence < 0.5 < alone.confidence
