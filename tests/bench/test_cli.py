@@ -33,6 +33,10 @@ def test_every_campaign_is_there_and_takes_its_own_options(name: str) -> None:
         (["run", "phlogiston"], "invalid choice: 'phlogiston'"),
         (["run", "slip-gate", "--minutes", "1"], "a drive must be longer than two minutes"),
         (["run", "speed", "--runs", "0"], "at least one run"),
+        (
+            ["run", "dynamics-cars", "--kinds", "single", "--baseline", "three-dof"],
+            "no drive is of these kinds, baseline and names; there are null with single-track",
+        ),
     ],
 )
 def test_wrong_usage_is_reported_in_one_line(

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.registry import UsageError
 from bench.worlds.varied_cars import OUTSIDE, STYLES, Case, Recorded, Sensors, drives
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
@@ -80,12 +81,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
     """Run and print."""
-    kinds, only = set(args.kinds.split(",")), set(filter(None, args.only.split(",")))
-    asked = [
-        one
-        for one in cases(args.seeds, args.first_seed)
-        if one.kind in kinds and args.baseline in (None, one.baseline) and (not only or one.name in only)
-    ]
+    asked = chosen(args)
     rows = []
     for one, made in zip(asked, drives([one.case for one in asked], args.duration), strict=True):
         row = judged(one, made)
@@ -101,6 +97,21 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     for key, value in summary.items():
         print(f"{key}: {value}")
     return {"rows": rows, "summary": summary}
+
+
+def chosen(args: argparse.Namespace) -> list[Asked]:
+    """Return the drives that the options ask for; UsageError where there is none."""
+    kinds, only = set(args.kinds.split(",")), set(filter(None, args.only.split(",")))
+    every = cases(args.seeds, args.first_seed)
+    asked = [
+        one
+        for one in every
+        if one.kind in kinds and args.baseline in (None, one.baseline) and (not only or one.name in only)
+    ]
+    if not asked:
+        there = sorted({f"{one.kind} with {one.baseline}" for one in every})
+        raise UsageError(f"no drive is of these kinds, baseline and names; there are {', '.join(there)}")
+    return asked
 
 
 def cases(seeds: int, first_seed: int) -> list[Asked]:
