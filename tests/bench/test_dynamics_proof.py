@@ -9,7 +9,10 @@ import pytest
 
 pytest.importorskip("vehiclemodels")
 
-from bench.campaigns.offline.dynamics_proof import PAUSE_S, SENSORS, joined, put, sided
+from bench.campaigns.offline import dynamics_proof
+from bench.campaigns.offline.dynamics_proof import PAUSE_S, SENSORS, joined, main, put, sided
+from bench.cli import parse
+from bench.registry import UsageError
 from bench.worlds.commonroad_car import Now
 
 
@@ -48,5 +51,22 @@ def test_tables_go_between_their_marks(tmp_path: Path) -> None:
     put(page, {"x": "new"})
 
     assert page.read_text() == "a\n<!-- x -->\nnew\n<!-- /x -->\nb\n"
-    with pytest.raises(ValueError, match="no marks"):
+    with pytest.raises(UsageError, match="no marks"):
         put(page, {"y": "new"})
+
+
+def test_a_page_without_marks_is_refused_before_anything_is_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A table that finds no place after half an hour is lost; the page of an empty check stays as it was."""
+    monkeypatch.setattr(dynamics_proof, "multibody", lambda seed: pytest.fail("computed first"))
+    page = tmp_path / "page.md"
+    for text in (None, "no marks"):
+        if text is not None:
+            page.write_text(text)
+        with pytest.raises(UsageError, match=r"page\.md"):
+            main(parse(["run", "dynamics-proof", "--page", str(page)]))
+
+    page.write_text("<!-- x -->\nold\n<!-- /x -->\n")
+    put(page, {"x": ""})
+    assert page.read_text() == "<!-- x -->\nold\n<!-- /x -->\n"

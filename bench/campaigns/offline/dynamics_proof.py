@@ -28,6 +28,7 @@ from bench.campaigns.car.vehicle_state import (
     slowly_rising_steer,
     workshop,
 )
+from bench.registry import UsageError
 from bench.worlds.commonroad_car import Driver, Now, parameters, run
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.physics.baselines.base import UNITS, Baseline
@@ -76,18 +77,22 @@ class Proof:
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
     """Run, print and write."""
+    keys = [] if args.skip_multibody else ["proof-1"]
+    keys += ["proof-2", "proof-3"] if args.real is not None else []
+    if args.page is not None:
+        put(args.page, dict.fromkeys(keys, ""))
     proofs = []
     if not args.skip_multibody:
         proofs.append(multibody(args.seed))
     if args.real is not None:
         proofs += [real(args.real, name) for name in ("single-track", "three-dof")]
-    tables = {f"proof-{k}": table(one) for k, one in enumerate(proofs, 1 + args.skip_multibody)}
+    tables = {key: table(one) for key, one in zip(keys, proofs, strict=True)}
     for one in tables.values():
         print(f"\n{one}", flush=True)
-    if args.page is not None:
-        put(args.page, tables)
     if args.picture is not None:
         args.picture.write_bytes(picture(proofs))
+    if args.page is not None:
+        put(args.page, tables)
     return {"proofs": [document(one) for one in proofs]}
 
 
@@ -281,14 +286,21 @@ def table(one: Proof) -> str:
 
 
 def put(page: Path, tables: Mapping[str, str]) -> None:
-    """Put tables into a page, each between its two marks; ValueError if a mark is missing."""
-    text = page.read_text(encoding="utf-8")
+    """Put tables into a page, each between its two marks; UsageError without the page or a mark.
+
+    An empty table leaves what stands there, so that a page can be checked before anything is computed.
+    """
+    try:
+        text = page.read_text(encoding="utf-8")
+    except OSError as error:
+        raise UsageError(str(error)) from error
     for key, content in tables.items():
         first, last = f"<!-- {key} -->", f"<!-- /{key} -->"
         if first not in text or last not in text:
-            raise ValueError(f"{page}: no marks {first} and {last}")
+            raise UsageError(f"{page}: no marks {first} and {last}")
         head, _, rest = text.partition(first)
-        text = f"{head}{first}\n{content}\n{last}{rest.partition(last)[2]}"
+        if content:
+            text = f"{head}{first}\n{content}\n{last}{rest.partition(last)[2]}"
     page.write_text(text, encoding="utf-8")
 
 
