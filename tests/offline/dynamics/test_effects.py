@@ -172,6 +172,16 @@ def test_forces_of_the_longitudinal_effects() -> None:
     assert wind[2] == pytest.approx(-0.5 * 1.2041 * 0.65 * (32.0**2 - 22.0**2) / 1480.0)
 
 
+def test_wheels_resist_rolling_by_their_loads() -> None:
+    """The outer wheels turn the car out of the bend, together by c h for m u r; linear axles do not."""
+    lean = 1480.0 * 22.0 * 0.15
+
+    assert rates("rolling_resistance", ThreeDof(CAR, forces=True), coefficient=0.012)[1] == pytest.approx(
+        -0.012 * CAR.height_m * lean / 2350.0
+    )
+    assert rates("rolling_resistance", coefficient=0.012)[1] == 0.0
+
+
 def test_forces_of_the_lateral_effects() -> None:
     """dv/dt and dr/dt change by the forces of the closed forms."""
     side = 0.5 * 1.2041 * 4.5 * 22.0 * 8.0
