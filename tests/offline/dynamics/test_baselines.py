@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from bench.worlds.lively_car import CarSpec, Concealed, drive
-from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline
+from tpmsd.car.physics.baselines.base import MIN_MPS, Baseline, Theta
 from tpmsd.car.physics.baselines.car import DynamicCar
+from tpmsd.car.physics.baselines.exponential import MAX_DECAY, exponential_step
 from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
 from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
 from tpmsd.car.physics.baselines.single_track import SingleTrack
@@ -109,6 +112,52 @@ def test_a_car_at_walking_pace_is_not_singular() -> None:
 
     assert np.all(np.isfinite(rates))
     assert model.rates(np.array([[0.0, 0.0]]), held(0.1, MIN_MPS), ()) == pytest.approx(rates)
+
+
+@pytest.mark.parametrize("length_m", [0.05, 0.3, 1.5])
+def test_slip_angles_that_follow_at_once_need_no_short_steps(
+    length_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A step of 20 ms at 60 m/s, lags of 1 to 25 ms: from states that follow nothing yet it is that of a
+    hundred steps to a fortieth of the change."""
+    asked: list[float] = []
+    original = SingleTrack.rates
+
+    def counted(self: SingleTrack, x: FloatArray, u: Inputs, theta: Theta) -> FloatArray:
+        asked.append(1.0)
+        return original(self, x, u, theta)
+
+    model = SingleTrack(CAR)
+    slip = make_dynamics_effect("tyre_relaxation", length_m=length_m)
+    theta = (slip, make_dynamics_effect("tyre_saturation", friction=0.9))
+    start, end = held(0.02, 60.0), held(0.03, 59.5)
+    x = np.array([[0.3, 0.1, 0.01, 0.004]])
+    fine = x
+    for k in range(100):
+        span = (Span(start, end).at(k / 100.0), Span(start, end).at((k + 1) / 100.0))
+        fine = model.step(fine, Span(*span), theta, 0.0002)
+    monkeypatch.setattr(SingleTrack, "rates", counted)
+
+    found = model.step(x, Span(start, end), theta, 0.02)
+
+    assert found - x == pytest.approx(fine - x, rel=2.5e-2, abs=1e-6)
+    assert len(asked) <= 4 * max(math.ceil(60.0 * 0.02 / length_m / MAX_DECAY), 1)
+
+
+def test_a_decay_alone_is_exact() -> None:
+    """x' = -k x, and x' = -k (x - t), from small constants to large ones."""
+    constants = np.array([1e-6, 0.3, 0.999, 1.001, 40.0])
+    for driven in (0.0, 1.0):
+
+        def rates(at: FloatArray, fraction: float, driven: float = driven) -> FloatArray:
+            return -constants[:, None] * (at - driven * fraction)
+
+        x = np.full((5, 1), 2.0)
+        found = exponential_step(x, rates(x, 0.0), rates, np.ones((5, 1)), {0: constants})[:, 0]
+
+        power = np.exp(-constants)
+        lag = driven * (constants + np.expm1(-constants)) / constants
+        assert found == pytest.approx(2.0 * power + lag, rel=1e-9)
 
 
 @pytest.mark.parametrize("delay_s", [0.05, 0.15, -0.15])

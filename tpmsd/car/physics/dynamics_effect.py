@@ -19,6 +19,7 @@ from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.car.physics.effect_records import Wording, fold_flat
 from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value
 from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
 
 PHYSICS, INSTRUMENT, EVENT, FREE = "physics", "instrument", "event", "free"
 """Kinds: of car and road, of a sensor, of a span of time, a description without a formula."""
@@ -143,6 +144,11 @@ class DynamicsEffect:
     def fastest_rate_per_s(self, speed_mps: float) -> float:
         """Return the rate constant of its own states at most at this speed."""
         return 0.0
+
+    def decays_per_s(self, speed_mps: FloatArray) -> dict[str, FloatArray]:
+        """Return the rate constants with which its states follow what drives them, by state, at these
+        speeds; none where its states swing, or it has none."""
+        return {}
 
     def shift_series(self, inputs: Inputs) -> Inputs:
         """Change inputs over a whole recording, arrays (n,): delays."""

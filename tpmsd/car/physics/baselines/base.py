@@ -8,6 +8,7 @@ with Dugoff's.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
@@ -18,6 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.car.physics.baselines.car import DynamicCar
+from tpmsd.car.physics.baselines.exponential import MAX_DECAY, exponential_step
 from tpmsd.car.physics.baselines.frame import Earlier, Frame, Real, Unlimited, frame_of, is_zero, like
 from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect, before_forces, in_order
@@ -106,9 +108,12 @@ class Baseline(ABC):
     ) -> FloatArray:
         """Return the states after `dt` seconds, (..., n); `u` is held, or a `Span` that changes linearly.
 
-        Runge-Kutta of fourth order, in as many steps as the fastest rate needs. `start_rates` are those of
-        the first stage where they are known.
+        Runge-Kutta of fourth order, in as many steps as the fastest rate needs, exponential where states
+        follow what drives them. `start_rates` are those of the first stage where they are known.
         """
+        decays = self._decays(x, u.at(0.0), theta)
+        if decays:
+            return self._exponential_steps(x, u, theta, dt, decays, start_rates)
         count = self.substeps(u.at(0.0), float(np.max(dt)), theta)
         h = np.asarray(dt)[..., None] / count
         for k in range(count):
@@ -118,6 +123,40 @@ class Baseline(ABC):
             c = self.rates(x + 0.5 * h * b, middle, theta)
             d = self.rates(x + h * c, last, theta)
             x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        return x
+
+    def _decays(self, x: FloatArray, u: Inputs, theta: Theta) -> dict[int, FloatArray]:
+        """Return the rate constants (...) of the states that follow what drives them, by their columns."""
+        names = self.states(theta)
+        speed = np.maximum(x[..., names.index("u")] if "u" in names else u.speed_mps, MIN_MPS)
+        return {
+            names.index(name): constant
+            for effect in theta
+            for name, constant in effect.decays_per_s(speed).items()
+        }
+
+    def _exponential_steps(
+        self,
+        x: FloatArray,
+        u: Inputs | Span,
+        theta: Theta,
+        dt: float | FloatArray,
+        decays: Mapping[int, FloatArray],
+        start_rates: FloatArray | None,
+    ) -> FloatArray:
+        """Return the states after `dt` seconds where some follow what drives them with these constants."""
+        names, longest = self.states(theta), float(np.max(dt))
+        others = [one for one in theta if not any(names.index(name) in decays for name in one.states)]
+        fastest = max(float(np.max(constant)) for constant in decays.values())
+        count = max(self.substeps(u.at(0.0), longest, others), math.ceil(longest * fastest / MAX_DECAY))
+        h = np.asarray(dt)[..., None] / count
+        for k in range(count):
+
+            def rates(at: FloatArray, fraction: float, begin: int = k) -> FloatArray:
+                return self.rates(at, u.at((begin + fraction) / count), theta)
+
+            first = rates(x, 0.0) if k or start_rates is None else start_rates
+            x = exponential_step(x, first, rates, h, decays)
         return x
 
     def substeps(self, u: Inputs, dt: float, theta: Theta = ()) -> int:

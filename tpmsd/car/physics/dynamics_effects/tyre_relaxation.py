@@ -69,6 +69,11 @@ class TyreRelaxation(DynamicsEffect):
         """Return u / length."""
         return speed_mps / max(float(np.max(self.length_m)), MIN_M)
 
+    def decays_per_s(self, speed_mps: FloatArray) -> dict[str, FloatArray]:
+        """Return u / length for both axles."""
+        constant = np.asarray(speed_mps / np.maximum(self.length_m, MIN_M))
+        return dict.fromkeys(self.states, constant)
+
     def adapt_angles(self, frame: Frame) -> None:
         """Replace each axle's mean slip angle by the relaxed one.
 
