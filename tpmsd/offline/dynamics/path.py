@@ -19,7 +19,7 @@ from tpmsd.car.physics.baselines.inputs import Inputs, Span
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, covariate_of
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.dynamics.arrays import BoolArray
+from tpmsd.offline.dynamics.arrays import BoolArray, IntArray
 from tpmsd.offline.dynamics.banded import BandedFactor
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
 from tpmsd.offline.dynamics.noise import PathNoise
@@ -159,14 +159,20 @@ class Linear:
 
 
 def linear(
-    setup: Setup, theta: Theta, path: FloatArray, driven: bool = True, near: Linear | None = None
+    setup: Setup,
+    theta: Theta,
+    path: FloatArray,
+    driven: bool = True,
+    near: Linear | None = None,
+    inputs: Inputs | None = None,
 ) -> Linear:
     """Return residuals and derivatives at a path; those by the disturbances are left out unless `driven`.
 
-    With `near` the derivatives are taken from there instead; the caller checks that they hold.
+    With `near` the derivatives are taken from there instead; the caller checks that they hold. `inputs` are
+    those that the effects shift, where they are known.
     """
     drive, names = setup.drive, setup.states(theta)
-    inputs = setup.inputs(theta)
+    inputs = setup.inputs(theta) if inputs is None else inputs
     count, total = len(names), path.shape[1]
     dt = np.diff(drive.time_s)
     dt = np.where(drive.linked, dt, 1e-6)
@@ -513,14 +519,8 @@ def subset(setup: Setup, at: Linear, besides: BoolArray | None = None) -> tuple[
     taken[part_of_blocks(setup)] = True
     if taken.all():
         return setup, at
-    blocks = list(zip(drive.starts[taken], drive.ends[taken], strict=True))
-    rows = np.concatenate([np.arange(first, last) for first, last in blocks])
+    few, rows = blocks_of(drive, taken)
     links = rows[:-1]
-    outputs = {name: values[rows] for name, values in drive.outputs.items()}
-    few = _Part(drive.name, drive.inputs.take(rows), outputs, drive.forces, drive.start_s)
-    begins = np.cumsum([0, *(last - first for first, last in blocks)])
-    few.__dict__["starts"], few.__dict__["ends"] = begins[:-1], begins[1:]
-    few.__dict__["moving"] = drive.moving[rows]
     part = Linear(
         at.path[rows],
         at.step_residual[np.minimum(links, n - 2)],
@@ -529,6 +529,20 @@ def subset(setup: Setup, at: Linear, besides: BoolArray | None = None) -> tuple[
         at.outputs_by_state[rows],
     )
     return replace(setup, drive=few), part
+
+
+def blocks_of(drive: DynamicsDrive, taken: BoolArray) -> tuple[DynamicsDrive, IntArray]:
+    """Return a drive of some of the blocks, (B,), and their rows; the drive itself where all are taken."""
+    if taken.all():
+        return drive, np.arange(len(drive.time_s))
+    blocks = list(zip(drive.starts[taken], drive.ends[taken], strict=True))
+    rows = np.concatenate([np.arange(first, last) for first, last in blocks])
+    outputs = {name: values[rows] for name, values in drive.outputs.items()}
+    few = _Part(drive.name, drive.inputs.take(rows), outputs, drive.forces, drive.start_s)
+    begins = np.cumsum([0, *(last - first for first, last in blocks)])
+    few.__dict__["starts"], few.__dict__["ends"] = begins[:-1], begins[1:]
+    few.__dict__["moving"] = drive.moving[rows]
+    return few, rows
 
 
 def part_of_blocks(setup: Setup) -> slice:
