@@ -93,6 +93,31 @@ def test_what_predicts_plainly_worse_on_a_part_is_not_fitted_to_the_whole_drive(
         assert [count < whole for count in Judged.asked] == [True, False][:asked]
 
 
+class RunsAway(Search):
+    """A selection whose likelihood grows with a delay without end, and whose prediction is best at 40 ms."""
+
+    def fit(self, rounds: int = 3) -> None:
+        """Go on by 15 ms."""
+        self.terms = [term.moved(np.array([0.015])) for term in self.terms]
+
+    def prediction_error(self) -> float:
+        """Return a parabola over the delay."""
+        return sum((term.value("delay_s") / 0.04 - 1.0) ** 2 for term in self.terms)
+
+
+def test_a_model_settles_where_it_predicts_no_worse_than_at_the_start(tmp_path: Path) -> None:
+    """From 20 ms on to 35 and 50 ms, and not to 65 ms; what stands with the values is theirs."""
+    search = begun(tmp_path, RunsAway)
+    search.terms = [term_of(make_dynamics_effect("gyro_delay", delay_s=0.02), search.setup.baseline)]
+    search.error, at = search.prediction_error(), search.at
+
+    search.settle()
+
+    assert search.terms[0].value("delay_s") == pytest.approx(0.05)
+    assert search.error == pytest.approx(0.0625)
+    assert search.at is at
+
+
 def test_names_are_doubted_for_a_term_without_a_name_only_while_it_is_there(tmp_path: Path) -> None:
     """An exchange took it out: what was said of the names beside it holds no more."""
     where = folder(tmp_path / "d", hidden(gyro_delay={"delay_s": 0.04}), duration_s=20.0)

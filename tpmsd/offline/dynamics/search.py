@@ -183,17 +183,26 @@ class Search:
         self._refit_noise(3)
 
     def settle(self) -> None:
-        """Fit until no value moves any more."""
+        """Fit until no value moves any more, or a fit predicts worse than the model did at the start.
+
+        A likelihood may go on to grow along values that explain how readings follow each other, such as a
+        delay and a position of one instrument, while the prediction from the inputs falls apart.
+        """
+        most = self.error + SETTINGS.max_error_increase
         for _ in range(SETTINGS.last_fits):
             before = [term.values() for term in self.terms]
+            kept = (list(self.terms), self.at, self.noise, self.floor, self.error)
             self.fit()
+            self.error = self.prediction_error()
+            if self.error > most:
+                self.terms, self.at, self.noise, self.floor, self.error = kept
+                break
             moves = [
                 np.abs(term.values() - values) / np.array(term.prior_std)
                 for term, values in zip(self.terms, before, strict=True)
             ]
             if max(float(np.max(move)) for move in moves) < SETTINGS.settled:
                 break
-        self.error = self.prediction_error()
 
     def _move(self, step: FloatArray) -> None:
         at = 0
