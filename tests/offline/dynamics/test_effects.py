@@ -15,6 +15,7 @@ from tests.offline.dynamics.test_baselines import CAR, held, settled
 from tpmsd.car.physics import dynamics_effects
 from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.car.physics.baselines.dugoff import grip_share
+from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
 from tpmsd.car.physics.baselines.single_track import SingleTrack
 from tpmsd.car.physics.baselines.table import BASELINES
@@ -571,6 +572,33 @@ def test_wheels_that_turn_with_the_roll_follow_the_accelerations_of_the_instant(
     idle = make_dynamics_effect("roll_steer", coefficient=0.0)
     same = ThreeDof(CAR).frame(state, entering, (instant, idle))
     assert same.outputs["accel_lat"][0] == pytest.approx(float(plain.outputs["accel_lat"][0]), rel=1e-12)
+
+
+def test_angles_that_no_load_changes_are_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Relaxed slip angles serve every round of the loads, to the last digit; roll steer's do not."""
+    entering, state = held(0.06, 25.0), np.array([[0.0, 0.05, 0.03, 0.01]])
+    slip = make_dynamics_effect("tyre_relaxation", length_m=0.3)
+    loads = make_dynamics_effect("instant_loads", coefficient=1.0)
+    turning = make_dynamics_effect("roll_steer", coefficient=0.002)
+    found: list[float] = []
+    original = ThreeDof._angles
+
+    def counted(self: ThreeDof, frame: Frame) -> None:
+        found.append(1.0)
+        original(self, frame)
+
+    monkeypatch.setattr(ThreeDof, "_angles", counted)
+    once = ThreeDof(CAR).rates(state, entering, (slip, loads))
+    assert len(found) == 1
+    monkeypatch.setattr(type(slip), "reads_loads", True)
+    found.clear()
+    assert ThreeDof(CAR).rates(state, entering, (slip, loads)).tolist() == once.tolist()
+    each_round = len(found)
+    assert each_round > 1
+    monkeypatch.setattr(type(slip), "reads_loads", False)
+    found.clear()
+    ThreeDof(CAR).rates(state, entering, (slip, loads, turning))
+    assert len(found) == each_round
 
 
 def test_forces_of_wheels_that_give_way_turn() -> None:

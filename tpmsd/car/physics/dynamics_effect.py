@@ -71,6 +71,8 @@ class DynamicsEffect:
     """True if one of its hooks acts before the tyres' forces are known."""
     acts_on_angles: ClassVar[bool] = False
     """True if one of its hooks acts on slip angles or stiffnesses."""
+    reads_loads: ClassVar[bool] = True
+    """False if these hooks read neither loads nor the accelerations that loads follow."""
     moves_car: ClassVar[bool] = False
     """True if the car moves otherwise with it."""
     order: ClassVar[int] = 0

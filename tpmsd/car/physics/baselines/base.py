@@ -241,7 +241,7 @@ class Baseline(ABC):
         frame.ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
         frame.across = frame.u * frame.r
         if not is_zero(frame.instant_loads) or any(effect.follows_instant() for effect in theta):
-            if not any(effect.acts_on_angles for effect in theta):
+            if not any(effect.acts_on_angles and effect.reads_loads for effect in theta):
                 self._to_unlimited(frame, theta)  # the same in each round
             self._follow_instant(frame, theta)
         self._to_tyres(frame, theta)

@@ -23,6 +23,7 @@ class LargeAngles(DynamicsEffect):
 
     name = "large_angles"
     kind = NUISANCE
+    reads_loads = False
     wording = Wording(
         formula="F_y = F_f * cos(delta) + F_x * sin(delta) + F_r, alpha = delta - atan(v_y / u)",
         sentence="the angles of steering and slip are not small",

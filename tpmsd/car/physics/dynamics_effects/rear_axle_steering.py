@@ -29,6 +29,7 @@ class DynamicsRearAxleSteering(DynamicsEffect):
 
     name = "rear_axle_steering"
     kind = PHYSICS
+    reads_loads = False
     wording = Wording(
         formula="rear slip angle = geometric + k * delta,"
         " k = coefficient + by_speed * (u^2 - v0^2) / (u^2 + v0^2), v0 = 16 m/s",

@@ -36,6 +36,7 @@ class TyreRelaxation(DynamicsEffect):
     channel = "yaw_rate"
     covariate = "steering_rate"
     states = ("relaxed_front", "relaxed_rear")
+    reads_loads = False
     positive = True
     composes = False
     confounded_with = ("steering_delay", "gyro_delay", "yaw_inertia_error")
