@@ -174,13 +174,18 @@ def test_forces_of_the_longitudinal_effects() -> None:
 
 
 def test_wheels_resist_rolling_by_their_loads() -> None:
-    """The outer wheels turn the car out of the bend, together by c h for m u r; linear axles do not."""
+    """The outer wheels turn the car out of the bend, together by c h for m u r; without a resistance they do
+    not, nor does the resistance alone."""
+    resists = make_dynamics_effect("rolling_resistance", coefficient=0.012)
+    model = ThreeDof(CAR, forces=True)
+    plain = model.rates(FORCED, U, (resists,))
     lean = 1480.0 * 22.0 * 0.15
 
-    assert rates("rolling_resistance", ThreeDof(CAR, forces=True), coefficient=0.012)[1] == pytest.approx(
-        -0.012 * CAR.height_m * lean / 2350.0
-    )
-    assert rates("rolling_resistance", coefficient=0.012)[1] == 0.0
+    turned = model.rates(FORCED, U, (resists, make_dynamics_effect("wheel_resistance", coefficient=1.0)))
+
+    assert (turned - plain)[0] == pytest.approx([0.0, -0.012 * CAR.height_m * lean / 2350.0, 0.0])
+    assert rates("wheel_resistance", model, coefficient=1.0) == pytest.approx([0.0, 0.0, 0.0])
+    assert rates("rolling_resistance", model, coefficient=0.012)[1] == pytest.approx(0.0)
 
 
 def test_forces_of_the_lateral_effects() -> None:

@@ -400,21 +400,9 @@ class Baseline(ABC):
 
 
 def _add_drag_and_rolling_resistance(frame: Frame) -> None:
-    """Add drag and rolling resistance, where the car has them and speed is an output.
-
-    A wheel that carries more resists more: in bends the outer wheels turn the car out of them, together by
-    c * h for a force of m a_y.
-    """
+    """Add drag and rolling resistance, where the car has them and speed is an output."""
     if frame.speed_is_state:
         frame.force_x = frame.force_x - resistance(frame)
-    if frame.axles or is_zero(frame.rolling_resistance):
-        return
-    left_front, right_front, left_rear, right_rear = frame.rolling_resistance * frame.load
-    frame.moment = (
-        frame.moment
-        + 0.5 * frame.track_front * (left_front - right_front)
-        + 0.5 * frame.track_rear * (left_rear - right_rear)
-    )
 
 
 def resistance(frame: Frame) -> FloatArray:

@@ -12,7 +12,7 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class RollingResistance(DynamicsEffect):
-    """F_x = -c * load of each wheel: unequal loads turn the car out of its bends.
+    """F_x = -c * load, summed over the wheels; `wheel_resistance` says where it acts.
 
     Source: c of 0.007 to 0.015 for passenger tyres on asphalt (ISO 28580 classes; [Gillespie 1992], ch. 4).
     """
