@@ -31,7 +31,6 @@ from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 from tpmsd.offline.inference.noise_fit import SearchStage, fit_noise, outliers
-from tpmsd.offline.inference.trajectory import has_gyro
 
 
 @dataclass(frozen=True)
@@ -76,19 +75,6 @@ def second_noise(state: State) -> State:
 def last_noise(state: State) -> State:
     """Return what drifts alone, once more."""
     return _estimated(state, SearchStage.LAST)
-
-
-def settle(state: State) -> State:
-    """Linearise about the motion that all channels show, where a drive's wheels alone tell its yaw rate.
-
-    Its error is then that of the wheels, and so are those of the columns that depend on it: what is left of
-    the wheels looks like a function of it. What a smoother leaves is independent of what it tells.
-    """
-    regression, evidence = state.regression, _present(state)
-    if all(has_gyro(drive.reader.recording) for drive in regression.drives):
-        return replace(state, evidence=evidence)
-    nothing = Selector(evidence, regression.hypotheses).judged([])
-    return replace(state, regression=relinearised(regression, nothing), evidence=None)
 
 
 def plain_shapes(state: State) -> State:
@@ -189,7 +175,7 @@ ALTERNATIVES: tuple[Alternative, ...] = (
 )
 
 STAGES: tuple[Callable[[State], State], ...] = (
-    *(first_noise, settle, plain_shapes, choose, down_weight, move_origin),
+    *(first_noise, plain_shapes, choose, down_weight, move_origin),
     *(second_noise, choose, down_weight, move_origin),
     *(last_noise, ramps_and_drift, verdict, other_noise),
 )

@@ -22,14 +22,11 @@ from tpmsd.offline.inference.smoothing import NEAREST, gaussian, running_median
 WINDOW_S = 1.0
 """Over which the channels are compared."""
 SPEED_SMOOTHING_S = 0.35
-YAW_SMOOTHING_S = WINDOW_S
-"""At most, where wheels alone tell the yaw rate: half of a lane change of four seconds is left, and the
-motion's own errors, which are told by windows, make up for the rest."""
+YAW_SMOOTHING_S = 0.6
+"""At most, where wheels alone tell the yaw rate: 87 % of a lane change of four seconds are left, and the
+motion's own errors make up for the rest."""
 YAW_ERROR_RADPS = 1e-3
-"""Error of such a yaw rate, by the road and by the rounding of counts, where no more smoothing than that is
-needed for it."""
-FEWEST_DIFFERENCES = 30
-"""Second differences of windows whose median tells a scatter."""
+"""Error of such a yaw rate, by the rounding of counts, where no more smoothing than that is needed for it."""
 ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5
@@ -98,7 +95,7 @@ def moved(
     order = np.argsort(at, kind="stable")
     turn = np.interp(edges, at[order], turned[order])
     width_s = _yaw_smoothing_s(recording, before.car)
-    if not has_gyro(recording) and width_s > SPEED_SMOOTHING_S:
+    if not _has_gyro(recording) and width_s > SPEED_SMOOTHING_S:
         turn = gaussian(turn, width_s / recording.dt_s, NEAREST)
     yaw = old.yaw_rate_radps + np.gradient(turn, recording.dt_s)
     speed = np.maximum(old.speed_mps + speed, 0.0)
@@ -118,7 +115,7 @@ def before_low_pass(recording: Recording, shown: ReferenceTrajectory, time_const
         return np.asarray(values + time_constant_s * np.gradient(values, recording.dt_s))
 
     speed, yaw, heading = np.maximum(restored(old.speed_mps), 0.0), old.yaw_rate_radps, old.heading_rad
-    if not has_gyro(recording):
+    if not _has_gyro(recording):
         yaw, heading = restored(yaw), restored(heading)
     motion = _motion(recording, shown.car, speed, yaw, heading)
     return replace(motion, grade_rad=old.grade_rad, measured=old.measured)
@@ -189,7 +186,7 @@ def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArr
     sigma = SPEED_SMOOTHING_S / recording.dt_s
     turning = (rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m
     rear = to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma)
-    if has_gyro(recording):
+    if _has_gyro(recording):
         by_wheels = to_edges(turning, sigma)
         yaw = to_edges(recording.inertial["yaw_rate_radps"], 0.7)
         rolling = rear > min(COURSE_FROM_MPS, least_speed(rear))
@@ -205,45 +202,21 @@ def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArr
     return yaw, np.maximum(speed, 0.0)
 
 
-def has_gyro(recording: Recording) -> bool:
-    """Return whether a gyro tells the yaw rate of a drive."""
+def _has_gyro(recording: Recording) -> bool:
     return bool(np.isfinite(recording.inertial["yaw_rate_radps"]).mean() > 0.8)
 
 
 def _yaw_smoothing_s(recording: Recording, car: Car) -> float:
-    """Width of the Gaussian that leaves of the rear wheels' rounding, and of the road under them, an error of
-    the yaw rate of YAW_ERROR_RADPS.
+    """Width of the Gaussian that leaves of the rear wheels' rounding an error of the yaw rate of
+    YAW_ERROR_RADPS.
 
     What a coarse ring leaves of it in the heading's course within a second looks like anything that is later
-    or smoother than the wheels: a receiver's lag is not told from a low-pass. What the road leaves stands in
-    the lateral acceleration and, summed up over the second, in the heading: one looks like a function of the
-    other, as a slip angle is.
+    or smoother than the wheels: a receiver's lag is not told from a low-pass.
     """
     # Of a turn, which holds the rounding of two readings, for each of the two wheels.
     rounding_m = math.hypot(*(recording.quantum_rad[[RL, RR]] * car.radius_m[[RL, RR]])) / math.sqrt(2.0)
-    of_rounding_s = _width_s(rounding_m / car.geometry.track_rear_m, recording.dt_s, YAW_ERROR_RADPS)
-    # A white error of the rate, of density S, leaves S / (2 pi^(1/2) w) of a variance.
-    of_road_s = _road_density(recording, car) / (2.0 * math.sqrt(math.pi) * YAW_ERROR_RADPS**2)
-    return float(np.clip(max(of_rounding_s, of_road_s), SPEED_SMOOTHING_S, YAW_SMOOTHING_S))
-
-
-def _road_density(recording: Recording, car: Car) -> float:
-    """Spectral density (rad^2/s) of the error of a yaw rate by the wheels of one axle; zero where one axle
-    alone is read.
-
-    Both axles show one yaw rate, so half the variance of their difference over a window is the error's. Its
-    second differences leave out what slip and loads do; of these the median leaves out single bumps.
-    """
-    rolled_m, geometry = recording.rotation_rad * car.radius_m, car.geometry
-    rear = (rolled_m[:, RR] - rolled_m[:, RL]) / geometry.track_rear_m
-    front = (rolled_m[:, FR] - rolled_m[:, FL]) / geometry.track_front_m
-    per = round(WINDOW_S / recording.dt_s)
-    windows = (rear - front)[: len(rolled_m) // per * per].reshape(-1, per).sum(axis=1)
-    second = np.diff(windows, 2)
-    second = np.abs(second[np.isfinite(second)])
-    if len(second) < FEWEST_DIFFERENCES:
-        return 0.0
-    return 0.5 * (float(np.median(second)) / 0.6745) ** 2 / 6.0 / WINDOW_S
+    width = _width_s(rounding_m / car.geometry.track_rear_m, recording.dt_s, YAW_ERROR_RADPS)
+    return float(np.clip(width, SPEED_SMOOTHING_S, YAW_SMOOTHING_S))
 
 
 def _width_s(scatter: float, every_s: float, rate_error: float) -> float:
