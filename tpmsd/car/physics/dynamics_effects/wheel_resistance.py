@@ -39,7 +39,9 @@ class WheelResistance(DynamicsEffect):
         return nonlinear
 
     def add_forces(self, frame: Frame) -> None:
-        """Add the moment."""
+        """Add the moment; there is none where the contacts are axles."""
+        if frame.axles:
+            return
         left_front, right_front, left_rear, right_rear = frame.load
         front = frame.track_front * (right_front - left_front)
         rear = frame.track_rear * (right_rear - left_rear)
