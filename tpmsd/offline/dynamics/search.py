@@ -63,6 +63,17 @@ class CompetingSelection:
     """Its terms."""
 
 
+@dataclass(frozen=True)
+class FittedModel:
+    """Terms, path, noise and error after a fit: all that the next one changes, to go back to."""
+
+    terms: tuple[CandidateTerm, ...]
+    at: Linear
+    noise: PathNoise
+    floor: PathNoise
+    error: float
+
+
 @dataclass
 class CachedStatistics:
     """Answers about a model: they hold while path, noise and terms are these."""
@@ -191,11 +202,11 @@ class Search:
         most = self.error + SETTINGS.max_error_increase
         for _ in range(SETTINGS.last_fits):
             before = [term.values() for term in self.terms]
-            kept = (list(self.terms), self.at, self.noise, self.floor, self.error)
+            fitted = self._fitted()
             self.fit()
             self.error = self.prediction_error()
             if self.error > most:
-                self.terms, self.at, self.noise, self.floor, self.error = kept
+                self._restore(fitted)
                 break
             moves = [
                 np.abs(term.values() - values) / np.array(term.prior_std)
@@ -203,6 +214,15 @@ class Search:
             ]
             if max(float(np.max(move)) for move in moves) < SETTINGS.settled:
                 break
+
+    def _fitted(self) -> FittedModel:
+        """Return what a fit changes, as it stands."""
+        return FittedModel(tuple(self.terms), self.at, self.noise, self.floor, self.error)
+
+    def _restore(self, fitted: FittedModel) -> None:
+        """Go back to a model as it stood."""
+        self.terms = list(fitted.terms)
+        self.at, self.noise, self.floor, self.error = fitted.at, fitted.noise, fitted.floor, fitted.error
 
     def _move(self, step: FloatArray) -> None:
         at = 0
@@ -368,7 +388,7 @@ class Search:
     def _taken(self, terms: list[CandidateTerm], most: float) -> bool:
         """Take these terms, fitted, if the prediction error grows by `most` at most; else leave the model as
         it is."""
-        before = (self.terms, self.at, self.noise, self.floor, self.error)
+        before = self._fitted()
         self.terms = [_inside(term) for term in terms]
         try:
             self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
@@ -377,9 +397,9 @@ class Search:
             self.error = np.inf
         else:
             self.error = self.prediction_error()
-        if self.error <= before[-1] + most:
+        if self.error <= before.error + most:
             return True
-        self.terms, self.at, self.noise, self.floor, self.error = before
+        self._restore(before)
         return False
 
     def prediction_error(self) -> float:
@@ -415,14 +435,14 @@ class Search:
 
     def _exchanged(self, k: int, term: CandidateTerm, competitor: CandidateTerm) -> bool:
         """Replace a term by a competing one; False, and nothing changed, if that is no better."""
-        before = (self.terms, self.at, self.noise, self.floor, self.error)
+        before = self._fitted()
         start = replace(competitor, jump=False) if competitor.jump else competitor
         rest = [one for j, one in enumerate(self.terms) if j != k]
         if not self.attempt([*rest, start]):
             self.rejected[competitor.name] = 0.0
         elif self._better(term, competitor):
             return True
-        self.terms, self.at, self.noise, self.floor, self.error = before
+        self._restore(before)
         return False
 
     def _better(self, old: CandidateTerm, new: CandidateTerm) -> bool:
