@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import subprocess
 import sys
@@ -92,6 +93,13 @@ def test_what_nobody_listed_is_proposed_and_then_found_by_name(kind: str, tmp_pa
 
     assert 0 == done.returncode, done.stderr
     assert name == done.stdout.split()[0]
+
+
+def test_no_name_of_a_drive_can_end_the_text_of_a_file() -> None:
+    """Quotes and line ends in a folder's name stay within the docstring."""
+    law = Proposal("made_up", "speed", ("speed",), "fl", 1e-5, 1e-6, "m/s", 9.5, 9.0)
+
+    ast.parse(effect_file(law, 'a """drive\n\\')[1])
 
 
 def test_nothing_is_proposed_where_nothing_is_unnamed() -> None:

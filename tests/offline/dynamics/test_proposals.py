@@ -59,7 +59,7 @@ def test_where_all_has_a_name_there_is_nothing_to_propose(tmp_path: Path) -> Non
 def test_the_file_of_a_proposal_is_an_effect(tmp_path: Path, on: str) -> None:
     """It is read as a module, passes the trial of an own effect and adds what the formula says."""
     proposal = ClosedForm(
-        "made_up", "speed * np.abs(steering)", ("speed", "steering"), "m/s.rad", on, "x", 0.3, 0.01, 9.5, 9.0
+        "made_up", "speed * np.abs(steering)", ("speed", "steering"), on, 0.3, 0.01, "m/s.rad", 9.5, 9.0, "x"
     )
     name, text = dynamics_effect_file(proposal, 'a """drive')
     path = tmp_path / f"{name}.py"

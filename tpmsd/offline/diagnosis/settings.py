@@ -317,6 +317,8 @@ class ReportSettings:
     """Bins of a covariate, in the pictures."""
     known_ripple_stds: float = 3.0
     """Standard deviations within which a ring's ripple is the known one: one of 370 is farther by chance."""
+    proposed_reach: float = 10.0
+    """Limits of a proposed coefficient, in units of what was fitted."""
     proposals: int = 3
     """Closed forms that are proposed for what has no name."""
     shape_quantiles: tuple[float, ...] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)

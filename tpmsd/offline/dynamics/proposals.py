@@ -6,7 +6,6 @@ most on held-out blocks with that term taken out; `dynamics_effect_file`, a modu
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, EQUATIONS, DynamicsUnknown
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.proposal.effect_file import EFFECT, OPENING, PARAMETER, module_fields
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions, shaped_expressions
 from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Probe, gram
@@ -22,7 +22,8 @@ from tpmsd.offline.dynamics.model_statistics import fold_blocks
 from tpmsd.offline.dynamics.result import ClosedForm
 from tpmsd.offline.dynamics.search import Search
 
-PREFIX = "proposed_"
+REACH = 20.0
+"""Limits of the coefficient, in units of what was fitted."""
 MOST = 3
 """Proposals, each over other covariates than those before it."""
 NATS_PER_COVARIATE = 3.0
@@ -133,15 +134,9 @@ def _judged(
     )
 
 
-TEMPLATE = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
-
-from __future__ import annotations
-
-from dataclasses import dataclass
-
-import numpy as np
-
-from tpmsd.car.physics.baselines.frame import Frame
+TEMPLATE = (
+    OPENING
+    + """from tpmsd.car.physics.baselines.frame import Frame
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import covariate_of
 from tpmsd.car.physics.effect_records import Wording
@@ -150,30 +145,15 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class {title}(DynamicsEffect):
-    """{what} = coefficient * {formula}.
-
-    Source: none yet. It was fitted to {source}, where it brings {heldout:.1f} nats on
-    held-out blocks; find the physics, its usual size and a better name before it is kept.
-    """
-
-    name = "{name}"
-    wording = Wording(
-        formula="{what} = coefficient * {formula}",
-        sentence="a closed form that was proposed and has no physics yet",
-        distinguished_by="repeat the drive with other values of {covariates}",
+"""
+    + EFFECT
+    + """        distinguished_by="repeat the drive with other values of {covariates}",
     )
     channel = "{channel}"
     covariate = "{covariate}"
-    parameters = (
-        Parameter(
-            "coefficient",
-            "{unit}",
-            {value!r},
-            {lower!r},
-            {upper!r},
-            "fitted: {value:.4g} +- {std:.2g}",
-            probe={probe!r},
-            prior=Prior(0.0, {prior!r}, "the size that was fitted"),
+"""
+    + PARAMETER
+    + '''            prior=Prior(0.0, {prior!r}, "the size that was fitted"),
         ),
     )
     coefficient: float = 0.0
@@ -184,14 +164,12 @@ class {title}(DynamicsEffect):
         value = self.coefficient * np.asarray({formula})
         {result}
 '''
+)
 
 
 def dynamics_effect_file(proposal: ClosedForm, source: str) -> tuple[str, str]:
     """Return the name of the effect (its file is called so) and the module's text; `source` says what was
     fitted."""
-    name = PREFIX + proposal.name
-    source = re.sub(r"[^\w .,-]", "_", source)
-    value = float(f"{proposal.coefficient:.4g}")
     on = proposal.on
     if on in EQUATIONS:
         size = "inertia" if on == "moment" else "mass"
@@ -207,24 +185,14 @@ def dynamics_effect_file(proposal: ClosedForm, source: str) -> tuple[str, str]:
         result = (
             f'if "{on}" in frame.outputs:\n            frame.outputs["{on}"] = frame.outputs["{on}"] + value'
         )
-    return name, TEMPLATE.format(
-        title="".join(word.capitalize() for word in name.split("_")),
-        name=name,
-        formula=proposal.formula,
-        on=on,
+    fields = module_fields(proposal, source, proposal.on_unit, REACH)
+    return fields["name"], TEMPLATE.format(
+        **fields,
         what=what,
-        source=source,
-        heldout=proposal.heldout_gain,
         covariates=" and ".join(word.replace("_", " ") for word in proposal.covariates),
         channel=channel,
-        covariate=proposal.covariates[0],
-        unit=proposal.on_unit if proposal.unit == "1" else f"{proposal.on_unit}/({proposal.unit})",
-        value=value,
-        lower=-20.0 * abs(value),
-        upper=20.0 * abs(value),
-        std=proposal.std,
-        probe=0.01 * abs(value),
-        prior=2.0 * abs(value),
+        probe=0.01 * abs(fields["value"]),
+        prior=2.0 * abs(fields["value"]),
         hook=hook,
         reading="\n".join(f'        {each} = covariate_of(frame, "{each}")' for each in proposal.covariates),
         result=result,

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Proposal
 
 CONSISTENT, MISMATCH, INSUFFICIENT = "consistent", "mismatch", "insufficient_data"
 FINDING, SUSPICION = "finding", "suspicion"
@@ -98,25 +99,12 @@ class Curves:
     """Predicted by the extended model."""
 
 
-@dataclass(frozen=True, slots=True)
-class ClosedForm:
-    """A closed form for a term without a name."""
+@dataclass(frozen=True)
+class ClosedForm(Proposal):
+    """A closed form for a term without a name, on an equation or an output."""
 
-    name: str
-    formula: str
-    """In Python, of variables that are called as the covariates are."""
-    covariates: tuple[str, ...]
-    unit: str
-    """Standard deviation of the formula's value."""
-    on: str
-    """Equation or output to which it is added."""
     on_unit: str
-    coefficient: float
-    std: float
-    gain: float
-    """Nats in sample."""
-    heldout_gain: float
-    """Nats on held-out blocks, in the place of the term without a name."""
+    """Unit of what it is added to."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,8 +5,12 @@ In: a `Proposal`. Out: the name and the text of a module that defines the effect
 
 from __future__ import annotations
 
+import re
+from typing import Any
+
 from tpmsd.car.physics.effect import Effect
 from tpmsd.offline.diagnosis.assessment.result import Proposal
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 PREFIX = "proposed_"
 HOOKS = {
@@ -16,7 +20,7 @@ HOOKS = {
 }
 """Hooks by reading: the one through which an effect acts on it, and its unit."""
 
-TEMPLATE = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
+OPENING = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
 
 from __future__ import annotations
 
@@ -24,15 +28,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.covariates import covariate
-from tpmsd.car.physics.effect import Effect, Identification, Parameter, Wording
-from tpmsd.car.physics.motion import Car, Motion
-from tpmsd.foundation.wheels import FloatArray
-
-
-@dataclass(frozen=True)
-class {title}(Effect):
-    """{what} = coefficient * {formula}.
+'''
+EFFECT = '''    """{what} = coefficient * {formula}.
 
     Source: none yet. It was fitted to {source}, where it brings {heldout:.1f} nats on
     held-out blocks; find the physics, its usual size and a better name before it is kept.
@@ -42,9 +39,8 @@ class {title}(Effect):
     wording = Wording(
         formula="{what} = coefficient * {formula}",
         sentence="a closed form that was proposed and has no physics yet",
-    )
-    identification = Identification(shows_in=("{channel}", "{covariate}"))
-    parameters = (
+'''
+PARAMETER = """    parameters = (
         Parameter(
             "coefficient",
             "{unit}",
@@ -53,7 +49,25 @@ class {title}(Effect):
             {upper!r},
             "fitted: {value:.4g} +- {std:.2g}",
             probe={probe!r},
-        ),
+"""
+
+TEMPLATE = (
+    OPENING
+    + """from tpmsd.car.physics.covariates import covariate
+from tpmsd.car.physics.effect import Effect, Identification, Parameter, Wording
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class {title}(Effect):
+"""
+    + EFFECT
+    + """    )
+    identification = Identification(shows_in=("{channel}", "{covariate}"))
+"""
+    + PARAMETER
+    + '''        ),
     )
     coefficient: float
 
@@ -63,13 +77,36 @@ class {title}(Effect):
         value = np.nan_to_num(self.coefficient * ({formula}))
         return np.asarray({result})
 '''
+)
+
+
+def module_fields(proposal: Proposal, source: str, unit: str, reach: float) -> dict[str, Any]:
+    """Return what every effect's file says of its closed form.
+
+    `source` says what was fitted, `unit` is that of what the effect acts on, and the coefficient's limits are
+    `reach` times what was fitted.
+    """
+    name = PREFIX + proposal.name
+    value = float(f"{proposal.coefficient:.4g}")
+    return {
+        "title": "".join(word.capitalize() for word in name.split("_")),
+        "name": name,
+        "formula": proposal.formula,
+        "on": proposal.on,
+        "source": re.sub(r"[^\w .,-]", "_", source),
+        "heldout": proposal.heldout_gain,
+        "covariate": proposal.covariates[0],
+        "unit": unit if proposal.unit == "1" else f"{unit}/({proposal.unit})",
+        "value": value,
+        "lower": -reach * abs(value),
+        "upper": reach * abs(value),
+        "std": proposal.std,
+    }
 
 
 def effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
     """Name of the effect (its file is called so) and the module's text; `source` says what was fitted."""
-    name = PREFIX + proposal.name
     signs = {word.removeprefix("-"): -1.0 if word[0] == "-" else 1.0 for word in proposal.on.split()}
-    value = float(f"{proposal.coefficient:.4g}")
     hook, unit = Effect.radius_change_m, "m"
     what, result, shape = "delta_r", "", "(n, 4) change of the radii in metres"
     if proposal.on in HOOKS:
@@ -81,22 +118,12 @@ def effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
         result = f"value[:, None] * np.array({weights})"
         channel = "wheel" if len(set(weights)) == 1 else "wheel_ratio"
     reading = "\n".join(f'        {each} = covariate(motion, car, "{each}")' for each in proposal.covariates)
-    return name, TEMPLATE.format(
-        title="".join(word.capitalize() for word in name.split("_")),
-        name=name,
-        formula=proposal.formula,
-        on=proposal.on,
+    fields = module_fields(proposal, source, unit, SETTINGS.report.proposed_reach)
+    return fields["name"], TEMPLATE.format(
+        **fields,
         what=what,
-        source=source,
-        heldout=proposal.heldout_gain,
         channel=channel,
-        covariate=proposal.covariates[0],
-        unit=unit if proposal.unit == "1" else f"{unit}/({proposal.unit})",
-        value=value,
-        lower=-10.0 * abs(value),
-        upper=10.0 * abs(value),
-        std=proposal.std,
-        probe=0.1 * abs(value),
+        probe=0.1 * abs(fields["value"]),
         hook=hook.__name__,
         shape=shape,
         reading=reading,

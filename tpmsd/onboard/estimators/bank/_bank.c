@@ -465,20 +465,36 @@ static PyObject *update_half(PyObject *self, PyObject *const *args, Py_ssize_t g
     return update_by(measure_half, args, given);
 }
 
+/* covariances of a bank, (n, n, count): 0, or -1 with the error set */
+static int covariances(PyObject *from, Py_buffer *view)
+{
+    if (get(from, view, 3, 1) < 0)
+        return -1;
+    if (view->shape[1] == view->shape[0])
+        return 0;
+    PyBuffer_Release(view);
+    odd("the array is no covariance");
+    return -1;
+}
+
+/* covariances, and the least variance that they may have */
+static int bounded_covariances(PyObject *const *args, Py_ssize_t given, Py_buffer *view, double *least)
+{
+    if (given != 2) {
+        odd("two arguments are needed");
+        return -1;
+    }
+    return numbers(args + 1, 1, least) < 0 ? -1 : covariances(args[0], view);
+}
+
 /* symmetrise(covariance, least): the mean of both halves, and no variance below `least` */
 static PyObject *symmetrise(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     Py_buffer view;
     double least;
-    if (given != 2)
-        return odd("two arguments are needed");
-    if (numbers(args + 1, 1, &least) < 0 || get(args[0], &view, 3, 1) < 0)
+    if (bounded_covariances(args, given, &view, &least) < 0)
         return NULL;
     Py_ssize_t n = view.shape[0], count = view.shape[2];
-    if (view.shape[1] != n) {
-        PyBuffer_Release(&view);
-        return odd("the array is no covariance");
-    }
     double *spread = view.buf;
     for (Py_ssize_t j = 0; j < n; j++) {
         double *diagonal = spread + (j * n + j) * count;
@@ -499,15 +515,9 @@ static PyObject *clamp(PyObject *self, PyObject *const *args, Py_ssize_t given)
 {
     Py_buffer view;
     double least;
-    if (given != 2)
-        return odd("two arguments are needed");
-    if (numbers(args + 1, 1, &least) < 0 || get(args[0], &view, 3, 1) < 0)
+    if (bounded_covariances(args, given, &view, &least) < 0)
         return NULL;
     Py_ssize_t n = view.shape[0], count = view.shape[2];
-    if (view.shape[1] != n) {
-        PyBuffer_Release(&view);
-        return odd("the array is no covariance");
-    }
     double *spread = view.buf;
     for (Py_ssize_t j = 0; j < n; j++)
         for (Py_ssize_t h = 0; h < count; h++)
@@ -523,13 +533,9 @@ static PyObject *mirror(PyObject *self, PyObject *const *args, Py_ssize_t given)
     Py_buffer view;
     if (given != 1)
         return odd("one argument is needed");
-    if (get(args[0], &view, 3, 1) < 0)
+    if (covariances(args[0], &view) < 0)
         return NULL;
     Py_ssize_t n = view.shape[0], count = view.shape[2];
-    if (view.shape[1] != n) {
-        PyBuffer_Release(&view);
-        return odd("the array is no covariance");
-    }
     double *spread = view.buf;
     for (Py_ssize_t j = 0; j < n; j++)
         for (Py_ssize_t k = j + 1; k < n; k++)
