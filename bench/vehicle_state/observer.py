@@ -56,7 +56,7 @@ class SlipObserver:
     def reset(self) -> None:
         """Forget the motion so far (after a gap)."""
         self._filter: Ukf | None = None
-        self._deaf_s = np.zeros(3)
+        self._rejected_s = np.zeros(3)
 
     @property
     def trusted(self) -> bool:
@@ -90,8 +90,8 @@ class SlipObserver:
         weights = self._filter.weights
         share = math.exp(-dt_s / TRUST_TAU_S)
         self._trust = share * self._trust + (1.0 - share) * float(weights[1])
-        self._deaf_s = np.where(weights < HARDLY, self._deaf_s + dt_s, 0.0)
-        if self._deaf_s.max() > DEAF_S or not np.all(np.isfinite(belief.mean)):
+        self._rejected_s = np.where(weights < HARDLY, self._rejected_s + dt_s, 0.0)
+        if self._rejected_s.max() > DEAF_S or not np.all(np.isfinite(belief.mean)):
             self.reset()
             return None
         return self._estimate(belief, accel_long_mps2, steer_rad)

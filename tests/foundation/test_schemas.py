@@ -15,6 +15,7 @@ from tests.offline.fleet.test_report import fleet_tables
 from tests.onboard.daemon.fakes import DrivingBus, car
 from tests.onboard.daemon.test_loop import SCALE
 from tests.onboard.daemon.test_loop import run as run_daemon
+from tpmsd.car.config.model import VEHICLE_STATE_METHODS
 from tpmsd.foundation.schemas import NAMES, schema_of
 from tpmsd.interfaces.bridges.mqtt_messages import Announcer, Topics, state_document
 from tpmsd.interfaces.bridges.summary import Alarm, DaemonSummary, summarise
@@ -151,3 +152,11 @@ def test_every_name_in_the_code_has_its_schema() -> None:
     named = set(re.findall(r'"(tpmsd\.[a-z.]+/\d+)"', text))
 
     assert set(NAMES) == named - OWN_TABLES
+
+
+@pytest.mark.parametrize("name", ["tpmsd.status/2", "tpmsd.replay/2"])
+def test_every_filter_of_the_vehicle_state_is_in_the_schema(name: str) -> None:
+    """The configuration, the filters and the documents know the same names."""
+    found = re.findall(r'"method": {"enum": (\[[^]]*\])', json.dumps(schema_of(name)))
+
+    assert list(VEHICLE_STATE_METHODS) in [json.loads(one) for one in found]

@@ -35,10 +35,10 @@ def test_counts_of_a_rolled_wheel() -> None:
 
 def test_lost_counts_are_a_share_of_the_turns() -> None:
     """Of 10 turns a second with 48 counts, 24 counts lost in 10 s are half a per cent."""
-    turned_hz = turns_hz(10 * 2 * math.pi * RADIUS_M, RADIUS_M)
+    revolutions_hz = turns_hz(10 * 2 * math.pi * RADIUS_M, RADIUS_M)
 
-    assert turned_hz == pytest.approx(10.0)
-    assert share_of(2.4, TEETH, turned_hz) == pytest.approx(0.005)
+    assert revolutions_hz == pytest.approx(10.0)
+    assert share_of(2.4, TEETH, revolutions_hz) == pytest.approx(0.005)
 
 
 def test_the_first_harmonic_of_an_eccentric_ring() -> None:

@@ -27,7 +27,7 @@ def drive(count: int = 200) -> tuple[np.ndarray, list[tuple[float, ...]]]:
     for k in range(count):
         step = StepInputs(DT_S, 0.5 * math.sin(0.05 * k), 0.03 * math.sin(0.1 * k))
         state = model.advance(PAPER_CAR, state, step)
-        lateral, yaw, speed = (float(value) for value in model.readings(PAPER_CAR, state, step))
+        lateral, yaw, speed = (float(value) for value in model.measurements(PAPER_CAR, state, step))
         states.append(state)
         given.append((DT_S, step.accel_long_mps2, lateral, yaw, step.steer_rad, speed))
     return np.array(states), given
@@ -116,7 +116,7 @@ def test_means_over_a_tick_tell_the_state_at_its_end(method: str) -> None:
         step = StepInputs(0.005, 0.0, 0.04 * math.sin(2.0 * math.pi * 0.5 * 0.005 * k))
         state = model.advance(PAPER_CAR, state, step)
         state[model.U] = 20.0
-        fine.append([*model.readings(PAPER_CAR, state, step), step.steer_rad, state[model.V]])
+        fine.append([*model.measurements(PAPER_CAR, state, step), step.steer_rad, state[model.V]])
     ticks = np.array(fine).reshape(-1, 20, 5)
     rmse = {}
     for means in (True, False):

@@ -43,7 +43,8 @@ def slalom(
         step = StepInputs(0.02, -0.5 if k > 150 else 0.3, 0.03 * np.sin(0.06 * k))
         state = model.advance(PAPER_CAR, state, step)
         state = state + np.array(NOISE.process) * np.sqrt(step.dt_s) * rng.standard_normal(3)
-        reading = model.readings(PAPER_CAR, state, step) + np.array(NOISE.readings) * rng.standard_normal(3)
+        noise = np.array(NOISE.readings) * rng.standard_normal(3)
+        reading = model.measurements(PAPER_CAR, state, step) + noise
         if outliers and k % 17 == 9:
             reading[k % 2] += (6.0, 0.5)[k % 2]
         if not speed:

@@ -13,7 +13,7 @@ from tests.car.vehicle_state.cars import PAPER_CAR, steering
 from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.car import CarDynamics, typical
-from tpmsd.car.vehicle_state.linear import advance_jacobian, rates_jacobian, readings_jacobian
+from tpmsd.car.vehicle_state.linear import advance_jacobian, measurement_jacobian, rates_jacobian
 from tpmsd.car.vehicle_state.loads import wheel_loads
 from tpmsd.car.vehicle_state.tyre import DugoffTyre
 
@@ -128,7 +128,7 @@ def test_a_left_turn_is_positive_everywhere() -> None:
     state = np.array([0.0, 20.0, 0.0])
     for _ in range(200):
         state = model.advance(PAPER_CAR, state, steering(0.02))
-    reading = model.readings(PAPER_CAR, state, steering(0.02))
+    reading = model.measurements(PAPER_CAR, state, steering(0.02))
     assert (reading[:2] > 0.0).all()
     assert reading[0] == pytest.approx(state[model.U] * state[model.R], rel=1e-2)
 
@@ -197,7 +197,7 @@ def test_the_derivatives_are_those_of_finite_differences(
 
     for function, derivative in (
         (model.rates, rates_jacobian(car, x, inputs)),
-        (model.readings, readings_jacobian(car, x, inputs)),
+        (model.measurements, measurement_jacobian(car, x, inputs)),
         (model.advance, advance_jacobian(car, x, inputs)[1]),
     ):
         assert np.allclose(differences(function), derivative, rtol=1e-4, atol=1e-5)

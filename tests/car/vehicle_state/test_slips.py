@@ -95,7 +95,7 @@ def drive(count: int = 300) -> tuple[np.ndarray, list[tuple[float, ...]]]:
     for k in range(count):
         step = StepInputs(0.1, 0.5 * math.sin(0.05 * k), 0.03 * math.sin(0.2 * k))
         state = model.advance(PAPER_CAR, state, step)
-        lateral, yaw, speed = model.readings(PAPER_CAR, state, step)
+        lateral, yaw, speed = model.measurements(PAPER_CAR, state, step)
         states.append(state)
         given_.append((0.1, step.accel_long_mps2, float(lateral), float(yaw), step.steer_rad, float(speed)))
     return np.array(states), given_

@@ -63,9 +63,9 @@ def test_effects_that_differ_by_less_than_any_model_is_right_are_rivals(angle: f
 @pytest.mark.parametrize(
     ("pattern", "covariate", "share"),
     [
-        ("all", "time", SETTINGS.selection.drift_handicap),
-        ("all", "speed", SETTINGS.selection.spline_handicap),
-        ("rl", "time", SETTINGS.selection.spline_handicap),
+        ("all", "time", SETTINGS.selection.drift_gain_margin),
+        ("all", "speed", SETTINGS.selection.spline_gain_margin),
+        ("rl", "time", SETTINGS.selection.spline_gain_margin),
     ],
 )
 def test_a_spline_gives_away_a_share_of_its_gain(pattern: str, covariate: str, share: float) -> None:

@@ -10,7 +10,7 @@ from tests.offline.fleet.test_hierarchy import P, drawn
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.fleet.discoveries import FleetHypothesis, controlled
 from tpmsd.offline.fleet.hierarchy import FleetStatistics
-from tpmsd.offline.fleet.losses import losses, steps
+from tpmsd.offline.fleet.losses import losses, step_changes
 from tpmsd.offline.fleet.parameters import BACK, SCALES
 
 CARS = [f"car-{k}" for k in range(6)]
@@ -111,7 +111,7 @@ def test_steps_are_the_generalised_least_squares_of_each_moment() -> None:
     stack, days = fleet(7, 5)
     part = stack.parts()[2]
     K, k = stack.information[part], stack.vector[part]
-    value, std = steps(K, k)
+    value, std = step_changes(K, k)
 
     assert (4, 4) == value.shape
     assert len(days) == sum(one.stop - one.start for one in stack.parts())

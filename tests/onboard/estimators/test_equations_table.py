@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import REPO
+from tpmsd.onboard.estimators.belief import Belief
 
 PAGE = (REPO / "docs" / "explanation" / "estimators.md").read_text(encoding="utf-8")
 HERE = Path("tests/onboard/estimators")
@@ -48,3 +50,13 @@ def test_every_row_is_held_by_a_test(row: list[str]) -> None:
     for file, function in named:
         path = REPO / (file if "/" in file else HERE / file)
         assert f"\ndef {function}(" in path.read_text(encoding="utf-8"), f"{title}: {file} {function}"
+
+
+def test_the_verbs_of_a_belief_are_those_of_the_page() -> None:
+    """Who writes a filter finds the methods that it needs, by their names."""
+    stated = re.search(r"`Belief` \(`belief\.py`\): `([a-z_\s]+)`", PAGE)
+
+    assert stated
+    assert {
+        name for name in vars(Belief) if inspect.isfunction(vars(Belief)[name]) and name[0] != "_"
+    } == set(stated[1].split())

@@ -16,7 +16,7 @@ from tpmsd.onboard.monitor.evidence.nuisance import squares_by_arrays, squares_b
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, by_arrays, by_compiled
 from tpmsd.onboard.monitor.evidence.sizes import (
     SizeHypotheses,
-    Sizes,
+    TyreSizeChange,
     array_sizes,
     compiled_sizes,
     no_sizes,
@@ -84,7 +84,7 @@ def test_verdicts_are_alike(wheels: tuple[int, ...], seed: int) -> None:
     """One change and many, with resonances and without, of other tyres, with a limit of deviation; changes of
     which one is impossible."""
     change, covariance, weight, radius = some_changes(wheels, 1 + 2 * seed, seed)
-    sizes: Sizes | None = sizes_of(wheels)
+    sizes: TyreSizeChange | None = sizes_of(wheels)
     given = with_sizes(change, covariance, weight, radius, sizes_of(wheels))
     ratios = np.random.default_rng(seed).standard_normal(2 ** len(wheels) - 1)
     options = (None, ratios)[seed % 2], seed == 3

@@ -12,7 +12,7 @@ from scipy.stats import multivariate_normal
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
-from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets, with_sizes
+from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange, sizes_of, subsets, with_sizes
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 RADIUS_M, THRESHOLD, LIMIT = 0.31, 0.0025, 0.008
@@ -20,7 +20,10 @@ REAR, ALL = (2, 3), (0, 1, 2, 3)
 
 
 def verdict(
-    wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray, sizes: Sizes | None = None
+    wheels: tuple[int, ...],
+    change_m: FloatArray,
+    covariance_m2: FloatArray,
+    sizes: TyreSizeChange | None = None,
 ) -> Verdict:
     """Of one account of the change, beside every size."""
     radius, sizes = np.full(len(wheels), RADIUS_M), sizes or sizes_of(wheels)
@@ -32,8 +35,8 @@ def verdict(
 
 def since(
     wheels: tuple[int, ...], change_m: FloatArray, covariance_m2: FloatArray, lost: float = 0.0
-) -> Sizes:
-    """Sizes of a window before which this change was seen."""
+) -> TyreSizeChange:
+    """Rows of a window before which this change was seen."""
     sizes, radius = sizes_of(wheels), np.full(len(wheels), RADIUS_M)
     seen = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), radius, sizes, every=True)
     return sizes.since(seen, lost)

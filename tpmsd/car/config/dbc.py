@@ -108,7 +108,7 @@ def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> t
     if homes:
         what += f" (but in {_listed([home.name for home in homes])})"
         raise BadValueError(what, show(name), suggestion=f"{homes[0].name}.{signal_name}")
-    near = _nearest_free(message, signal_name, taken)
+    near = _nearest_signal(message, signal_name, taken)
     if near is not None:
         raise BadValueError(what, show(name), suggestion=f"{message_name}.{near}")
     raise BadValueError(what, show(name), _listed([s.name for s in message.signals]))
@@ -150,10 +150,11 @@ def _same_or_nearest_signal(
     message = next(m for m in database.messages if m.name == message_name)
     if any(signal.name == signal_name for signal in message.signals):
         return signal_name
-    return _nearest_free(message, signal_name, taken) or signal_name
+    return _nearest_signal(message, signal_name, taken) or signal_name
 
 
-def _nearest_free(message: Message, signal_name: str, taken: Collection[str]) -> str | None:
+def _nearest_signal(message: Message, signal_name: str, taken: Collection[str]) -> str | None:
+    """Return the most similar signal of a message, one that no role has yet if any resembles."""
     names = [signal.name for signal in message.signals]
     free = [name for name in names if f"{message.name}.{name}" not in taken]
     return nearest(signal_name, free) or nearest(signal_name, names)

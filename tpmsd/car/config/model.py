@@ -278,7 +278,10 @@ class MonitorConfig:
     deviation_percent: float = 0.8
     """Change of radius of either sign, in per cent of nominal, from which radius_deviation is raised."""
     raise_probability: float = 0.99
+    """Probability of a loss from which an alarm is raised: the rate of false alarms falls with its distance
+    from 1."""
     clear_probability: float = 0.2
+    """Probability below which it is cleared."""
     raise_hold_s: float = 10.0
     """Driving time for which the probability must stay above before an alarm is raised."""
     clear_hold_s: float = 60.0

@@ -18,7 +18,8 @@ Record = TypeVar("Record")
 def _reads_former(**names: str) -> Callable[[type[Record]], type[Record]]:
     """Let a record be made with former names of its fields: effects of users are written with them."""
 
-    def extended(cls: type[Record]) -> type[Record]:
+    def accepting_former_names(cls: type[Record]) -> type[Record]:
+        """Return the class, whose constructor takes the former names too."""
         made: Any = cls.__init__
 
         def initialise(self: Record, *args: Any, **given: Any) -> None:
@@ -27,7 +28,7 @@ def _reads_former(**names: str) -> Callable[[type[Record]], type[Record]]:
         setattr(cls, "__init__", wraps(made)(initialise))  # noqa: B010
         return cls
 
-    return extended
+    return accepting_former_names
 
 
 class NoiseResemblance(Enum):

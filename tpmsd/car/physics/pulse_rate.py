@@ -71,7 +71,7 @@ class PulseRate(Effect):
         """(n, 4) share of the pulses on its wheel."""
         wheel = WHEELS.index(self.wheel)
         speed_mps = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheel]
-        turned_hz: FloatArray = turns_hz(np.maximum(speed_mps, MIN_MPS), car.radius_m[wheel])
+        revolutions_hz: FloatArray = turns_hz(np.maximum(speed_mps, MIN_MPS), car.radius_m[wheel])
         out = np.zeros((len(motion), 4))
-        out[:, wheel] = self.more * share_of(self.rate_per_s, car.teeth_per_rev, turned_hz)
+        out[:, wheel] = self.more * share_of(self.rate_per_s, car.teeth_per_rev, revolutions_hz)
         return out

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tpmsd.car.config.model import VEHICLE_STATE_METHODS
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
@@ -22,7 +23,7 @@ from tpmsd.car.vehicle_state.particle import DEFAULT_PARTICLES, UnscentedParticl
 from tpmsd.car.vehicle_state.record import VehicleState
 from tpmsd.foundation.wheels import FloatArray
 
-FILTERS = ("ekf", "ukf", "upf", "arupf")
+FILTERS = VEHICLE_STATE_METHODS
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +47,9 @@ class VehicleStateAssumptions:
     """Standard deviation of the yaw rate there, rad/s."""
     hold_s: float = 1.0
     """For so long the last steering angle and acceleration stand in for missing ones."""
-    deaf_s: float = 2.0
+    rejection_timeout_s: float = 2.0
     """A reading refused by the robust weights for so long is right and the state wrong: start again."""
-    hardly: float = 0.01
+    rejection_weight: float = 0.01
     """Equivalent weight below which a reading counts as refused."""
 
 
@@ -96,7 +97,7 @@ class VehicleStateEstimator:
     def reset(self) -> None:
         """Forget the motion so far (behind a pause)."""
         self._filter: StateFilter | None = None
-        self._deaf_s = np.zeros(3)
+        self._rejected_s = np.zeros(3)
         self._steer_rad = self._ahead_mps2 = self._speed_mps = math.nan
         self._steer_age_s = self._ahead_age_s = 0.0
         self._before: StepInputs | None = None
@@ -198,8 +199,8 @@ class VehicleStateEstimator:
         weights: FloatArray | None = getattr(self._filter, "weights", None)
         if weights is None:
             return True
-        self._deaf_s = np.where(weights < self._settings.hardly, self._deaf_s + dt_s, 0.0)
-        return bool(self._deaf_s.max() <= self._settings.deaf_s)
+        self._rejected_s = np.where(weights < self._settings.rejection_weight, self._rejected_s + dt_s, 0.0)
+        return bool(self._rejected_s.max() <= self._settings.rejection_timeout_s)
 
 
 def state_of(belief: GaussianState) -> VehicleState:

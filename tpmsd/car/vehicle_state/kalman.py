@@ -14,7 +14,7 @@ import numpy as np
 from tpmsd.car.vehicle_state import model
 from tpmsd.car.vehicle_state.adaptive import RobustSettings
 from tpmsd.car.vehicle_state.car import CarDynamics
-from tpmsd.car.vehicle_state.linear import advance_jacobian, readings_jacobian
+from tpmsd.car.vehicle_state.linear import advance_jacobian, measurement_jacobian
 from tpmsd.car.vehicle_state.model import StepInputs
 from tpmsd.car.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
 from tpmsd.foundation.wheels import FloatArray
@@ -36,7 +36,7 @@ class FilterNoise:
         """(3, 3) growth over one step."""
         return np.diag(np.square(self.process)) * dt_s
 
-    def reading_covariance(self) -> FloatArray:
+    def measurement_covariance(self) -> FloatArray:
         """(3, 3)"""
         return np.diag(np.square(self.readings))
 
@@ -72,9 +72,9 @@ class Ekf:
         covariance += self._noise.process_covariance(inputs.dt_s)
         seen = np.isfinite(reading)
         if seen.any():
-            rows = readings_jacobian(self._car, mean, inputs)[seen]
-            innovation = (reading - model.readings(self._car, mean, inputs))[seen]
-            noise = self._noise.reading_covariance()[np.ix_(seen, seen)]
+            rows = measurement_jacobian(self._car, mean, inputs)[seen]
+            innovation = (reading - model.measurements(self._car, mean, inputs))[seen]
+            noise = self._noise.measurement_covariance()[np.ix_(seen, seen)]
             gain = np.linalg.solve(rows @ covariance @ rows.T + noise, rows @ covariance).T
             mean = mean + gain @ innovation
             # Joseph's form: stays positive whatever rounding does.
@@ -125,7 +125,7 @@ def correct(
     """
     seen = np.isfinite(reading)
     weights = np.where(seen, 1.0, np.nan)
-    base = noise.reading_covariance()[np.ix_(seen, seen)]
+    base = noise.measurement_covariance()[np.ix_(seen, seen)]
     if not seen.any():
         return Corrected(mean, covariance, base, weights, 1.0)
     plain = _Update(car, mean, covariance, inputs, reading, seen)
@@ -160,7 +160,7 @@ class _Update:
         seen: FloatArray,
     ) -> None:
         points = sigma_points(mean, covariance, SIGMA)
-        expected, self._spread, centred = moments(model.readings(car, points, inputs)[..., seen], SIGMA)
+        expected, self._spread, centred = moments(model.measurements(car, points, inputs)[..., seen], SIGMA)
         self._cross = cross(points - mean[..., None, :], centred, SIGMA)
         self._innovation = reading[seen] - expected
         self._expected = expected

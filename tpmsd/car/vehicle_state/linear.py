@@ -72,8 +72,8 @@ def advance_jacobian(
     return state, whole
 
 
-def readings_jacobian(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
-    """(3, 3) derivative of `model.readings`."""
+def measurement_jacobian(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
+    """(3, 3) derivative of `model.measurements`."""
     lateral, _ = _force_gradients(car, state, inputs)
     out = np.zeros((3, 3))
     out[0] = (1.0 + GRAVITY_MPS2 * car.roll_rad_per_mps2) * lateral

@@ -121,14 +121,15 @@ def advance(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArr
 
 
 def substeps(state: FloatArray, inputs: StepInputs) -> tuple[int, float]:
-    """Number and length of the steps in which a tick is integrated: those that the slowest state needs."""
-    slowest = float(np.min(state[..., U]))
-    longest = min(max(STEP_S_PER_MPS * slowest, MIN_STEP_S), MAX_STEP_S)
+    """Number and length of the integration steps in a tick: they shrink with the lowest forward speed of the states,
+    where lateral dynamics are stiffest."""
+    lowest_mps = float(np.min(state[..., U]))
+    longest = min(max(STEP_S_PER_MPS * lowest_mps, MIN_STEP_S), MAX_STEP_S)
     count = max(int(np.ceil(inputs.dt_s / longest - 1e-9)), 1)
     return count, inputs.dt_s / count
 
 
-def readings(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
+def measurements(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
     """(..., 3) what the sensors would read: lateral acceleration (with the body's roll), yaw rate, speed."""
     lateral, _ = lateral_and_yaw(car, state, inputs)
     gain = 1.0 + GRAVITY_MPS2 * car.roll_rad_per_mps2

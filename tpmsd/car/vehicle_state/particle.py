@@ -73,7 +73,7 @@ class UnscentedParticleFilter:
         log -= _log_density(states - done.mean, done.covariance)
         seen = np.isfinite(reading)
         if seen.any():
-            off = reading[seen] - model.readings(car, states, inputs)[:, seen]
+            off = reading[seen] - model.measurements(car, states, inputs)[:, seen]
             log += _log_density(off, done.noise)
         weights = np.exp(log - log.max())
         weights /= weights.sum()

@@ -58,7 +58,7 @@ class Topics:
 
     @property
     def event(self) -> str:
-        """Return a message that is not retained: one per alarm raised or cleared."""
+        """Not retained: one message per alarm raised or cleared."""
         return f"{self.base}/event"
 
     @property

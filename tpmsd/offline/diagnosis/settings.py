@@ -92,9 +92,9 @@ class SelectionSettings:
     """Cross-validated gain that it must bring."""
     max_terms: int = 8
     """In one model."""
-    spline_handicap: float = 0.08
+    spline_gain_margin: float = 0.08
     """Share of its gain by which a spline must beat an effect: no effect's formula is the last word."""
-    drift_handicap: float = 0.25
+    drift_gain_margin: float = 0.25
     """Value over time or distance on all wheels, where the receiver's slow error looks alike."""
     share_of_rest: float = 1e-5
     """Share of what all terms together gain that a term must gain: no linearised model is better than

@@ -50,19 +50,19 @@ class Assignment:
 
 def assign(
     group: Sequence[Follower],
-    anchor: RegressionFit | None,
+    receiver_position: RegressionFit | None,
     settings: Settings = SETTINGS,
     match: Match | None = None,
 ) -> Assignment | None:
     """Return roles within one cluster; None if it holds no pair of wheels.
 
-    `anchor`: the receiver's own place against the common speed, as `_position_fit` has it. `match`: the
+    `receiver_position`: the receiver's own place against the common speed, as `_position_fit` has it. `match`: the
     platform whose bus this one looks like, as prior.
     """
     members = _likely(group, settings)
     if len(members) < 2:
         return None
-    scores = _scores(members, anchor, settings, match)
+    scores = _scores(members, receiver_position, settings, match)
     four = _best_four(members, scores, settings) if len(members) >= 4 else None
     if four is not None:
         return four
@@ -78,10 +78,15 @@ def _log_normal(x: float, mean: float, std: float) -> float:
 
 
 def _scores(
-    members: Sequence[Follower], anchor: RegressionFit | None, settings: Settings, match: Match | None
+    members: Sequence[Follower],
+    receiver_position: RegressionFit | None,
+    settings: Settings,
+    match: Match | None,
 ) -> FloatArray:
     """Return (m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
-    zero, zero_std = (-float(anchor.value[0]), anchor.std(0)) if anchor else (0.0, 0.0)
+    zero, zero_std = (
+        (-float(receiver_position.value[0]), receiver_position.std(0)) if receiver_position else (0.0, 0.0)
+    )
     if not np.isfinite(zero) or abs(zero) > 1.5:
         zero, zero_std = 0.0, 0.5
     # The antenna's own place across the car is some decimetres from the middle.
@@ -97,7 +102,7 @@ def _scores(
     for i, member in enumerate(members):
         std = float(np.hypot(member.lateral_std_m, settings.contrast_floor_m))
         side_std = float(np.hypot(std, np.hypot(settings.track_std_m / 2, 0.05)))
-        decoy = np.logaddexp(
+        non_wheel = np.logaddexp(
             _log_normal(member.lateral_m, centre, std) + np.log(0.9),
             _log_normal(member.lateral_m, centre, float(np.hypot(std, settings.decoy_std_m))) + np.log(0.1),
         )
@@ -105,7 +110,7 @@ def _scores(
         late_std = float(np.hypot(member.lag_std_s, 0.003))
         for k, wheel in enumerate(WHEELS):
             side = half if wheel[1] == "l" else -half
-            score = _log_normal(member.lateral_m - centre, side, side_std) - decoy
+            score = _log_normal(member.lateral_m - centre, side, side_std) - non_wheel
             score -= max(late - late_std, 0.0) / settings.lag_scale_s
             score += 1.0 * (named_wheel(member.series.field.signal) is not None)
             if match is not None and match.wheels.get(wheel) == member.series.field.signal:

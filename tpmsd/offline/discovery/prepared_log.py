@@ -47,7 +47,7 @@ def prepare(
     reference = make_reference(fixes, settings)
     logs = log.messages()
     edges = reference.edge_s
-    fields = dbc_fields(database, logs) if database is not None else _all_raw(logs, settings)
+    fields = dbc_fields(database, logs) if database is not None else _raw_fields(logs, settings)
     series: list[Series] = []
     for one in fields:
         try:
@@ -116,7 +116,8 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Messa
     return found
 
 
-def _all_raw(logs: Mapping[int, MessageLog], settings: Settings) -> list[MessageField]:
+def _raw_fields(logs: Mapping[int, MessageLog], settings: Settings) -> list[MessageField]:
+    """Return the runs of bits of the messages that come often enough to carry wheels."""
     return [
         one for log in logs.values() if log.period_s * settings.min_rate_hz <= 1.0 for one in raw_fields(log)
     ]

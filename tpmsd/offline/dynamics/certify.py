@@ -20,7 +20,7 @@ import numpy as np
 
 from tpmsd.car.physics.baselines.base import Theta
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.robustness.p_value import Chance, beyond, chance, discoveries, enough
+from tpmsd.offline.diagnosis.robustness.p_value import PValue, beyond, discoveries, enough, estimate_p_value
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.located import located_terms, nameless_penalty
 from tpmsd.offline.dynamics.noise import PathNoise
@@ -48,17 +48,17 @@ def certified(
 ) -> tuple[tuple[DynamicsFinding, ...], Certificate]:
     """Return the findings with p-values by replicates, and the certificate with what is left."""
     rng = replicates.rng
-    chances: list[Chance] = []
+    p_values: list[PValue] = []
     drawn = 0
     for k, one in enumerate(findings):
         value = one.evidence - (nameless_penalty(search) if one.effect == "unknown" else 0.0)
         maxima = _maxima(search, one.term, value, replicates.most, rng)
         drawn = max(drawn, len(maxima))
-        chances.append(chance(value, maxima))
+        p_values.append(estimate_p_value(value, maxima))
         say((k + 1) / (len(findings) + 1))
     left = largest_evidence(search)
     maxima = _maxima(search, None, left, replicates.most, rng)
-    certain = discoveries([one.tail for one in chances], SETTINGS.false_discovery)
+    certain = discoveries([one.tail for one in p_values], SETTINGS.false_discovery)
     judged = tuple(
         replace(
             finding,
@@ -66,9 +66,9 @@ def certified(
             p_value_is_bound=one.is_bound,
             status=FINDING if is_certain and finding.status == FINDING else SUSPICION,
         )
-        for finding, one, is_certain in zip(findings, chances, certain, strict=True)
+        for finding, one, is_certain in zip(findings, p_values, certain, strict=True)
     )
-    rest = chance(left, maxima)
+    rest = estimate_p_value(left, maxima)
     return judged, Certificate(max(drawn, len(maxima)), left, rest.p_value, beyond(left, maxima), len(maxima))
 
 

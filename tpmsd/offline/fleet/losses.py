@@ -46,7 +46,7 @@ def losses(
         mine = mine[np.argsort(days[mine], kind="stable")]
         if len(mine) < 2:
             continue
-        value, std = steps(K[mine], k[mine])
+        value, std = step_changes(K[mine], k[mine])
         score = value / std
         grown = 0.5 * np.square(np.maximum(score.max(), 0.0)) - settings.grown_nats
         for wheel in np.flatnonzero(0.5 * np.square(np.minimum(score.min(axis=0), 0.0)) > grown):
@@ -81,8 +81,8 @@ def between_drives(
     return np.asarray(np.maximum(least, 0.5 * (median - by_noise)), dtype=np.float64)
 
 
-def steps(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Each radius's change from each drive on, the first left out, and its standard deviation.
+def step_changes(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return each radius's lasting step at each drive but the first, and its standard deviation.
 
     The step's coefficient by the Schur complement of the constants, with sums over later drives that are
     kept from one moment to the next: n drives take n steps of work.

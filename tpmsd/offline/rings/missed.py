@@ -51,7 +51,7 @@ class MissedCounts:
     """Log-likelihood over that of a counter that loses none, nats."""
     counts_per_rev: float
     """Counts from one ripple to the next."""
-    whole_per_turn: float
+    whole_per_revolution: float
     """Counts that the ring has."""
 
 
@@ -144,8 +144,8 @@ def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int,
     slow = gaussian(between, COUNTERS.missed_smoothing_s / dt_s, NEAREST)
     unread = np.where(read, 0.0, 1.0)
     broken = gaussian(unread, COUNTERS.missed_smoothing_s / dt_s) > 0.02
-    turned_hz = turns_hz(speeds.min(axis=1), float(car.radius_m[wheels].max()))
-    use = np.concatenate([[False], ~broken]) & (turned_hz > COUNTERS.missed_from_hz)
+    revolutions_hz = turns_hz(speeds.min(axis=1), float(car.radius_m[wheels].max()))
+    use = np.concatenate([[False], ~broken]) & (revolutions_hz > COUNTERS.missed_from_hz)
     if not use.any():
         return None
     use &= np.abs(rapid) < OUTLIER_STDS * max(robust_std(rapid[use]), MIN_STD_RAD)

@@ -110,7 +110,7 @@ def single_losses(
     unlike = _unlike(
         counts, [distance.counts for other, distance in distances.items() if other not in similar]
     )
-    if _lasting(counts, mean) < COUNTERS.single_admit_nats:
+    if _loss_log_likelihood_ratio(counts, mean) < COUNTERS.single_admit_nats:
         return None
     if distances[wheel].elsewhere > COUNTERS.lost_admit_nats:
         return None
@@ -193,9 +193,11 @@ def _sums(values: FloatArray, windows: int) -> FloatArray:
     return np.asarray(values[: len(values) // windows * windows].reshape(-1, windows).sum(axis=1))
 
 
-def _lasting(values: FloatArray, mean: float) -> float:
-    """Log-likelihood of sums over many windows as those of losses at random, `mean` in each window beside an
-    error that is bounded, over those of the bounded error alone: its sums scatter as single windows do."""
+def _loss_log_likelihood_ratio(values: FloatArray, mean: float) -> float:
+    """Return the log-likelihood ratio of random losses, `mean` in a window, against a bounded reading error.
+
+    Sums over n windows: losses (Poisson) add (n - 1) * mean to their variance, a bounded error nothing.
+    """
     long = COUNTERS.single_sum_windows
     sums = _sums(values, long)
     bounded = float(values.var())

@@ -50,23 +50,23 @@ def ripples(recording: Recording, reference: ReferenceTrajectory) -> list[Ripple
     """Return the wheels whose teeth are uneven, the clearest first."""
     if len(recording.wheels) < 4:
         return []
-    rows, regressors, turned_hz, blocks = _prepared(recording, reference)
+    rows, regressors, revolutions_hz, blocks = _prepared(recording, reference)
     if len(rows) < 10 * COUNTERS.ripple_block_ticks:
         return []
-    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, turned_hz))
-    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], turned_hz[:, k]))
+    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, revolutions_hz))
+    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], revolutions_hz[:, k]))
     plain = found[0].gain if found else 0.0
     return folded if folded and folded[0].gain > COUNTERS.ripple_folded_from * plain else found
 
 
-def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turned_hz: FloatArray) -> FloatArray:
+def _flattened(k: int, rows: FloatArray, regressors: FloatArray, revolutions_hz: FloatArray) -> FloatArray:
     """(n, 2) sine and cosine of a wheel as they come through readings of the period that fits best.
 
     Linear interpolation between readings T apart leaves of a sine of f the share sinc2(f T).
     """
     best, most = regressors[:, k], -math.inf
     for period_s in COUNTERS.ripple_periods_s:
-        X = regressors[:, k] * np.sinc(turned_hz[:, k, None] * period_s) ** 2
+        X = regressors[:, k] * np.sinc(revolutions_hz[:, k, None] * period_s) ** 2
         b = X.T @ rows[:, k]
         gain = float(b @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(2), b))
         if gain > most:
@@ -100,10 +100,10 @@ def _one_by_one(
     return found
 
 
-def _by_range(regressor: FloatArray, turned_hz: FloatArray) -> FloatArray:
+def _by_range(regressor: FloatArray, revolutions_hz: FloatArray) -> FloatArray:
     """(n, 2 * RANGES) sine and cosine, each in its range of speeds alone."""
-    edges = np.quantile(turned_hz, np.linspace(0.0, 1.0, COUNTERS.ripple_ranges + 1)[1:-1])
-    here = np.searchsorted(edges, turned_hz)[:, None] == np.arange(COUNTERS.ripple_ranges)
+    edges = np.quantile(revolutions_hz, np.linspace(0.0, 1.0, COUNTERS.ripple_ranges + 1)[1:-1])
+    here = np.searchsorted(edges, revolutions_hz)[:, None] == np.arange(COUNTERS.ripple_ranges)
     return np.concatenate([regressor[:, :1] * here, regressor[:, 1:] * here], axis=1)
 
 
@@ -118,7 +118,7 @@ def _prepared(
     angle = np.concatenate([np.zeros((1, 4)), np.cumsum(turned, axis=0)])
     speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
     expected = integrate(speeds, motion.time_s)
-    turned_hz = turns_hz(speeds, car.radius_m)
+    revolutions_hz = turns_hz(speeds, car.radius_m)
     off = angle - expected / car.radius_m
     sigma = COUNTERS.ripple_high_pass_s / recording.dt_s
 
@@ -131,12 +131,12 @@ def _prepared(
     whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
     broken = gaussian((~whole).astype(np.float64), sigma) > 0.02
     use = ~broken & (motion.speed_mps > COUNTERS.ripple_from_mps)
-    rows, regressors, turned_hz = rows[use], regressors[use], turned_hz[use]
+    rows, regressors, revolutions_hz = rows[use], regressors[use], revolutions_hz[use]
     if not len(rows):
-        return rows, regressors, turned_hz, np.zeros(0, dtype=int)
+        return rows, regressors, revolutions_hz, np.zeros(0, dtype=int)
     calm = np.abs(rows).max(axis=1) < OUTLIER_STDS * max(robust_std(rows), MIN_STD_RAD)
-    rows, regressors, turned_hz = rows[calm], regressors[calm], turned_hz[calm]
-    return rows, regressors, turned_hz, np.arange(len(rows)) // COUNTERS.ripple_block_ticks
+    rows, regressors, revolutions_hz = rows[calm], regressors[calm], revolutions_hz[calm]
+    return rows, regressors, revolutions_hz, np.arange(len(rows)) // COUNTERS.ripple_block_ticks
 
 
 def _fit_ripple(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:

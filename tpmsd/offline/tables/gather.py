@@ -63,7 +63,7 @@ def signals_from(series: Mapping[str, SignalReadings], modulus: Mapping[str, int
     inertial = {role: series[role] for role in OPTIONAL_ROLES if role in series}
     for role, one in inertial.items():
         _check_times(one, role)
-    return Signals(angles, counts, _counts_per_turn(series), inertial, _fixes(series))
+    return Signals(angles, counts, _counts_per_revolution(series), inertial, _fixes(series))
 
 
 def _wheels_of(series: Mapping[str, SignalReadings]) -> tuple[str, dict[str, SignalReadings]]:
@@ -89,7 +89,7 @@ def _wheels_of(series: Mapping[str, SignalReadings]) -> tuple[str, dict[str, Sig
     return found[0], wheels
 
 
-def _counts_per_turn(series: Mapping[str, SignalReadings]) -> float | None:
+def _counts_per_revolution(series: Mapping[str, SignalReadings]) -> float | None:
     """Return the counts per revolution by the rotations' standard deviations, each quantum / sqrt(6); None
     where there is none."""
     stds = [series[role].finite().value for role in STD_ROLES if role in series]

@@ -79,8 +79,8 @@ class CsvTable:
             with path.open(encoding="utf-8-sig", newline="") as file:
                 lines = _Lines(file, path)
                 first = next(lines, "")
-                mark = max(",;\t", key=first.count)
-                header = [name.strip() for name in next(csv.reader([first], delimiter=mark), [])]
+                delimiter = max(",;\t", key=first.count)
+                header = [name.strip() for name in next(csv.reader([first], delimiter=delimiter), [])]
                 self.names = tuple(header)
                 if not first.strip() or len(set(header)) < len(header):
                     raise InputError(path, "no header, or two columns of one name", 1)
@@ -91,7 +91,7 @@ class CsvTable:
                 kept_columns = [(k, columns[header[k]]) for k in kept]
                 csv.field_size_limit(MAX_FIELD_CHARS)
                 most = MAX_VALUES // max(len(kept), 1)
-                for number, row in enumerate(csv.reader(lines, delimiter=mark), 2):
+                for number, row in enumerate(csv.reader(lines, delimiter=delimiter), 2):
                     lines.row_read()
                     if number > most + 1:
                         reason = f"more than {most} rows; of a table at most {MAX_VALUES} values are read"
@@ -102,7 +102,9 @@ class CsvTable:
                         raise InputError(path, f"{len(row)} fields, the header has {len(header)}", number)
                     self._lines.append(lines.number)
                     for k, column in kept_columns:
-                        column.append(_number(row[k], mark, path, number, header[k], wanted is None))
+                        column.append(
+                            _parse_number(row[k], delimiter, path, number, header[k], wanted is None)
+                        )
         except UnicodeDecodeError:
             raise InputError(path, "not UTF-8 text") from None
         except csv.Error as error:
@@ -150,8 +152,8 @@ class _Lines:
         self._chars = 0
 
 
-def _number(text: str, mark: str, path: Path, line: int, name: str, lenient: bool) -> float:
-    """Return a field; `lenient`: texts of columns that nobody asked for are no numbers, and no error."""
+def _parse_number(text: str, delimiter: str, path: Path, line: int, name: str, lenient: bool) -> float:
+    """Parse a cell, with a decimal comma too; NaN for an empty one, and for any text if `lenient`."""
     try:
         return float(text)
     except ValueError:
@@ -159,7 +161,7 @@ def _number(text: str, mark: str, path: Path, line: int, name: str, lenient: boo
     if text.strip().casefold() in NOTHING:
         return math.nan
     try:
-        return float(text.replace(",", ".") if mark != "," else "x")
+        return float(text.replace(",", ".") if delimiter != "," else "x")
     except ValueError:
         if lenient:
             return math.nan

@@ -297,7 +297,7 @@ class Daemon:
     def _tick(self, now_s: float, monotonic_s: float) -> None:
         """Feed the pipeline with what came until then."""
         steps_before = self._feeder.clock_steps
-        self._handle(self._feeder.feed(now_s, monotonic_s, self._faults), monotonic_s)
+        self._handle(self._feeder.feed(now_s, monotonic_s, self._inputs_down), monotonic_s)
         if self._feeder.clock_steps != steps_before:
             self._log.warning("the host's clock has stepped")
             for stamps in self._stamps:
@@ -331,8 +331,8 @@ class Daemon:
         for number, of_bus in frames.items():
             (self._bus, *self._others)[number].send(of_bus, monotonic_s)
 
-    def _faults(self, time_s: float) -> list[SourceFault]:
-        """Report every input that is down to the monitor with every tick."""
+    def _inputs_down(self, time_s: float) -> list[SourceFault]:
+        """Return a fault for each bus or receiver that is down now."""
         faults = []
         for bus in (self._bus, *self._others):
             if bus.is_down:

@@ -173,7 +173,7 @@ class SlipSlopeSettings:
 
 @dataclass(frozen=True, slots=True)
 class LevelSettings:
-    """Errors of what all wheels have in common (`level_noise`)."""
+    """Errors of what all wheels have in common (`common_mode_noise`)."""
 
     reflected_mps: float = 0.1
     """Error of the receiver's speed by reflected signals, over an estimate's memory of half a minute."""

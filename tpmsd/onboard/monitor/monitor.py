@@ -140,7 +140,7 @@ class Monitor:
         known_wrong = bool(self._configuration.contradiction)
         contradicted = bool(self._configuration.update(tick))
         if contradicted and not known_wrong and not self._restored:
-            self._sets.begin_again()  # it was learned through a wrong file
+            self._sets.restart_baseline()  # it was learned through a wrong file
         self._trusted = agreement.trusted and not contradicted
         self._since_seen_s += tick.dt_s
         self._encoders.update(tick)
@@ -257,7 +257,7 @@ class Monitor:
             else:
                 self._active.pop((transition.kind, transition.wheel), None)
                 if not self._first.reported:
-                    self._sets.begin_again()  # what was learned was the soft tyre's radius
+                    self._sets.restart_baseline()  # what was learned was the soft tyre's radius
             events.append(event)
         return events
 

@@ -22,7 +22,7 @@ from tpmsd.onboard.monitor.alarms.judge import ComparisonResult, Judgement
 from tpmsd.onboard.monitor.baseline.baseline import Change
 from tpmsd.onboard.monitor.evidence.contrasts import contrasts, gains
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
-from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of, subsets
+from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange, sizes_of, subsets
 from tpmsd.onboard.monitor.monitor import Monitor
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
@@ -387,7 +387,7 @@ class Explanation:
         return out
 
 
-def _bayes_factor(bank: Posterior, sizes: Sizes, row: int) -> float:
+def _bayes_factor(bank: Posterior, sizes: TyreSizeChange, row: int) -> float:
     """Logarithm of the evidence for a row of sizes against all wheels of the size that was learned."""
     chances = np.maximum(bank.sizes, 1e-300)
     return float(np.log(chances[row] / chances[0]) - sizes.log_prior[row] + sizes.log_prior[0])

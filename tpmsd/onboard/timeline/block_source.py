@@ -237,7 +237,7 @@ class BlockSource:
             due_s, deadline_s = timeline.due_s, source.assembler.deadline_s
             frame_index = playback.next_due(due_s, deadline_s, self._at, stop)
             if frame_index > self._at:
-                timeline.pass_to(playback.latest_s(frame_index))
+                timeline.advance_clock(playback.latest_s(frame_index))
                 self._at = frame_index
             if frame_index == stop:
                 break

@@ -85,7 +85,7 @@ class TickSource:
         decoder, pass_by, deadline_s = self.decoder, self.timeline.pass_by, self.assembler.deadline_s
         frames = 0
         for time_s in times_s:
-            if not (time_s <= deadline_s and decoder.is_calm(time_s) and pass_by(time_s)):
+            if not (time_s <= deadline_s and decoder.none_overdue(time_s) and pass_by(time_s)):
                 break
             frames += 1
         decoder.count_ignored(frames)

@@ -246,8 +246,8 @@ class Timeline:
             and np.all(np.diff(latest) <= MAX_PAUSE_S)
         )
 
-    def pass_to(self, host_time_s: float) -> None:
-        """Let time pass to a stamp at which nothing is due; earlier ones change nothing."""
+    def advance_clock(self, host_time_s: float) -> None:
+        """Advance the latest stamp to one at which no tick is due; never backward."""
         clock = self._clock
         clock.latest_s = max(clock.latest_s, clock.placed(host_time_s))
 
@@ -333,10 +333,11 @@ class Timeline:
             self._index += 1
             self._due_s = self._end(self._index + 1) + self._holdback_s
             # The very number at which the tick before ended: rotations then add up without a seam.
-            ticks.append(self._make(self._end(self._index - 1), self._end(self._index)))
+            ticks.append(self._make_tick(self._end(self._index - 1), self._end(self._index)))
         return ticks
 
-    def _make(self, begin: float, end: float) -> Tick:
+    def _make_tick(self, begin: float, end: float) -> Tick:
+        """Return the tick of a span; its fixes and faults leave their buffers."""
         plan = None if self._planner is None else self._planner.planned_tick(self._index, end)
         if plan is None:
             plan = self._from_tracks(begin, end)

@@ -66,7 +66,7 @@ class AccelerometerBias(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the reason why a small zero level is usual, as every sensor has one."""
+        """Return the note on a bias within a sensor's usual zero offset; empty for a larger one."""
         if abs(value) - 2.0 * std > TOLERANCE_MPS2:
             return ""
         return f"an accelerometer reads {value:.2f} +- {std:.2f} m/s2 more than acts, as they do"

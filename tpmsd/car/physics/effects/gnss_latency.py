@@ -58,8 +58,9 @@ class GnssLatency(Effect):
 
     @classmethod
     def tolerance_note(cls, value: float, std: float, speeds: bool) -> str:
-        """Return the note on fixes that look younger than their arrival by the age that readings of wheels
-        usually have: speeds are means over an interval before the stamp, counts are those of the last own
+        """Return the note on a negative latency that the usual age of wheel readings explains; else none.
+
+        Speeds are means over an interval before the stamp, counts are those of the last own
         reading.
         """
         usual_s = FRAME_AGE_S if speeds else COUNT_AGE_S

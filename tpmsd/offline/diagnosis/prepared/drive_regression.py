@@ -53,7 +53,7 @@ class HatFunction:
     knots: tuple[float, ...]
     number: int
     std: float
-    """Variance of the covariate's error."""
+    """Standard deviation of the covariate's error."""
 
     def column(self, reader: Reader) -> FloatArray:
         """(w, 9) the response to its height."""
@@ -289,8 +289,8 @@ class DriveRegression:
         return self.present.white
 
     @property
-    def log_variance(self) -> float:
-        """Sum of the innovations' log variances under the present noise."""
+    def log_determinant(self) -> float:
+        """Log determinant of the innovations' covariances under the present noise."""
         return self.present.whitener.logdet
 
     def part(self) -> DriveGrams:

@@ -91,8 +91,8 @@ def report(
             written.apart(finding)
     findings = written.findings
     baseline = float(selection.baseline_heldout[blocks].sum())
-    log_variance = sum(drive.log_variance for drive in regression.examined)
-    constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
+    log_determinant = sum(drive.log_determinant for drive in regression.examined)
+    constant = -0.5 * log_determinant - 0.5 * rows * math.log(2 * math.pi)
     return RollingDiagnosis(
         verdict=verdict_of(findings),
         reason="",

@@ -26,7 +26,7 @@ beyond its linear response is hundreds of nats, for any effect to take up. Where
 reach a term, the term is tested again in replicates without spline terms.
 
 Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
-or is beyond doubt. `chance` makes p-values and decisions of the replicates; `verdict` decides: findings are
+or is beyond doubt. `estimate_p_value` makes p-values and decisions of the replicates; `verdict` decides: findings are
 those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal Statistical
 Society B 57, 1995) and gain more than the negative control. A suspicion stays one: a term whose
 log-likelihood gain, divided by the block-wise (sandwich) variance ratio, falls below the penalty.
@@ -51,7 +51,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_regression import DriveRegression
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
-from tpmsd.offline.diagnosis.robustness.p_value import Chance, beyond, chance, enough
+from tpmsd.offline.diagnosis.robustness.p_value import PValue, beyond, enough, estimate_p_value
 from tpmsd.offline.diagnosis.robustness.verdict import decided
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.catalogue_effect import effect_of
@@ -104,18 +104,18 @@ def certified(
     statistics.append(_of_the_rest(regression, selection, evidence))
     models = [_model(regression, selection, number) for number in range(len(regression.drives))]
     drawn = _drawn(regression, models, statistics, replicates, rng, progress)
-    *chances, of_the_rest = [
-        chance(one.value, values, one.own) for one, values in zip(statistics, drawn, strict=True)
+    *p_values, of_the_rest = [
+        estimate_p_value(one.value, values, one.own) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
     again = _without_splines(
-        regression, selection, evidence, diagnosis.findings, chances, dispersion, replicates, rng
+        regression, selection, evidence, diagnosis.findings, p_values, dispersion, replicates, rng
     )
     control = negative_control(regression, selection)
     return replace(
         decided(
             diagnosis,
-            [again.get(k, one) for k, one in enumerate(chances)],
+            [again.get(k, one) for k, one in enumerate(p_values)],
             [one.value > control for one in statistics],
         ),
         replicates=len(drawn[0]),
@@ -149,18 +149,18 @@ def _without_splines(
     selection: Selection,
     evidence: Evidence,
     findings: Sequence[Finding],
-    chances: Sequence[Chance],
+    p_values: Sequence[PValue],
     dispersion: float,
     replicates: int,
     rng: np.random.Generator,
-) -> dict[int, Chance]:
-    """Return, by number of the finding, the chance of a term in replicates without spline terms, where
+) -> dict[int, PValue]:
+    """Return, by number of the finding, the p-value of a term in replicates without spline terms, where
     replicates with them reach it.
     """
     if not any(one.term.nonparametric for one in selection.chosen):
         return {}
     asked: list[tuple[int, int]] = []
-    for k, (finding, one) in enumerate(zip(findings, chances, strict=True)):
+    for k, (finding, one) in enumerate(zip(findings, p_values, strict=True)):
         which = _of(selection, finding)
         reached = one.tail > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING
         if which is not None and reached:
@@ -183,7 +183,8 @@ def _without_splines(
     ]
     drawn = _drawn(regression, models, statistics, replicates, rng)
     return {
-        k: chance(one.value, values) for (k, _), one, values in zip(asked, statistics, drawn, strict=True)
+        k: estimate_p_value(one.value, values)
+        for (k, _), one, values in zip(asked, statistics, drawn, strict=True)
     }
 
 

@@ -58,7 +58,7 @@ def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: 
     for term in before:
         if term.ramp and term.wheel == " ".join(PATTERNS.get(shape.pattern, ())) and term not in terms:
             gain, _ = group_gain(term.design[1:], gram, b)
-            if gain - term.penalty > (1.0 - SETTINGS.selection.spline_handicap) * free - shape.penalty:
+            if gain - term.penalty > (1.0 - SETTINGS.selection.spline_gain_margin) * free - shape.penalty:
                 return term
     return None
 

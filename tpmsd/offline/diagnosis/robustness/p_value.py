@@ -1,6 +1,6 @@
 """From a finding's statistic and its replicates' maxima to a p-value and a decision.
 
-In: the penalised gain of a finding and the maxima of replicates drawn without it. Out: `Chance`.
+In: the penalised gain of a finding and the maxima of replicates drawn without it. Out: `PValue`.
 
 Two numbers are kept apart. The p-value that a reader is told is counted: k of n replicates reach the value,
 and where none does it is the bound 1 / (n + 1) (Davison and Hinkley, Bootstrap Methods and their Application,
@@ -21,7 +21,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 @dataclass(frozen=True)
-class Chance:
+class PValue:
     """Probability that a drive without the effect shows as much."""
 
     p_value: float
@@ -32,13 +32,13 @@ class Chance:
     """Extrapolated beyond the replicates, for the decision."""
 
 
-def chance(value: float, maxima: Sequence[float], own: float = 0.0) -> Chance:
-    """Return the chance of a value, from maxima of replicates.
+def estimate_p_value(value: float, maxima: Sequence[float], own: float = 0.0) -> PValue:
+    """Return the p-value of a statistic, from its maxima over replicates.
 
     `own` is the probability by a test's own distribution, 0 without one; no decision takes a smaller one.
     """
     counted, is_bound = p_value(value, maxima)
-    return Chance(max(counted, own), is_bound and own <= counted, max(tail_probability(value, maxima), own))
+    return PValue(max(counted, own), is_bound and own <= counted, max(tail_probability(value, maxima), own))
 
 
 def p_value(value: float, maxima: Sequence[float]) -> tuple[float, bool]:

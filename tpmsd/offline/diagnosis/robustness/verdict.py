@@ -1,6 +1,6 @@
 """The verdict: which candidates are findings, which are suspicions, and which are neither.
 
-In: chosen terms, and of a certificate the chance of each finding. Out: a status for each, the verdict of the
+In: chosen terms, and of a certificate the p-value of each finding. Out: a status for each, the verdict of the
 drive and the model less the effects of suspicions. It decides, and writes nothing down; `reporting` writes
 down, and decides nothing.
 """
@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
     RollingDiagnosis,
 )
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
-from tpmsd.offline.diagnosis.robustness.p_value import Chance, discoveries
+from tpmsd.offline.diagnosis.robustness.p_value import PValue, discoveries
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
@@ -43,13 +43,13 @@ def verdict_of(findings: Sequence[Finding]) -> str:
 
 
 def decided(
-    diagnosis: RollingDiagnosis, chances: Sequence[Chance], above_control: Sequence[bool]
+    diagnosis: RollingDiagnosis, p_values: Sequence[PValue], above_control: Sequence[bool]
 ) -> RollingDiagnosis:
-    """Return the diagnosis with the p-value of each finding, and its status by its chance.
+    """Return the diagnosis with the p-value of each finding, and its status by it.
 
     A finding stands at the false discovery rate, above the negative control; a suspicion stays one.
     """
-    certain = discoveries([one.tail for one in chances], SETTINGS.robustness.false_discovery_rate)
+    certain = discoveries([one.tail for one in p_values], SETTINGS.robustness.false_discovery_rate)
     findings = tuple(
         replace(
             finding,
@@ -58,7 +58,7 @@ def decided(
             status=FINDING if is_certain and above and finding.status == FINDING else SUSPICION,
         )
         for finding, one, is_certain, above in zip(
-            diagnosis.findings, chances, certain, above_control, strict=True
+            diagnosis.findings, p_values, certain, above_control, strict=True
         )
     )
     return replace(

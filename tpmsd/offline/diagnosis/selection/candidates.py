@@ -219,7 +219,7 @@ def likeliest_penalty(term: Term, gain: float, first: float) -> float:
 def handicap(shape: Term) -> float:
     """Share of its gain that a spline term must bring more than an effect."""
     drift = shape.pattern == "all" and shape.covariate in ("time", "distance")
-    return SETTINGS.selection.drift_handicap if drift else SETTINGS.selection.spline_handicap
+    return SETTINGS.selection.drift_gain_margin if drift else SETTINGS.selection.spline_gain_margin
 
 
 def resting(gain: float, kept: float) -> float:

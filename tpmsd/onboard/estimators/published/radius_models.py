@@ -292,7 +292,7 @@ class WalkingRadii:
         return WalkingRadiiState(mu, np.repeat(noise_m2[:, None], count, axis=1))
 
     def log_predictive(self, state: WalkingRadiiState, noise_m: FloatArray) -> FloatArray:
-        """Gaussian given mu and Sigma."""
+        """(N,) log density, up to a constant, of each particle's radius error under N(mu, sigma)."""
         squared = (noise_m - state.mu) ** 2 / state.sigma
         return np.asarray(-0.5 * (squared + np.log(state.sigma)).sum(axis=0))
 

@@ -26,7 +26,7 @@ from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal, varian
 from tpmsd.onboard.monitor.evidence.posterior import Posterior, Window, posterior
 from tpmsd.onboard.monitor.evidence.sizes import (
     SizeHypotheses,
-    Sizes,
+    TyreSizeChange,
     no_sizes,
     sizes_of,
     subsets,
@@ -175,7 +175,7 @@ class Judge:
         lasting = nuisance.averaged(DRIVE_EVIDENCE.lasting_share)
         self._lasting_m2 = lasting.covariance(wheels, self._radius)
         """(d, d) nuisance that lasts all drive long."""
-        self._of_beginning: deque[tuple[ChangeSinceStart, Sizes]] = deque(maxlen=2)
+        self._of_beginning: deque[tuple[ChangeSinceStart, TyreSizeChange]] = deque(maxlen=2)
         """Rows of sizes by what was before each of two windows."""
         self._apart = _apart(wheels)
         members = [
@@ -209,7 +209,7 @@ class Judge:
         """
         nuisance_m2 = self.nuisance_m2 + self._other_tyres_m2(other_tyres)
         ratios = self._ratios(resonance)
-        averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_of_mean_m2(mean.samples)
+        averaged_m2 = nuisance_m2 - self.nuisance_m2 + self._nuisance_covariance_of_mean_m2(mean.samples)
         against = [self._against(ratios, other_tyres, one) for one in before]
         of_drive: ComparisonResult | None = None
         models: dict[str, float] = {}
@@ -299,7 +299,7 @@ class Judge:
         sizes = None if other_tyres else self._known_sizes(before)
         return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
 
-    def _known_sizes(self, before: ChangeSinceStart | None) -> Sizes:
+    def _known_sizes(self, before: ChangeSinceStart | None) -> TyreSizeChange:
         """Return the rows of sizes of a window, by what the drive said before it."""
         if before is None:
             return self._sizes
@@ -432,8 +432,8 @@ class Judge:
         found = self._look("now", change, covariance_m2, self._against(None, False), {})
         return self._on_all(found.verdict.deflated)
 
-    def _nuisance_of_mean_m2(self, samples: int) -> FloatArray:
-        """(d, d) of what comes and goes in a mean of so many samples."""
+    def _nuisance_covariance_of_mean_m2(self, samples: int) -> FloatArray:
+        """(d, d) covariance of the fluctuating nuisance in a mean of so many correlated samples; kept."""
         if samples not in self._of_mean_m2:
             share = variance_ratio_of_mean(samples, math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s))
             averaged = self._nuisance.averaged(share)

@@ -95,7 +95,7 @@ class Questions:
             return
         asked: list[tuple[tuple[str, ...], str, float]] = []
         if found is not None and found.posterior is not None:
-            asked = self._of_bank(found.posterior, found, elapsed_s)
+            asked = self._update_from_posterior(found.posterior, found, elapsed_s)
         if self._of_first.active and self._first is not None:
             wheel, probability, words = self._first
             asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", probability)]
@@ -105,10 +105,10 @@ class Questions:
             for wheels, question, probability in asked
         )
 
-    def _of_bank(
+    def _update_from_posterior(
         self, bank: Posterior, found: Judgement, elapsed_s: float
     ) -> list[tuple[tuple[str, ...], str, float]]:
-        """Return the questions that a judgement by the drive leaves: wheels, text and probability of each."""
+        """Advance both hystereses by a posterior and return the questions then open: wheels, text and probability."""
         self._of_tyres.update(bank.changed, elapsed_s)
         self._of_load.update(found.unusual, elapsed_s)
         if self._of_tyres.active:

@@ -168,8 +168,8 @@ class TyreSets:
         driven = self.baseline.ready or self.baseline.learned_s >= self._learn_s
         return self.state == "none" and driven and (early or reported)
 
-    def begin_again(self) -> None:
-        """Forget the baseline that counts, for it was that of a tyre that was soft."""
+    def restart_baseline(self) -> None:
+        """Discard the active baseline, learned on a deflated tyre, and learn a new one."""
         fresh = self._fresh()
         fresh.follow(self.baseline)
         self.baseline = fresh

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.baseline.reference import SIZE, Innovation, RadiusReference
-from tpmsd.onboard.monitor.evidence.sizes import Sizes
+from tpmsd.onboard.monitor.evidence.sizes import TyreSizeChange
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
@@ -85,7 +85,7 @@ class ChangeBank:
         """Information that each hypothesis shares with the step at the first sample."""
 
     def update(
-        self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float, sizes: Sizes
+        self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float, sizes: TyreSizeChange
     ) -> None:
         """Take a sample: (d,), its covariance (d, d) and features (d, SIZE); `elapsed_s` of driving since the
         one before."""
@@ -126,7 +126,7 @@ class ChangeBank:
         self._vector = np.concatenate([self._vector, np.zeros((2, d))])
         self._shared_with_first = np.concatenate([self._shared_with_first, np.zeros((2, d, d))])
 
-    def _prune(self, sizes: Sizes) -> None:
+    def _prune(self, sizes: TyreSizeChange) -> None:
         """Keep the start, what is too young to be judged, and the likeliest of the others, each beside the
         size that suits it best."""
         age = self.samples - self._onset
@@ -143,7 +143,7 @@ class ChangeBank:
         self._sensitivity, self._information = self._sensitivity[keep], self._information[keep]
         self._vector, self._shared_with_first = self._vector[keep], self._shared_with_first[keep]
 
-    def changes(self, sizes: Sizes) -> Changes:
+    def changes(self, sizes: TyreSizeChange) -> Changes:
         """Hypotheses that are old enough, under each of the rows of sizes."""
         age = self.samples - self._onset
         old = age >= JUDGE.full_samples
@@ -171,7 +171,7 @@ class ChangeBank:
         covariance = _inverse(self._information[:1])[0]
         return covariance @ self._vector[0], covariance
 
-    def _marginalized(self, sizes: Sizes, chosen: NDArray[np.bool_]) -> _Marginalized:
+    def _marginalized(self, sizes: TyreSizeChange, chosen: NDArray[np.bool_]) -> _Marginalized:
         """Moments of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
         with np.errstate(divide="ignore"):
             own = np.where(sizes.variance > 0.0, 1.0 / sizes.variance, np.inf)
@@ -194,7 +194,7 @@ class ChangeBank:
             variance,
         )
 
-    def reference_fitted_jointly(self, row: int, index: int, sizes: Sizes) -> RadiusReference:
+    def reference_fitted_jointly(self, row: int, index: int, sizes: TyreSizeChange) -> RadiusReference:
         """Moments of the car's reference beside the change at this row and place of `changes`.
 
         The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.evidence.kernel import compiled
 from tpmsd.onboard.monitor.evidence.probability import normal_cdf
-from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, Sizes, no_sizes, subsets
+from tpmsd.onboard.monitor.evidence.sizes import SizeHypotheses, TyreSizeChange, no_sizes, subsets
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
@@ -133,7 +133,7 @@ class Comparison:
     """True if only losses of one wheel are considered: where an axle may be of any size, others cannot be
     told from them.
     """
-    sizes: Sizes | None = None
+    sizes: TyreSizeChange | None = None
     """Wheels that may be of another size beside a loss; None: none of them."""
     limit: float = math.inf
     """Change, relative, from which a wheel deviates."""

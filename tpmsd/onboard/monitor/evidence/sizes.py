@@ -1,6 +1,6 @@
 """Wheels of another size than was learned: a change that stands beside any loss, and hides none.
 
-In: the monitored wheels. Out: `Sizes`, the rows of that change; and `with_sizes`, hypotheses of one
+In: the monitored wheels. Out: `TyreSizeChange`, the rows of that change; and `with_sizes`, hypotheses of one
 change under each of them.
 
 Other tyres, chains, or a receiver that scales make the radii of one wheel, an axle or all larger by the share
@@ -24,7 +24,7 @@ from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 
 @dataclass(frozen=True, slots=True)
-class Sizes:
+class TyreSizeChange:
     """r rows, the first of them with no change of size. Relative to the radius."""
 
     pattern: FloatArray
@@ -46,7 +46,7 @@ class Sizes:
         """(r,) 1 for the row of all wheels."""
         return np.array([float(row.min() > 0.0) for row in self.pattern])
 
-    def since(self, before: SizeHypotheses, lost: float) -> Sizes:
+    def since(self, before: SizeHypotheses, lost: float) -> TyreSizeChange:
         """Return the rows of a window by what was seen before it, hypotheses under every row; behind them
         rows of sizes that came in it, where all was as learned before.
 
@@ -64,7 +64,7 @@ class Sizes:
         )
         several = np.abs(self.pattern).sum(axis=1) > 1.0
         on_drive = np.log(np.where(several, DRIVE_EVIDENCE.resized_while_driving, 1.0))
-        return Sizes(
+        return TyreSizeChange(
             np.concatenate([self.pattern, self.pattern[1:]]),
             np.concatenate([middle, self.mean[1:]]),
             np.concatenate([spread, self.variance[1:]]),
@@ -76,7 +76,7 @@ class Sizes:
     @classmethod
     def of(
         cls, pattern: list[FloatArray], mean: list[float], variance: list[float], prior: list[float]
-    ) -> Sizes:
+    ) -> TyreSizeChange:
         """`prior` of all rows but the first."""
         indices = {members: index for index, members in enumerate(subsets(pattern[0].size))}
         wheels = [tuple(np.flatnonzero(row).tolist()) for row in pattern]
@@ -95,7 +95,7 @@ def subsets(d: int) -> list[tuple[int, ...]]:
 
 
 @functools.cache
-def sizes_of(wheels: tuple[int, ...]) -> Sizes:
+def sizes_of(wheels: tuple[int, ...]) -> TyreSizeChange:
     """Rows of a car of which these wheels are monitored: none; one wheel, an axle or all larger; wheels
     changed front to rear. What is smaller has no row: nothing tells it from a loss, and nothing should."""
     front = IS_FRONT[list(wheels)]
@@ -106,7 +106,7 @@ def sizes_of(wheels: tuple[int, ...]) -> Sizes:
     changed = [np.where(front, 1.0, -1.0)] if front.any() and not front.all() else []
     mean, std = JUDGE.resized
     rows, several = len(larger) + len(changed), len(axles) + len(changed)
-    return Sizes.of(
+    return TyreSizeChange.of(
         [np.zeros(len(wheels)), *larger, *changed],
         [0.0, *[mean] * len(larger), *[0.0] * len(changed)],
         [0.0, *[std**2] * rows],
@@ -115,9 +115,9 @@ def sizes_of(wheels: tuple[int, ...]) -> Sizes:
 
 
 @functools.cache
-def no_sizes(d: int) -> Sizes:
+def no_sizes(d: int) -> TyreSizeChange:
     """Return the sizes of d wheels that are all as learned."""
-    return Sizes.of([np.zeros(d)], [0.0], [0.0], [])
+    return TyreSizeChange.of([np.zeros(d)], [0.0], [0.0], [])
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ def with_sizes(
     covariance_m2: FloatArray,
     log_weight: FloatArray,
     radius_m: FloatArray,
-    sizes: Sizes,
+    sizes: TyreSizeChange,
     *,
     every: bool = False,
 ) -> SizeHypotheses:
@@ -177,7 +177,7 @@ def compiled_sizes(
     covariance_m2: FloatArray,
     log_weight: FloatArray,
     radius_m: FloatArray,
-    sizes: Sizes,
+    sizes: TyreSizeChange,
     *,
     every: bool = False,
 ) -> SizeHypotheses | None:
@@ -200,7 +200,7 @@ def array_sizes(
     covariance_m2: FloatArray,
     log_weight: FloatArray,
     radius_m: FloatArray,
-    sizes: Sizes,
+    sizes: TyreSizeChange,
     *,
     every: bool = False,
 ) -> SizeHypotheses:

@@ -26,7 +26,7 @@ from tpmsd.onboard.monitor.drive_settings import DriveModel
 from tpmsd.onboard.monitor.evidence.change_bank import ChangeBank
 from tpmsd.onboard.monitor.evidence.nuisance import Nuisance, log_normal
 from tpmsd.onboard.monitor.evidence.sizes import sizes_of
-from tpmsd.onboard.monitor.sampling.level_noise import LevelNoise
+from tpmsd.onboard.monitor.sampling.common_mode_noise import CommonModeNoise
 from tpmsd.onboard.monitor.sampling.slip_sums import Slope
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 
@@ -210,7 +210,7 @@ class _Banks:
         similar = math.exp(-BASELINE.sample_every_s / JUDGE.nuisance_s)
         quick = Nuisance(0.0, 0.0, JUDGE.nuisance.side, JUDGE.nuisance.own)
         self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + similar) / (1.0 - similar)
-        self._level = LevelNoise(reference)
+        self._level = CommonModeNoise(reference)
         self._slopes = 0
         """Slip slopes that were taken."""
         self.samples = 0

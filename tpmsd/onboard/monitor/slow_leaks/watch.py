@@ -52,7 +52,7 @@ class DriveReading:
         return self._driven_s >= READINGS.warm_s and self._since_s >= READINGS.sample_s and not self._taken
 
     def add(self, difference_m: FloatArray, variance_m2: FloatArray) -> None:
-        """Take a sample; (3,) each."""
+        """Add a sample of the three contrasts of radii and of their variances; (3,) each."""
         self._since_s = 0.0
         self._sums += np.stack([difference_m, variance_m2])
         self._samples += 1

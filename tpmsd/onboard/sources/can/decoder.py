@@ -188,7 +188,7 @@ class CanDecoder:
         self.counts["frames"] += frames
         self.counts["ignored"] += frames
 
-    def is_calm(self, time_s: float) -> bool:
+    def none_overdue(self, time_s: float) -> bool:
         """Return whether no message can be overdue at this time: `poll` would say nothing."""
         return self._polled_s <= time_s < self._calm_until_s
 

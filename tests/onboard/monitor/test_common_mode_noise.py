@@ -14,8 +14,8 @@ from tpmsd.car.config.model import MonitorConfig, TyreConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.alarms.judge import Judge
 from tpmsd.onboard.monitor.baseline.baseline import Change
+from tpmsd.onboard.monitor.sampling.common_mode_noise import CommonModeNoise
 from tpmsd.onboard.monitor.sampling.drive_evidence import DriveEvidence
-from tpmsd.onboard.monitor.sampling.level_noise import LevelNoise
 from tpmsd.onboard.monitor.settings import JUDGE, LEVEL
 
 TOWN_MPS = 9.0
@@ -25,7 +25,7 @@ def reflected(levels_m: FloatArray, speed_mps: float, std_m: float) -> tuple[lis
     """Of a drive whose wheels all have these radii over nominal: probability that each sample is of reflected
     signals, and the standard deviation that it adds, m."""
     reference = learned_car()
-    noise = LevelNoise(reference)
+    noise = CommonModeNoise(reference)
     features = reference.features(at(speed_mps))
     chances, added_m = [], []
     for level in levels_m:
@@ -77,7 +77,7 @@ def test_a_level_that_jumps_is_doubted_and_one_that_leaks_is_not() -> None:
 def test_growth_with_speed_is_no_jump() -> None:
     """From 10 to 36 m/s a tyre grows by 1.1 mm: known of a car that was learned."""
     reference = learned_car(0.01)
-    noise = LevelNoise(reference)
+    noise = CommonModeNoise(reference)
     for speed in (10.0, 36.0, 10.0, 36.0, 20.0):
         features = reference.features(at(speed))
         noise.update(features @ reference.mean, np.full((4, 4), (2e-4 / RADIUS_M) ** 2), features)

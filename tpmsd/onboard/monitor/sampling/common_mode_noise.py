@@ -20,7 +20,7 @@ from tpmsd.onboard.monitor.baseline.reference import GROWTH, RadiusReference
 from tpmsd.onboard.monitor.settings import JUDGE, LEVEL, REFERENCE
 
 
-class LevelNoise:
+class CommonModeNoise:
     """Noise of the level of one drive. Radii are relative to nominal throughout."""
 
     def __init__(self, reference: RadiusReference) -> None:
