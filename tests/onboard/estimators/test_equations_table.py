@@ -57,6 +57,5 @@ def test_the_verbs_of_a_belief_are_those_of_the_page() -> None:
     stated = re.search(r"`Belief` \(`belief\.py`\): `([a-z_\s]+)`", PAGE)
 
     assert stated
-    assert {
-        name for name in vars(Belief) if inspect.isfunction(vars(Belief)[name]) and name[0] != "_"
-    } == set(stated[1].split())
+    verbs = {name for name, member in vars(Belief).items() if inspect.isfunction(member) and name[0] != "_"}
+    assert verbs == set(stated[1].split())

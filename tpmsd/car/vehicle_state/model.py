@@ -121,7 +121,7 @@ def advance(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArr
 
 
 def substeps(state: FloatArray, inputs: StepInputs) -> tuple[int, float]:
-    """Number and length of the integration steps in a tick: they shrink with the lowest forward speed of the states,
+    """Number and length of the integration steps in a tick: they shrink with the lowest forward speed,
     where lateral dynamics are stiffest."""
     lowest_mps = float(np.min(state[..., U]))
     longest = min(max(STEP_S_PER_MPS * lowest_mps, MIN_STEP_S), MAX_STEP_S)

@@ -56,8 +56,8 @@ def assign(
 ) -> Assignment | None:
     """Return roles within one cluster; None if it holds no pair of wheels.
 
-    `receiver_position`: the receiver's own place against the common speed, as `_position_fit` has it. `match`: the
-    platform whose bus this one looks like, as prior.
+    `receiver_position`: the receiver's own place against the common speed, as `_position_fit` has it.
+    `match`: the platform whose bus this one looks like, as prior.
     """
     members = _likely(group, settings)
     if len(members) < 2:

@@ -90,7 +90,8 @@ def _missed_finding(one: MissedCounts, drives: tuple[str, ...], seconds: float) 
         drives=drives,
         identified_by=(
             f"the ring's ripple, once per revolution, comes every {one.counts_per_rev:.0f} counts of"
-            f" {one.whole_per_revolution:.0f}; of a larger radius it would come every {one.whole_per_revolution:.0f}"
+            f" {one.whole_per_revolution:.0f}; of a larger radius it would come every"
+            f" {one.whole_per_revolution:.0f}"
         ),
         # The probability that a likelihood ratio of this size favours the wrong account is less than its
         # inverse; so many wheels were looked at.

@@ -26,7 +26,7 @@ beyond its linear response is hundreds of nats, for any effect to take up. Where
 reach a term, the term is tested again in replicates without spline terms.
 
 Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
-or is beyond doubt. `estimate_p_value` makes p-values and decisions of the replicates; `verdict` decides: findings are
+or is beyond doubt. `estimate_p_value` makes p-values of the replicates; `verdict` decides: findings are
 those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal Statistical
 Society B 57, 1995) and gain more than the negative control. A suspicion stays one: a term whose
 log-likelihood gain, divided by the block-wise (sandwich) variance ratio, falls below the penalty.

@@ -108,7 +108,7 @@ class Questions:
     def _update_from_posterior(
         self, bank: Posterior, found: Judgement, elapsed_s: float
     ) -> list[tuple[tuple[str, ...], str, float]]:
-        """Advance both hystereses by a posterior and return the questions then open: wheels, text and probability."""
+        """Advance both hystereses by a posterior; return the open questions: wheels, text, probability."""
         self._of_tyres.update(bank.changed, elapsed_s)
         self._of_load.update(found.unusual, elapsed_s)
         if self._of_tyres.active:
