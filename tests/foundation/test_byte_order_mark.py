@@ -18,7 +18,7 @@ from tpmsd.foundation.text_file import names_configuration, open_log, read_text
 from tpmsd.offline.fleet.find_drives import model_of
 from tpmsd.offline.signals.read import read_signals
 from tpmsd.offline.signals.vbo import read_vbo
-from tpmsd.offline.simulator.onto_can import log_lines
+from tpmsd.offline.simulator.inject_can import log_lines
 from tpmsd.offline.tables.read_table import read_table
 from tpmsd.onboard.sources.can.log import read_can_log
 from tpmsd.onboard.sources.gnss.nmea_log import bears_host_times, read_nmea_log

@@ -23,9 +23,9 @@ ROUGH = dataclasses.replace(
     PLAIN,
     rough_m=3e-3,
     speed_mps=0.2,
-    crab_rad=0.01,
+    side_slip_rad=0.01,
     slow_m=2.0,
-    lean=1e-3,
+    left_right_drift=1e-3,
     age_s=3e-3,
     gyro_drift_radps=1e-3,
 )
@@ -64,8 +64,11 @@ def dense_covariance(windows: Linearised, space: Geometry, noise: Noise) -> Floa
         at("slow_north"): (np.exp(-WINDOW_S / noise.slow_tau_s), noise.slow_m),
         at("gnss_speed"): (noise.speed_memory, noise.speed_mps),
         at("gnss_cross_speed"): (noise.speed_memory, noise.cross_mps),
-        at("lean"): (np.exp(-WINDOW_S / noise.lean_tau_s), noise.lean),
-        at("crab"): (np.exp(-WINDOW_S / noise.crab_tau_s), noise.crab_rad),
+        at("left_right_drift"): (np.exp(-WINDOW_S / noise.left_right_drift_tau_s), noise.left_right_drift),
+        at("side_slip"): (
+            np.exp(-WINDOW_S / noise.side_slip_tau_s),
+            noise.side_slip_rad,
+        ),
     }
     walks = {at("gyro_bias"): noise.gyro_drift_radps, at("gnss_age"): noise.age_s}
     start = np.zeros(STATES)
@@ -92,7 +95,7 @@ def dense_covariance(windows: Linearised, space: Geometry, noise: Noise) -> Floa
         new[PSI] = old[PSI] + WINDOW_S * new[W]
         for axis in (0, 1):
             by_v, by_w, by_heading = windows.to_east_north[k, axis]
-            course = old[PSI] + new[at("crab")]
+            course = old[PSI] + new[at("side_slip")]
             new[PE + axis] = old[PE + axis] + by_v * new[V] + by_w * new[W] + by_heading * course
         state = new
         rows.append(space.rows[k] @ state)
@@ -173,5 +176,5 @@ def test_only_parameters_of_its_states_and_channels_are_estimated() -> None:
     data = Data(geometry(windows, here, LEANING_CAR), np.zeros((20, CHANNELS, 1)), np.ones((20, CHANNELS)))
     names = data.estimable()
 
-    assert {"rough_m", "lean", "crab_rad", "speed_mps", "age_s", "slow_m"} <= set(names)
+    assert {"rough_m", "left_right_drift", "side_slip_rad", "speed_mps", "age_s", "slow_m"} <= set(names)
     assert not {"gyro_radps", "gyro_drift_radps", "cross_mps", "radius_drift", "clock_s"} & set(names)

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tpmsd.offline.simulator.inject_can import float_bits, put_bits
+from tpmsd.offline.simulator.inject_nmea import NmeaRewriter
 from tpmsd.offline.simulator.injection import recounted, requantised
-from tpmsd.offline.simulator.onto_can import float_bits, put_bits
-from tpmsd.offline.simulator.onto_nmea import NmeaRewriter
 from tpmsd.onboard.sources.can.signal_plan import bit_field, bit_position
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=60)

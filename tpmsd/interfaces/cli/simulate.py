@@ -16,7 +16,7 @@ from tpmsd.car.physics.baselines.names import DYNAMICS_BASELINES
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.output_files import Outputs
-from tpmsd.interfaces.cli.simulate_onto import add_onto_options, model_of, run_onto
+from tpmsd.interfaces.cli.simulate_injection import add_onto_options, model_of, run_onto
 
 if TYPE_CHECKING:
     from tpmsd.car.config.model import VehicleConfig

@@ -308,6 +308,6 @@ def _widened(
     at = names.index("load_lateral")
     load = float(np.hypot(values[at], np.sqrt(covariance[at, at])))
     usual = load * GRAVITY_MPS2 * SLANT / float(radius_m.mean())
-    lean = sum(max(drive.noise.lean, usual) ** 2 for drive in rows) / len(rows) ** 2
+    lean = sum(max(drive.noise.left_right_drift, usual) ** 2 for drive in rows) / len(rows) ** 2
     widened += SCALE_FLOOR**2 * np.outer(radii, radii) + lean * np.outer(sides, sides)
     return np.asarray(widened)

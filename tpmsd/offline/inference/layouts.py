@@ -45,12 +45,12 @@ def _clock_response(windows: Linearised) -> FloatArray:
     )
 
 
-def _crab(windows: Linearised) -> FloatArray:
+def _side_slip(windows: Linearised) -> FloatArray:
     late = -windows.after_fixes[:, 2:] * windows.to_east_north[:, :, 2]
     return _at(windows, (COURSE, 0, 1.0), (EAST, 0, late[:, 0]), (NORTH, 0, late[:, 1]))
 
 
-def _lean(windows: Linearised) -> FloatArray:
+def _left_right_drift(windows: Linearised) -> FloatArray:
     distance_m = _v(windows) * WINDOW_S
     return _at(windows, *((wheel, 0, -distance_m if IS_LEFT[wheel] else distance_m) for wheel in range(4)))
 
@@ -80,8 +80,10 @@ RADIUS_DRIFT = GaussMarkov(
     "radius_drift_tau_s",
     lambda windows: _at(windows, *((wheel, wheel, -_v(windows) * WINDOW_S) for wheel in range(4))),
 )
-LEAN = GaussMarkov(("lean",), "lean", "lean_tau_s", _lean)
-CRAB = GaussMarkov(("crab",), "crab_rad", "crab_tau_s", _crab, turns=True)
+LEFT_RIGHT_DRIFT = GaussMarkov(
+    ("left_right_drift",), "left_right_drift", "left_right_drift_tau_s", _left_right_drift
+)
+SIDE_SLIP = GaussMarkov(("side_slip",), "side_slip_rad", "side_slip_tau_s", _side_slip, turns=True)
 
 
 def gyro_bias(start_std: float) -> RandomWalk:
@@ -94,5 +96,7 @@ def gyro_bias(start_std: float) -> RandomWalk:
 _RECEIVER = (SLOW_POSITION, SPEED_ERROR, CROSS_ERROR)
 DRIFTING_RADII = Layout((READINGS, MOTION, *_RECEIVER, gyro_bias(0.0), CLOCK, RADIUS_DRIFT))
 """Layout of the diagnosis, in which a constant of the gyro has a column of its own."""
-LEANING_CAR = Layout((READINGS, MOTION, *_RECEIVER, gyro_bias(GYRO_BIAS_STD_RADPS), AGE, LEAN, CRAB))
+LEANING_CAR = Layout(
+    (READINGS, MOTION, *_RECEIVER, gyro_bias(GYRO_BIAS_STD_RADPS), AGE, LEFT_RIGHT_DRIFT, SIDE_SLIP)
+)
 """Layout of the calibration."""

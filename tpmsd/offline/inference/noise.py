@@ -51,12 +51,12 @@ class Noise:
     radius_drift: float = 2e-5
     """Drift of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
     radius_drift_tau_s: float = 60.0
-    lean: float = 3e-5
+    left_right_drift: float = 3e-5
     """Slow difference of left and right radii, relative: slant of the road, side wind."""
-    lean_tau_s: float = 15.0
-    crab_rad: float = 2e-3
+    left_right_drift_tau_s: float = 15.0
+    side_slip_rad: float = 2e-3
     """Wandering angle between the rear axle's course and the car's heading."""
-    crab_tau_s: float = 8.0
+    side_slip_tau_s: float = 8.0
 
     @classmethod
     def first(cls, quantum_rad: FloatArray, radius_m: FloatArray) -> Noise:
@@ -88,9 +88,9 @@ LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "age_s": (1e-6, 2e-2),
         "radius_drift": (1e-6, 3e-3),
         "radius_drift_tau_s": (10.0, 600.0),
-        "lean": (1e-6, 5e-4),
-        "lean_tau_s": (3.0, 25.0),
-        "crab_rad": (1e-5, 5e-2),
+        "left_right_drift": (1e-6, 5e-4),
+        "left_right_drift_tau_s": (3.0, 25.0),
+        "side_slip_rad": (1e-5, 5e-2),
     }
 )
 """Least and greatest value of each parameter that is estimated; what real instruments and roads have lies

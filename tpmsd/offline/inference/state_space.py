@@ -6,7 +6,7 @@ In: `Linearised`, a `Layout` (the sum of its `StateBlock`s), a `Noise`. Out: `St
 
 Within a window states change in two steps: x_k = J_k (D_k x_(k-1) + u_k). Old errors fade by D and what is
 new comes in as u, each state by itself but for the motion's; then J moves the position by the angles that
-turn the direction of motion (heading, crab angle). So F = J D, Q = J cov(u) J'.
+turn the direction of motion (heading, side slip). So F = J D, Q = J cov(u) J'.
 
 Only diagonals depend on the noise: `Geometry` holds the rest and is made once.
 """

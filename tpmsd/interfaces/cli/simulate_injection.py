@@ -18,7 +18,7 @@ from tpmsd.interfaces.cli.output_files import Outputs
 if TYPE_CHECKING:
     from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.interfaces.cli.parser import Parser
-    from tpmsd.offline.simulator.onto import InjectionTarget
+    from tpmsd.offline.simulator.inject_recording import InjectionTarget
 
 SCHEMA = "tpmsd.injection/1"
 MAX_CONCEALED = 10
@@ -56,7 +56,13 @@ def run_onto(args: argparse.Namespace) -> int:
     from tpmsd.car.config.load import load_config
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.cli.drive_reading import open_drive, read_ticks
-    from tpmsd.offline.simulator.onto import InjectionTarget, check_target, effects_of, inject, write_truth
+    from tpmsd.offline.simulator.inject_recording import (
+        InjectionTarget,
+        check_target,
+        effects_of,
+        inject,
+        write_truth,
+    )
 
     _check(args)
     outputs = Outputs(("--json", args.json))
@@ -106,7 +112,7 @@ def _conceal(args: argparse.Namespace, onto: InjectionTarget) -> tuple[list[str]
 
     from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.offline.planning.conceal import RecordingInformation, draw
-    from tpmsd.offline.simulator.onto import effects_of, inject
+    from tpmsd.offline.simulator.inject_recording import effects_of, inject
     from tpmsd.offline.simulator.sealed import SEALED, seal
 
     seed = secrets.randbits(63) if args.seed is None else args.seed

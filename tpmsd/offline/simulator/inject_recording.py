@@ -20,9 +20,9 @@ from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.foundation.wheels import RL, RR
 from tpmsd.offline.inference.recording import Recording, record
 from tpmsd.offline.simulator.drive_writer import MAKER, TRUTH
+from tpmsd.offline.simulator.inject_can import CanRewriter, copy_of
+from tpmsd.offline.simulator.inject_nmea import NmeaRewriter
 from tpmsd.offline.simulator.injection import Injection
-from tpmsd.offline.simulator.onto_can import CanRewriter, copy_of
-from tpmsd.offline.simulator.onto_nmea import NmeaRewriter
 from tpmsd.offline.simulator.sealed import SEALED
 from tpmsd.onboard.sources.can.databases import load_databases
 from tpmsd.onboard.sources.can.log import READERS

@@ -17,8 +17,8 @@ import numpy as np
 from tpmsd.car.physics.reading_change import FixChange
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.simulator.geodesy import radii_of_curvature
+from tpmsd.offline.simulator.inject_can import copy_of, lines_of, opened_for_writing
 from tpmsd.offline.simulator.injection import Injection
-from tpmsd.offline.simulator.onto_can import copy_of, lines_of, opened_for_writing
 from tpmsd.onboard.sources.gnss.nmea_log import bears_host_times, read_nmea_log
 
 KNOT_MPS = 1852.0 / 3600.0
