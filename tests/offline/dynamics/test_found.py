@@ -6,7 +6,7 @@ import gc
 import math
 import tempfile
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -296,6 +296,20 @@ def test_a_short_drive_is_not_judged(tmp_path: Path) -> None:
 
     assert found.verdict == INSUFFICIENT
     assert "8 s" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")]
+)
+def test_times_in_another_unit_are_called_so(tmp_path: Path, factor: float, unit: str) -> None:
+    """Rows too far apart are the reason, not a car that stands; where a unit makes them usual it is named."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=10.0), "single-track")
+    inputs = replace(drive.inputs, time_s=factor * drive.time_s)
+    found = diagnose_dynamics(baseline, replace(drive, inputs=inputs))
+
+    assert found.verdict == INSUFFICIENT
+    assert "s apart" in found.reason
+    assert f"is time_s in {unit}?" in found.reason
 
 
 def test_a_column_is_the_derivative_of_the_innovations_of_a_kalman_filter(tmp_path: Path) -> None:

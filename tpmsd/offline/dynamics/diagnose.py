@@ -139,10 +139,22 @@ def _moving_s(drive: DynamicsDrive) -> float:
     return float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
 
 
+def likely_unit(step_s: float) -> str:
+    """Return the largest unit of time of which this many, for seconds, are a step between rows of usual
+    recordings; empty where no unit makes it one."""
+    units = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+    fits = (unit for unit, size in units.items() if step_s * size <= SETTINGS.gap_s)
+    return next(fits, "")
+
+
 def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
     """Return why nothing can be concluded; empty if something can."""
     if not drive.outputs:
         return "no output of the baseline is recorded (yaw_rate_radps, accel_lat_mps2, velocity_lat_mps)"
+    if len(drive.time_s) > 1 and (step_s := float(np.median(np.diff(drive.time_s)))) > SETTINGS.gap_s:
+        unit = likely_unit(step_s)
+        guess = f"; is time_s in {unit}?" if unit else ""
+        return f"the rows are {step_s:g} s apart, at most {SETTINGS.gap_s:g} s is of use{guess}"
     if moving_s < SETTINGS.min_s:
         least = f"{SETTINGS.min_s:g} s are needed"
         return f"{moving_s:.0f} s of driving above {SETTINGS.slowest_mps:g} m/s; {least}"

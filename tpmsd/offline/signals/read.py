@@ -176,9 +176,15 @@ def _check_size(file: Path, values: FloatArray, before: Sequence[FloatArray], na
     rows, columns = np.nonzero(np.abs(values) > LARGEST_VALUE)
     if len(rows):
         finite = np.isfinite(values[rows[0], columns[0]])
-        reason = f"is beyond {LARGEST_VALUE:g}" if finite else "is infinite"
+        reason = _beyond(names[columns[0]]) if finite else "is infinite"
         line = _line_of(file, sum(map(len, before)) + int(rows[0]))
         raise InputError(file, f"{names[columns[0]]} {reason}", line)
+
+
+def _beyond(name: str) -> str:
+    """Return what is wrong with a value that is too large: of times since 1970 the unit."""
+    hint = ": milliseconds or less since 1970? It is in seconds" if name == TIME else ""
+    return f"is beyond {LARGEST_VALUE:g}{hint}"
 
 
 def _quick(block: str, width: int) -> FloatArray | None:
@@ -230,5 +236,5 @@ def _parquet(file: Path) -> tuple[list[str], dict[str, FloatArray]]:
         if not len(values):
             raise InputError(file, "no rows")
         if len(beyond := np.flatnonzero(np.abs(values) > LARGEST_VALUE)):
-            raise InputError(file, escaped_lines(f"row {beyond[0] + 1}: {name} is beyond {LARGEST_VALUE:g}"))
+            raise InputError(file, escaped_lines(f"row {beyond[0] + 1}: {name} {_beyond(name)}"))
     return names, known
