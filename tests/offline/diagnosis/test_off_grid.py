@@ -14,7 +14,7 @@ from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.regression import Regression
-from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
+from tpmsd.offline.diagnosis.refinement.refine import most_significant_shape, refine
 from tpmsd.offline.diagnosis.selection.selector import Selector
 
 CURVE = next(group for group in groups() if group[0].effect == "drive_slip_curve" and len(group) == 2)
@@ -65,7 +65,7 @@ def test_a_spline_over_time_keeps_its_knots() -> None:
     turns = recording.rotation_rad * (1.0 + swing[:, None] * np.array([0.0, 0.0, 1.0, 0.0]))
     regression = Regression(admitted([replace(recording, rotation_rad=turns)])[0])
 
-    term = plainest_shape(regression, regression.evidence(), regression.hypotheses.nuisance)
+    term = most_significant_shape(regression, regression.evidence(), regression.hypotheses.nuisance)
 
     assert term is not None
     assert ("rl", False, False) == (term.pattern, term.ramp, term.pulse)

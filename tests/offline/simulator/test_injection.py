@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tpmsd.offline.simulator.inject_can import float_bits, put_bits
 from tpmsd.offline.simulator.inject_nmea import NmeaRewriter
-from tpmsd.offline.simulator.injection import recounted, requantised
+from tpmsd.offline.simulator.injection import counts_ahead, requantised
 from tpmsd.onboard.sources.can.signal_plan import bit_field, bit_position
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=60)
@@ -61,7 +61,7 @@ def test_a_changed_count_is_the_changed_angle_rounded_down(modulus: int, share: 
     more = share * (angle - angle[0])
     counts = np.floor(angle) % modulus
 
-    made = recounted(counts, more, 8.0, modulus)
+    made = counts_ahead(counts, more, 8.0, modulus)
 
     off = (made - np.floor(angle + more) + modulus // 2) % modulus - modulus // 2
     assert np.abs(off).max() <= 1
@@ -76,7 +76,7 @@ def test_counts_to_which_nothing_is_added_stay(values: list[int]) -> None:
     """Whatever a counter did: resets, roll-overs, garbage."""
     counts = np.array(values, dtype=np.float64)
 
-    assert values == recounted(counts, np.zeros(len(values)), 3.0, 65536).tolist()
+    assert values == counts_ahead(counts, np.zeros(len(values)), 3.0, 65536).tolist()
 
 
 @QUIET

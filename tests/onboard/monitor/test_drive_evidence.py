@@ -183,7 +183,7 @@ def test_a_drive_model_expects_so_many_times_the_learned_slip(driven: str, name:
     reference.mean[HILL.start + (driven == "rear")] = -7e-3
     uphill = replace(at(30.0), slope_mps2=0.5)
     found = reference.widened(model).expected(uphill)[0] - reference.expected(uphill)[0]
-    more = (model.hill_times[0] - 1.0) * 7e-3 * 0.5 + (model.drag_times[0] - 1.0) * 8e-7 * 900.0
+    more = (model.slip_slope_times[0] - 1.0) * 7e-3 * 0.5 + (model.drag_times[0] - 1.0) * 8e-7 * 900.0
     pulls = np.array([1.0, 1.0, 0.0, 0.0] if driven == "front" else [0.0, 0.0, 1.0, 1.0])
     assert found == pytest.approx(-more * pulls * RADIUS_M, rel=1e-9, abs=1e-12)
 

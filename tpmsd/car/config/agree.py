@@ -235,8 +235,7 @@ def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> 
 def vehicle_state(
     settings: VehicleStateConfig, given: Mapping[str, Collection[str]], report: Reporter
 ) -> None:
-    """Report a filter of the vehicle state without masses and tyres of the car, or without its three
-    signals."""
+    """Check the filter of the vehicle state: report missing masses and tyres of the car, and signals."""
     missing = lacking(given["dynamics"], given["vehicle"], given["can.signals"])
     if settings.method is not None and missing:
         report(BadValueError(f"{settings.method} needs {missing}"), "vehicle_state", "method")

@@ -286,8 +286,9 @@ class MonitorConfig:
     """Driving time for which the probability must stay above before an alarm is raised."""
     clear_hold_s: float = 60.0
     malfunction_s: float = 30.0
-    """Time without usable wheels (or, moving, without fixes) before malfunction is raised."""
+    """Time without usable wheels before malfunction is raised."""
     gnss_malfunction_s: float = 300.0
+    """Time of driving without fixes before it is raised."""
     resonance: bool = False
     """True if the torsional resonances of the wheels are used as evidence, too
     (docs/explanation/resonance.md)."""

@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.assessment.simulated import floored, widened
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
-from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
+from tpmsd.offline.diagnosis.refinement.refine import most_significant_shape, refine
 from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.robustness.change_or_drift import changed, erring
 from tpmsd.offline.diagnosis.robustness.common_drift import together
@@ -84,7 +84,7 @@ def plain_shapes(state: State) -> State:
     """
     regression, design, evidence = state.regression.copied(), state.design, _present(state)
     for _ in range(SETTINGS.refinement.plain_splines):
-        term = plainest_shape(regression, evidence, design)
+        term = most_significant_shape(regression, evidence, design)
         if term is None:
             break
         design = np.concatenate([widened(design, regression.hypotheses.width), term.design], axis=1)

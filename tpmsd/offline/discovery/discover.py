@@ -366,13 +366,14 @@ def _speed_role(
     key: str, one: Follower, probability: float, alternatives: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     """Return the role of a speed, with unit and scale checked against the receiver."""
-    found = _in_unit(key, one, probability, alternatives)
+    found = _with_inferred_unit(key, one, probability, alternatives)
     return replace(found, invalid=tuple(sorted(one.series.no_value)))
 
 
-def _in_unit(
+def _with_inferred_unit(
     key: str, one: Follower, probability: float, alternatives: tuple[tuple[str, float], ...]
 ) -> FoundRole:
+    """Return the role with the unit, scale and offset by which it reads the receiver's speed."""
     known = one.series.field
     declared = canonical_unit(known.unit) or "km/h"
     kind, factor, _ = UNITS[declared]

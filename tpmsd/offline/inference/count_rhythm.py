@@ -77,8 +77,8 @@ class Rhythm:
     amplitude_s: float
     gain_nats: float
 
-    def swept(self, edges_s: FloatArray, dt_s: float) -> FloatArray:
-        """(n,) cycles of the sawtooth at these times, the slower one of the two that the ticks show alike."""
+    def phase_cycles(self, edges_s: FloatArray, dt_s: float) -> FloatArray:
+        """(n,) phase of the sawtooth in cycles, its frequency aliased into half the rate of the ticks."""
         hz = self.hz - 1.0 / dt_s if self.hz > 0.5 / dt_s else self.hz
         return hz * edges_s + self.phase
 
@@ -261,7 +261,7 @@ def _placed(rhythm: Rhythm, distance_m: FloatArray, speed: FloatArray, dt_s: flo
     A reading that came late, or a clock that drifts, moves a fall by a tick or two: an edge on its wrong side
     is off by the whole of v A.
     """
-    cycles = rhythm.swept(dt_s * np.arange(len(speed), dtype=np.float64), dt_s)
+    cycles = rhythm.phase_cycles(dt_s * np.arange(len(speed), dtype=np.float64), dt_s)
     age = rhythm.amplitude_s * (np.mod(cycles, 1.0) - 0.5)
     per_tick = abs(cycles[1] - cycles[0])
     if per_tick * TUNED_TICKS > 1.0:

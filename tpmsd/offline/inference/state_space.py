@@ -74,7 +74,7 @@ class Geometry:
 
     @cached_property
     def joint(self) -> FloatArray:
-        """(w, c + 9, s): the c carried states and the channels as functions of D x + u."""
+        """(w, c + 9, s) observation matrix of the c carried states and the channels, applied to D x + u."""
         carried = self.layout.carried
         out = np.zeros((len(self.here), len(carried) + CHANNELS, self.layout.states))
         out[:, np.arange(len(carried)), carried] = 1.0

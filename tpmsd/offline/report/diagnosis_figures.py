@@ -144,12 +144,14 @@ def radius_chart(compared: AlarmsCompared, wheel: int) -> Chart | None:
     """Radius of one wheel over the drive, without and with the model; None where it was never known."""
     before, after = compared.before, compared.after
     time_s = before.time_s - before.start_s
-    columns = {"before": 1e3 * _certain(before, wheel)}
+    columns = {"before": 1e3 * _deviation_where_known(before, wheel)}
     if not np.isfinite(columns["before"]).any():
         return None
     moments = _raised(before, wheel, "before")
     if after is not before:
-        columns["after"] = 1e3 * np.interp(time_s, after.time_s - after.start_s, _certain(after, wheel))
+        columns["after"] = 1e3 * np.interp(
+            time_s, after.time_s - after.start_s, _deviation_where_known(after, wheel)
+        )
         moments += _raised(after, wheel, "after")
     fault_m = compared.fault_m(before, wheel)
     if np.any(fault_m != 0.0):
@@ -193,8 +195,8 @@ def _raised(result: ReplayResult, wheel: int, style: str) -> list[MarkedInstant]
     ]
 
 
-def _certain(result: ReplayResult, wheel: int) -> FloatArray:
-    """(n,) deviation in metres, NaN in the first swings of an estimate that knows nothing yet."""
+def _deviation_where_known(result: ReplayResult, wheel: int) -> FloatArray:
+    """(n,) deviation in metres, NaN where its std is several times the median, as at the start."""
     std = result.std_m[:, wheel]
     known = std[np.isfinite(std)]
     most = _UNSURE * float(np.median(known)) if len(known) else 0.0

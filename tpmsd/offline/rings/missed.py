@@ -100,12 +100,12 @@ def possible_rates(
     out = {}
     for axle, pair in _pairs(recording, reference):
         for side, wheel in enumerate(axle):
-            powers = [_power(pair, side, come_and_go) for come_and_go in (False, True)]
-            best = max(float(power.max()) for power in powers)
+            gains = [_ripple_gains(pair, side, come_and_go) for come_and_go in (False, True)]
+            best = max(float(power.max()) for power in gains)
             if best < COUNTERS.lost_admit_nats:
                 continue
             put_back, per_s = (0.0, pair.mean_less(side)), pair.counts_per_s(recording, side)
-            near = [np.flatnonzero(power > best - within_nats) for power in powers]
+            near = [np.flatnonzero(power > best - within_nats) for power in gains]
             ends = np.concatenate(near)
             mean = np.concatenate([shares[at] + more for at, more in zip(near, put_back, strict=True)])
             low = -math.inf if ends.min() == 0 else float(mean.min()) - ring_error
@@ -160,13 +160,13 @@ def _pair(recording: Recording, reference: ReferenceTrajectory, axle: tuple[int,
 
 def _counts_missed_by(recording: Recording, pair: _Pair, side: int, wheel: str) -> MissedCounts | None:
     shares = LOST_SHARES.values
-    as_counted = _power(pair, side, False)
+    as_counted = _ripple_gains(pair, side, False)
     ring_error = LOST_SHARES.ring_error
-    whole = np.where(_whole(_power(pair, 1 - side, False)), as_counted, -math.inf)
+    whole = np.where(_whole(_ripple_gains(pair, 1 - side, False)), as_counted, -math.inf)
     of_ring = float(shares[int(np.argmax(whole))])
     if abs(of_ring) <= ring_error:
         of_ring = 0.0
-    come_and_go = _power(pair, side, True)
+    come_and_go = _ripple_gains(pair, side, True)
     which = max((as_counted, come_and_go), key=lambda power: float(power.max()))
     at = int(np.argmax(which))
     share = float(shares[at]) - of_ring
@@ -198,8 +198,8 @@ def _whole(other: FloatArray) -> np.ndarray:
     return np.asarray(as_configured | ((shares >= least) & (shares <= most)))
 
 
-def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
-    """(shares,) log-likelihood gain of a ripple in the angle with each share put back."""
+def _ripple_gains(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
+    """(shares,) log-likelihood gain of a once-per-revolution ripple, for each tried share of lost counts."""
     shares = LOST_SHARES.values
     out = np.zeros(len(shares))
     variance = float(pair.ripple.var())

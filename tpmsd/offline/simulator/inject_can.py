@@ -21,7 +21,7 @@ import numpy as np
 
 from tpmsd.foundation.errors import InputError, TpmsdError
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.simulator.injection import Injection, recounted, requantised, sigma_of
+from tpmsd.offline.simulator.injection import Injection, counts_ahead, requantised, sigma_of
 from tpmsd.onboard.sources.can.candump_line import ERROR_FLAG, LINE, parse_candump_line
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import read_can_log
@@ -167,7 +167,7 @@ class CanRewriter:
             return None
         more = more_rad * self._teeth_per_rev / (2.0 * np.pi * signal.gain)
         counts = np.array(series.bits, dtype=np.float64)
-        made = recounted(counts, more, sigma_of(host_s), signal.modulus)
+        made = counts_ahead(counts, more, sigma_of(host_s), signal.modulus)
         return [int(count) for count in made.tolist()]
 
     def _changed_readings(self, series: LoggedSignal, host_s: FloatArray) -> list[int] | None:

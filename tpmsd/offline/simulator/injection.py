@@ -121,8 +121,8 @@ class Injection:
         return np.asarray(np.interp(self.since_start_s(host_s), self._edges_s, values))
 
 
-def recounted(counts: FloatArray, more: FloatArray, sigma: float, modulus: int) -> FloatArray:
-    """Return (m,) counts of a counter that is `more` (m,) counts ahead, on the same roll-over.
+def counts_ahead(counts: FloatArray, more: FloatArray, sigma: float, modulus: int) -> FloatArray:
+    """Return (m,) readings of a counter after `more` (m,) further counts, on the same roll-over.
 
     A count is the angle rounded down. The part that was lost is estimated by smoothing over `sigma` readings,
     within the count, so that the changed angle is rounded once and not twice. Where nothing is added the

@@ -23,9 +23,9 @@ class DriveModel:
     """Load of the front and of the rear axle."""
     drag_std: float = 0.0
     """Slip of the driven axles by drag, per `per_speed2`."""
-    hill_std: float = 0.0
+    slip_slope_std: float = 0.0
     """Slip of the driven axles on slopes, per m/s2."""
-    hill_times: tuple[float, float] = (1.0, 0.0)
+    slip_slope_times: tuple[float, float] = (1.0, 0.0)
     """Factor on the learned slip on slopes and per acceleration, with its standard deviation; ..."""
     drag_times: tuple[float, float] = (1.0, 0.0)
     """... the same of the slip by drag."""
@@ -46,13 +46,13 @@ class DriveEvidenceSettings:
     """A drive as a whole (`drive_evidence`)."""
 
     models: tuple[DriveModel, ...] = (
-        DriveModel("as learned", 0.86, hill_std=1e-3),
+        DriveModel("as learned", 0.86, slip_slope_std=1e-3),
         DriveModel(
             "another load",
             0.08,
             "two tyres of an axle that were soft at its beginning are not seen",
             load_std=(6e-4, 1.75e-3),
-            hill_times=(1.1, 0.15),
+            slip_slope_times=(1.1, 0.15),
         ),
         DriveModel(
             "a trailer",
@@ -60,13 +60,13 @@ class DriveEvidenceSettings:
             "two tyres of an axle that were soft at its beginning are not seen",
             load_std=(6e-4, 1.75e-3),
             drag_std=1.6e-3,
-            hill_times=(1.5, 0.3),
+            slip_slope_times=(1.5, 0.3),
         ),
         DriveModel(
             "evenly low grip",
             0.01,
             "driven wheels slip, and say little of their radii",
-            hill_times=(2.4, 0.4),
+            slip_slope_times=(2.4, 0.4),
             drag_times=(2.4, 0.4),
             slip_std=2.5e-3,
             event_share=0.02,
@@ -77,7 +77,7 @@ class DriveEvidenceSettings:
             0.02,
             "driven wheels slip, and say little of their radii",
             load_std=(6e-4, 3e-3),
-            hill_times=(3.0, 1.5),
+            slip_slope_times=(3.0, 1.5),
             drag_times=(3.0, 1.5),
             slip_std=5e-3,
             axle_scatter=3e-3,
@@ -90,7 +90,7 @@ class DriveEvidenceSettings:
             0.01,
             "every wheel slips, spins or locks for itself; a soft tyre shows in the mean of many minutes",
             load_std=(6e-4, 3e-3),
-            hill_times=(2.5, 1.0),
+            slip_slope_times=(2.5, 1.0),
             drag_times=(2.5, 1.0),
             slip_std=5e-3,
             axle_scatter=5e-3,

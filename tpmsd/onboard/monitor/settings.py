@@ -282,7 +282,7 @@ class TyreSetSettings:
     max_sets: int = 8
     """Summer, winter, two drivers' spares: more is a mistake of who asks."""
     soft_probability: float = 0.9
-    """Probability of a soft tyre from which a reset to the same set is refused."""
+    """Probability of a soft tyre from which a reset is refused."""
     max_reason_chars: int = 500
     """Characters of a saved reason."""
     allowance: float = 10.0

@@ -102,7 +102,7 @@ class FolderStream:
                 self.counts[f"{stream.source} clock steps"] += 1
 
     def _blocks(self) -> Iterator[FrameBlock]:
-        for block in read_can_blocks(self.can_log, self._noting("can", self.can_log)):
+        for block in read_can_blocks(self.can_log, self._count_bad_lines("can", self.can_log)):
             if self.channel is None:
                 yield block
             elif self.channel in block.channels:
@@ -147,10 +147,12 @@ class FolderStream:
         path = self.nmea_log
         if path is None:
             return
-        for time_s, line, number in read_nmea_log(path, self._noting("gnss", path)):
+        for time_s, line, number in read_nmea_log(path, self._count_bad_lines("gnss", path)):
             yield Sentence(time_s + self.gnss_offset_s, line, number)
 
-    def _noting(self, source: str, path: Path) -> Callable[[int, str], None]:
+    def _count_bad_lines(self, source: str, path: Path) -> Callable[[int, str], None]:
+        """Return a function that counts the bad lines of a file and keeps the first."""
+
         def note(line: int, reason: str) -> None:
             self.counts[f"{source} bad lines"] += 1
             self.first_bad.setdefault(source, f"{path}:{line}: {reason}")

@@ -239,7 +239,7 @@ def smooth_knots(
 
 
 def _apart(knots: FloatArray, least: float) -> FloatArray:
-    """Return the knots without those that are nearer than that to the one kept before, or to the last."""
+    """Return the knots thinned to a minimum spacing; the first and the last stay."""
     kept = [float(knots[0])]
     for knot in knots[1:-1]:
         if knot - kept[-1] >= least and knots[-1] - knot >= least:

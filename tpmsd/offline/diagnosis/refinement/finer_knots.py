@@ -52,7 +52,7 @@ def finest_shape(regression: Regression, term: Term) -> Shape:
 
 
 def finer_shape(regression: Regression, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
-    """Return the best shape instead of a term beside the others; None to leave it."""
+    """Return the spline on its best knots, others fixed; None if its gain is not better."""
     selector = Selector(evidence, regression.hypotheses)
     if len(_finest(regression, term)) < 4:
         return None

@@ -89,9 +89,9 @@ def _add(regression: Regression, term: Term, point: Point, indices: Sequence[int
     _of_its_drive(regression, term)
 
 
-def plainest_shape(regression: Regression, evidence: Evidence, design: FloatArray) -> Term | None:
-    """Return the term that brings most beyond a design: a spline on its finest knots (over time on the first
-    ones), a ramp or a pulse with its exact span; None if none is plain.
+def most_significant_shape(regression: Regression, evidence: Evidence, design: FloatArray) -> Term | None:
+    """Return the most significant spline (on its finest knots, over time on the first ones), ramp or pulse
+    (with its exact span) beyond a design; None if none is significant.
 
     It is a hypothesis like all others from then on.
     """

@@ -159,7 +159,7 @@ class _ReportParts:
             Finding(
                 effect=one.term.effect,
                 confidence=one.confidence,
-                parameters=_reported(quantities),
+                parameters=_with_plural_wheel_key(quantities),
                 where=where_of(regression, one),
                 rms_before=rms[0],
                 rms_after=rms[1],
@@ -255,8 +255,8 @@ def _rms(score: float, rows: int) -> float:
     return math.sqrt(max(-2.0 * score, 0.0) / max(rows, 1))
 
 
-def _reported(quantities: dict[str, Quantity]) -> dict[str, Quantity]:
-    """Quantities as a report has them: `wheel` names one, `wheels` several."""
+def _with_plural_wheel_key(quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+    """Return the quantities with the key `wheels` where `wheel` names several."""
     wheel = quantities.get("wheel")
     if wheel is None or " " not in str(wheel.value):
         return quantities

@@ -214,14 +214,14 @@ class RadiusReference:
         """Return a reference in which this drive may differ from those before as `model` allows."""
         out = self.copy()
         slip_std = np.where(self._driven, self._share * model.slip_std, 0.0)
-        (hill, hill_std), (drag, drag_std) = model.hill_times, model.drag_times
+        (hill, slip_slope_std), (drag, drag_std) = model.slip_slope_times, model.drag_times
         indices = {DRAG: math.hypot(model.drag_std, drag_std * self.mean[DRAG])}
         out.mean[DRAG] *= drag
         for axle in range(2):
             indices[LOAD.start + axle] = math.hypot(model.load_std[axle], slip_std[axle])
             if self._driven[axle]:
                 index = HILL.start + axle
-                indices[index] = math.hypot(model.hill_std, hill_std * self.mean[index])
+                indices[index] = math.hypot(model.slip_slope_std, slip_slope_std * self.mean[index])
                 out.mean[index] *= hill
         for index, std in indices.items():
             out.covariance[index, index] += std**2

@@ -27,7 +27,7 @@ NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,23}")
 """Names of sets: they go into files, sentences and JSON."""
 
 
-TOO_MANY = "too many resets in a short time: ask again in ten minutes"
+TOO_MANY = "too many resets in a short time: ask again later, in ten minutes at most"
 
 ResetState = Literal["none", "learning", "accepted", "refused"]
 

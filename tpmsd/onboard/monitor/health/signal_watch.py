@@ -31,7 +31,8 @@ _ESTIMATED = 6
 """GGA quality of dead reckoning: independent of no wheel, so it confirms nothing."""
 
 
-def _known(speed_mps: float) -> float:
+def _finite_or_zero(speed_mps: float) -> float:
+    """Return a speed, 0 for an unknown one."""
     return speed_mps if math.isfinite(speed_mps) else 0.0
 
 
@@ -232,7 +233,7 @@ class SignalWatch:
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
         events += self._fixes(tick, estimate, not rear or agreement.withheld, moving)
         events += self._faults(tick)
-        fastest_mps = max(_known(estimate.speed_mps), _known(receiver_mps), car.min_mps)
+        fastest_mps = max(_finite_or_zero(estimate.speed_mps), _finite_or_zero(receiver_mps), car.min_mps)
         driving = fastest_mps > SIGNALS.driving_mps
         events += self._of_monitor(watching, driving, tick)
         compared = self._compared(rear, estimate.speed_mps, receiver_mps)

@@ -100,9 +100,9 @@ class TcpReceiver:
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, KEEPALIVE_PROBES)
             status = self._socket.connect_ex(address)
         except OSError as error:
-            self._lost(error.errno or 0)
+            self._raise_lost(error.errno or 0)
         if status not in (0, errno.EINPROGRESS):
-            self._lost(status)
+            self._raise_lost(status)
 
     def fileno(self) -> int:
         """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
@@ -119,7 +119,7 @@ class TcpReceiver:
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
-            self._lost(error.errno or 0)
+            self._raise_lost(error.errno or 0)
         if not data:
             raise ReceiverGone(self.label, "has closed the connection")
         return data
@@ -135,13 +135,13 @@ class TcpReceiver:
         if not select.select([], [connection], [], 0)[1]:
             return False
         if status := connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
-            self._lost(status)
+            self._raise_lost(status)
         self._connected = True
         if self._greeting:
             try:
                 connection.send(self._greeting)  # a fresh connection has room for a line
             except OSError as error:
-                self._lost(error.errno or 0)
+                self._raise_lost(error.errno or 0)
         return True
 
     def _opened(self) -> socket.socket:
@@ -149,7 +149,8 @@ class TcpReceiver:
             raise ReceiverGone(self.label, "not open")
         return self._socket
 
-    def _lost(self, status: int) -> NoReturn:
+    def _raise_lost(self, status: int) -> NoReturn:
+        """Raise ReceiverGone with the reason; the host is looked up again."""
         self._lookup.failed()
         reason = _REASONS.get(status) or errno.errorcode.get(status, str(status))
         raise ReceiverGone(self.label, reason) from None
