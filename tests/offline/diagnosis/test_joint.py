@@ -15,6 +15,7 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.diagnosis.diagnose import diagnose
 from tpmsd.offline.diagnosis.prepared.admission import bounded, fair_shares
+from tpmsd.offline.diagnosis.prepared.regression import Regression
 from tpmsd.offline.inference.least_squares import Evidence, part
 from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.trajectory import reference
@@ -118,6 +119,17 @@ def _named(*names: str) -> list[Reader]:
     """Readers of drives that last shorter and shorter."""
     drives = [recorded(name, 63, 140.0 - 20.0 * k) for k, name in enumerate(names)]
     return [Reader(one, reference(one)) for one in drives]
+
+
+def test_the_first_noise_of_several_drives_is_estimated_beside_nothing_rare() -> None:
+    """As that of one drive is: the fullest model leaves what few drives show."""
+    hypotheses = Regression(_named("a", "b")).hypotheses
+    rare = [t for t in hypotheses.catalogue if t.kind_of.confounding.rare and t.design.shape[1] == 1]
+    fullest = hypotheses.everything
+
+    assert rare
+    for term in rare:
+        assert not np.any(np.all(fullest == term.design, axis=0))
 
 
 @given(st.lists(st.integers(0, 5000), min_size=1, max_size=12), st.integers(12, 9000))

@@ -15,7 +15,15 @@ import numpy as np
 from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
-from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, CarLimits, Hypotheses, Name, Term, for_drive
+from tpmsd.offline.diagnosis.hypotheses.terms import (
+    ANY_CAR,
+    CarLimits,
+    Hypotheses,
+    Name,
+    Term,
+    for_drive,
+    usual_singles,
+)
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.common_to_all_drives)
@@ -101,12 +109,7 @@ class JointHypotheses(Hypotheses):
         these.
         """
         own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
-        singles = [
-            term.design
-            for term in own
-            if term.design.shape[1] == 1 and term.typical and not term.kind_of.confounding.mirror_of
-        ]
-        return np.concatenate([self.nuisance, *singles], axis=1)
+        return np.concatenate([self.nuisance, *usual_singles(own)], axis=1)
 
     def mirrored(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:
         """(1 + p, k) one drive's own design in another's columns of the same names; None if it lacks them."""

@@ -184,14 +184,7 @@ class Hypotheses(ABC):
         What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
         Technometrics 15, 1973).
         """
-        singles = [
-            term.design
-            for term in self.catalogue
-            if term.design.shape[1] == 1
-            and term.typical
-            and not (term.kind_of.confounding.mirror_of or term.kind_of.confounding.rare)
-        ]
-        return np.concatenate([self.nuisance, *singles], axis=1)
+        return np.concatenate([self.nuisance, *usual_singles(self.catalogue)], axis=1)
 
     def widen(self, width: int) -> None:
         """Make room for columns that were added at the end."""
@@ -280,6 +273,18 @@ class Hypotheses(ABC):
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Gain of every smooth term."""
         return [(term.gain(gram, b)[0], term) for term in self.splines]
+
+
+def usual_singles(terms: Sequence[Term]) -> list[FloatArray]:
+    """Return the designs of terms of one value, at their typical nonlinear one, of effects that are not
+    rare."""
+    return [
+        term.design
+        for term in terms
+        if term.design.shape[1] == 1
+        and term.typical
+        and not (term.kind_of.confounding.mirror_of or term.kind_of.confounding.rare)
+    ]
 
 
 def spline_term(pattern: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
