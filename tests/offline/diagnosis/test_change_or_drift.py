@@ -125,15 +125,18 @@ def test_what_other_terms_of_a_set_bring_is_no_merit_of_its_change() -> None:
     assert (models, []) == change_or_drift._with_its_terms(models, [[change, age]], [], [])
 
 
-@pytest.mark.parametrize(("seed", "change_mm"), [(1, 3.95), (3, 3.03)])
+@pytest.mark.parametrize(
+    ("change_mm", "onset_s", "duration_s"), [(3.92, 101.0, 120.0), (3.01, 129.0, 0.0)], ids=["slow", "fast"]
+)
 def test_a_loss_on_a_mountain_road_is_found_together_with_the_slope(
-    recordings: Path, tmp_path: Path, seed: int, change_mm: float
+    recordings: Path, tmp_path: Path, change_mm: float, onset_s: float, duration_s: float
 ) -> None:
     """Without the slope the radii drift so far that the loss is nothing unusual, and without the loss, too:
     one after the other neither was found, and the axle was said to be braked for two minutes."""
     out = tmp_path / "out"
     onto = str(recordings / "van-mountain-a")
-    assert 0 == main(["simulate", str(out), "--onto", onto, "--conceal", "1", "--seed", str(seed)])
+    course = f"deviation_m={-1e-3 * change_mm},onset_s={onset_s},duration_s={duration_s}"
+    assert 0 == main(["simulate", str(out), "--onto", onto, "--effect", f"radius_change:wheel=rr,{course}"])
 
     found = {one.effect: one for one in diagnose([read_recording(out)]).findings}
 

@@ -47,16 +47,17 @@ def test_few_cars_have_it_and_none_the_other_sign() -> None:
     assert not np.any(make_effect("rear_axle_steering", gain=0.2).axle_course_rad(steady(20.0)))
 
 
-def test_it_takes_slow_and_fast_bends() -> None:
-    """Bends at 5 and at 25 m/s show the change of sign; at one speed there is none, nor on a straight."""
-    cls, slow, fast = EFFECTS["rear_axle_steering"], steady(5.0, 0.1), steady(25.0, 0.1)
-    both = {
-        name: np.concatenate([getattr(slow, name), getattr(fast, name)])
+@pytest.mark.parametrize(
+    ("speeds", "shows"), [((5.0, 25.0), True), ((4.0, 9.0), True), ((14.0, 14.5), False), ((20.0,), False)]
+)
+def test_it_takes_bends_over_which_the_angle_changes(speeds: tuple[float, ...], shows: bool) -> None:
+    """Slow bends alone show how it turns against the front ones, faster and slower; at one speed it is a
+    share of their angle, which an antenna's position is too, and on a straight there is nothing."""
+    cls, bends = EFFECTS["rear_axle_steering"], [steady(speed, 0.1) for speed in speeds]
+    driven = {
+        name: np.concatenate([getattr(bend, name) for bend in bends])
         for name in ("speed_mps", "yaw_rate_radps")
     }
-    mixed = SimpleNamespace(**both)
 
-    assert cls.observable(mixed, car())  # type: ignore[arg-type]
-    assert not cls.observable(slow, car())
-    assert not cls.observable(fast, car())
+    assert shows == cls.observable(SimpleNamespace(**driven), car())  # type: ignore[arg-type]
     assert not cls.observable(steady(20.0), car())

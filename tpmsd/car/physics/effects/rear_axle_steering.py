@@ -15,8 +15,10 @@ from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 BEND_RADPS = 0.03
 """Yaw rate of a bend."""
-SLOW_MPS, FAST_MPS = 10.0, 18.0
-"""Below the one and above the other speed some bends must be driven."""
+TYPICAL_CROSSOVER_MPS = 15.0
+LEAST_CHANGE = 0.1
+"""Change of the ratio over a drive's bends, with a typical crossover: with less the angle of a usual gain
+changes by 1 % of d, as a receiver's course errs in a bend of 30 m."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class RearAxleSteering(Effect):
         Parameter(
             "crossover_mps",
             "m/s",
-            15.0,
+            TYPICAL_CROSSOVER_MPS,
             1.0,
             60.0,
             "speed at which the rear wheels are straight",
@@ -84,15 +86,16 @@ class RearAxleSteering(Effect):
 
     @classmethod
     def observable(cls, motion: Motion, car: Car) -> bool:
-        """Return whether bends are driven below and above the crossover.
+        """Return whether the ratio changes over the bends that are driven, on either side of the crossover.
 
-        On one side alone it is an antenna's position or a side slip.
+        Without a change it is an antenna's position; a side slip changes as the speed squared, and is told
+        from it by the drive.
         """
         bends = motion.speed_mps[np.abs(motion.yaw_rate_radps) > BEND_RADPS]
         if not bends.size:
             return False
-        slow, fast = np.quantile(bends, [0.05, 0.95])
-        return bool(slow < SLOW_MPS and fast > FAST_MPS)
+        low, high = np.quantile(rear_steer_ratio(bends, TYPICAL_CROSSOVER_MPS), [0.05, 0.95])
+        return bool(high - low > LEAST_CHANGE)
 
     def axle_course_rad(self, motion: Motion) -> FloatArray:
         """(n,) the angle of the rear wheels."""
