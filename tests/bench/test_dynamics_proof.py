@@ -10,10 +10,23 @@ import pytest
 pytest.importorskip("vehiclemodels")
 
 from bench.campaigns.offline import dynamics_proof
-from bench.campaigns.offline.dynamics_proof import PAUSE_S, SENSORS, joined, main, put, sided
+from bench.campaigns.offline.dynamics_proof import (
+    JUDGED,
+    PAUSE_S,
+    SENSORS,
+    courses,
+    joined,
+    main,
+    manoeuvre,
+    proof,
+    put,
+    sided,
+    workshop_car,
+)
 from bench.cli import parse
 from bench.registry import UsageError
 from bench.worlds.commonroad_car import Now
+from tpmsd.car.physics.baselines.three_dof import ThreeDof
 
 
 def test_a_mirrored_driver_steers_to_the_other_side() -> None:
@@ -70,3 +83,16 @@ def test_a_page_without_marks_is_refused_before_anything_is_computed(
     page.write_text("<!-- x -->\nold\n<!-- /x -->\n")
     put(page, {"x": ""})
     assert page.read_text() == "<!-- x -->\nold\n<!-- /x -->\n"
+
+
+def test_what_is_found_at_one_speed_predicts_another() -> None:
+    """Three manoeuvres of the multi-body car: yaw rate and lateral acceleration to both sides, at another
+    speed, have at most 0.6 of the 3-DOF car's errors."""
+    rng = np.random.default_rng(3)
+    learnt = joined([manoeuvre(*one, rng) for one in courses(70.0)[:3]])
+    judged = joined([manoeuvre(*one, rng) for one in courses(65.0)])
+
+    errors = proof("small", ThreeDof(workshop_car(), forces=True), learnt, judged, JUDGED).errors
+
+    assert errors[-1]["yaw_rate"] < 0.6 * errors[0]["yaw_rate"]
+    assert errors[-1]["accel_lat"] < 0.6 * errors[0]["accel_lat"]
