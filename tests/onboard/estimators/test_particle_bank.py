@@ -13,7 +13,7 @@ from tpmsd.car.config.model import GnssConfig
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, E, N
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
 from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses, moments_of, shrunk
-from tpmsd.onboard.estimators.belief import FixMeasurement, Moment
+from tpmsd.onboard.estimators.belief import FixMeasurement, GatedTick
 from tpmsd.onboard.estimators.build import car_of
 from tpmsd.onboard.estimators.resampling import Lineage
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -215,6 +215,6 @@ def test_nothing_is_proposed_that_nothing_can_judge() -> None:
     before = np.einsum("ijj->ij", belief.bank.covariance)[:, MU:].max()
     for k in range(1, 200):
         tick = Tick(k, 0.1 * k, 0.1, np.full(4, 6.0), np.full(4, 0.05))
-        belief.finish_tick(Moment(tick, True, 20.0, 0.0, False))
+        belief.finish_tick(GatedTick(tick, True, 20.0, 0.0, False))
     after = np.einsum("ijj->ij", belief.bank.covariance)[:, MU:].max()
     assert after == pytest.approx(before)

@@ -81,7 +81,7 @@ class Moments(NamedTuple):
     """Value of `RadiusEstimate`."""
 
 
-class Moment(NamedTuple):
+class GatedTick(NamedTuple):
     """A tick, and what the gates make of it."""
 
     tick: Tick
@@ -97,7 +97,7 @@ class Moment(NamedTuple):
 class RolledTick(NamedTuple):
     """Rotation of the wheels within a tick, and the motion that nominal radii make of it."""
 
-    moment: Moment
+    gated: GatedTick
     angle_rad: FloatArray
     """(d,) rotation; finite for the rear pair."""
     distance_m: float
@@ -163,7 +163,7 @@ class Belief(Protocol):
         blocks of its own; `bias_rad2`: variance of the turn that the gyro's bias leaves."""
         ...
 
-    def finish_tick(self, moment: Moment) -> None:
+    def finish_tick(self, gated: GatedTick) -> None:
         """Do what follows the fixes of a tick, used or not: resampling, blocks of odometry."""
         ...
 

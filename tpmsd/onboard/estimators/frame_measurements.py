@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmsd.car.config.model import MEASUREMENTS
 from tpmsd.car.physics.priors import GYRO_ZERO_RADPS
-from tpmsd.onboard.estimators.belief import FilterCar, Moment
+from tpmsd.onboard.estimators.belief import FilterCar, GatedTick
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import NAN, Tick
@@ -112,16 +112,16 @@ class FrameBlocks:
         """Blocks do not go on over a gap."""
         self._blocks.reset()
 
-    def update(self, moment: Moment) -> tuple[Block, float] | None:
+    def update(self, gated: GatedTick) -> tuple[Block, float] | None:
         """Add a tick; the block that it completes, by nominal radii, and the variance of its turn by the gyro
         that the bias leaves. The gyro's turn is NaN unless the gyro has shown to be one."""
-        tick = moment.tick
+        tick = gated.tick
         self._gyro.update(tick)
         for fix in tick.fixes:
             self._blocks.add_fix(fix, tick)
-        block = self._blocks.add(tick, moment.informative, self._radii, moment.accel_mps2)
+        block = self._blocks.add(tick, gated.informative, self._radii, gated.accel_mps2)
         if block is None or not block.informative:
             return None
         turn = block.gyro_heading_change_rad - self._gyro.bias_radps * block.duration_s
-        known = replace(block, gyro_heading_change_rad=turn if moment.gyro_trusted else NAN)
+        known = replace(block, gyro_heading_change_rad=turn if gated.gyro_trusted else NAN)
         return known, (self._gyro.std_radps * block.duration_s) ** 2

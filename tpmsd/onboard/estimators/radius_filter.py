@@ -20,7 +20,7 @@ from tpmsd.onboard.estimators.belief import (
     DeadReckoning,
     FilterCar,
     FixMeasurement,
-    Moment,
+    GatedTick,
     Moments,
     RolledTick,
     Standstill,
@@ -107,50 +107,50 @@ class RadiusFilter:
         tick = self._received.of(tick)
         if tick.gap_s > SETTINGS.coast_limit_s:
             self._lose_pose()
-        moment = self._move(tick)
+        gated = self._move(tick)
         for fix in tick.fixes:
             self._take_fix(self._accuracy.judged(fix), tick)
         if self._blocks is not None:
-            held = self._blocks.update(moment)
+            held = self._blocks.update(gated)
             if held is not None and self._located:
                 self.belief.correct_by_block(*held)
-        self.belief.finish_tick(moment)
-        return self._estimate(moment, self.belief.moments())
+        self.belief.finish_tick(gated)
+        return self._estimate(gated, self.belief.moments())
 
     # -- motion ---------------------------------------------------------------------------------------------
 
-    def _move(self, tick: Tick) -> Moment:
+    def _move(self, tick: Tick) -> GatedTick:
         """Take the wheels' rotation."""
         angle = tick.rotation_rad[self._order]
         left, right = angle[:2].tolist()
         if not (math.isfinite(left) and math.isfinite(right)):
             self._coast(tick.dt_s)
-            return self._moment(tick, False)
+            return self._gated(tick, False)
         self._coasting_s = 0.0
         travel, turn = self._car.virtual_motion(left, right)
         self._reverse.update_speed(travel / tick.dt_s, tick.dt_s)
         if self._reverse.backward:
             angle, travel, turn = -angle, -travel, -turn
         gentle = self._gate.update(tick, travel / tick.dt_s, turn / tick.dt_s)
-        moment = self._moment(tick, gentle or not self._gates.ticks)
+        gated = self._gated(tick, gentle or not self._gates.ticks)
         if travel == 0.0 and self._gates.ticks:
             self._stop()
             self.belief.predict(Standstill())
-            return self._moment(tick, False)
+            return self._gated(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
-        curvature = self._steered_curvature(tick, travel, moment.informative)
-        travel, turn = self.belief.predict(RolledTick(moment, angle, travel, turn, curvature, judged))
+        curvature = self._steered_curvature(tick, travel, gated.informative)
+        travel, turn = self.belief.predict(RolledTick(gated, angle, travel, turn, curvature, judged))
         self._speed, self._yaw_rate = travel / tick.dt_s, turn / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
         self._steady_yaw_rate += share * (self._yaw_rate - self._steady_yaw_rate)
         self._gate.check_gyro(tick, self._steady_yaw_rate)
-        if moment.informative:
+        if gated.informative:
             self._informative_s += tick.dt_s
-        return moment
+        return gated
 
-    def _moment(self, tick: Tick, informative: bool) -> Moment:
+    def _gated(self, tick: Tick, informative: bool) -> GatedTick:
         gate = self._gate
-        return Moment(tick, informative, gate.speed_mps, gate.accel_mps2, gate.gyro_trusted)
+        return GatedTick(tick, informative, gate.speed_mps, gate.accel_mps2, gate.gyro_trusted)
 
     def _steered_curvature(self, tick: Tick, distance_m: float, informative: bool) -> float | None:
         """Curvature by the steering at low speed [Lundquist 2013, eq. 38c]; None where the wheels tell the
@@ -233,16 +233,16 @@ class RadiusFilter:
 
     # -- out, and what survives a restart -------------------------------------------------------------------
 
-    def _estimate(self, moment: Moment, said: Moments) -> RadiusEstimate:
+    def _estimate(self, gated: GatedTick, said: Moments) -> RadiusEstimate:
         if self._noise is None or self._noise[0] is not said.noise_std_m:
             self._noise = said.noise_std_m, self._on_all(said.noise_std_m)
-        found, pose, time_s = self._located, said.pose, moment.tick.time_s
+        found, pose, time_s = self._located, said.pose, gated.tick.time_s
         return RadiusEstimate(
             time_s=time_s,
             deviation_m=self._on_all(said.mean_m),
             covariance_m2=self._between_all(said.covariance_m2),
             noise_std_m=self._noise[1],
-            informative=moment.informative,
+            informative=gated.informative,
             informative_s=self._informative_s,
             speed_mps=self._speed,
             yaw_rate_radps=self._yaw_rate,

@@ -21,7 +21,7 @@ from tpmsd.onboard.estimators.bank.error_state import MU, E, N
 from tpmsd.onboard.estimators.bank.kernel import HALF_KERNEL
 from tpmsd.onboard.estimators.bank.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.bank.particle_bank import ParticleBank, SampledHypotheses
-from tpmsd.onboard.estimators.belief import FilterCar, FixMeasurement, Moment, Moments
+from tpmsd.onboard.estimators.belief import FilterCar, FixMeasurement, GatedTick, Moments
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.resampling import Lineage, between_std
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -70,12 +70,12 @@ class MarginalBelief(MixtureBelief):
             )
         self._drift = self._process.drift_at(self.bank.level)
 
-    def finish_tick(self, moment: Moment) -> None:
+    def finish_tick(self, gated: GatedTick) -> None:
         """Resample where the fixes before this tick ask for it; then as the mixture."""
-        self._lineage.elapse(moment.tick.dt_s)
+        self._lineage.elapse(gated.tick.dt_s)
         if self._hypotheses.resample(self.bank, self._lineage, self._effective, self._rng):
             self._drift = self._process.drift_at(self.bank.level)
-        super().finish_tick(moment)
+        super().finish_tick(gated)
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Return the distance from the particles' mean; the variance has the spread between them."""

@@ -51,7 +51,7 @@ from tpmsd.onboard.estimators.belief import (
     DeadReckoning,
     FilterCar,
     FixMeasurement,
-    Moment,
+    GatedTick,
     Moments,
     Movement,
     Pose,
@@ -113,7 +113,7 @@ class MixtureBelief:
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Propagate all hypotheses through a tick."""
         if isinstance(movement, RolledTick):
-            self._informative = movement.moment.informative
+            self._informative = movement.gated.informative
             return self._roll(movement)
         self._informative = False
         if isinstance(movement, DeadReckoning):
@@ -121,18 +121,18 @@ class MixtureBelief:
         return 0.0, 0.0
 
     def _roll(self, rolling: RolledTick) -> tuple[float, float]:
-        moment, tick = rolling.moment, rolling.moment.tick
+        gated, tick = rolling.gated, rolling.gated.tick
         rear = rolling.angle_rad[:2]
-        by_gyro = moment.gyro_trusted and math.isfinite(tick.yaw_rate_radps)
+        by_gyro = gated.gyro_trusted and math.isfinite(tick.yaw_rate_radps)
         # The wheels' is smoothed: one that does not hold this tick's reading error.
         yaw_rate = tick.yaw_rate_radps - self._gyro_bias if by_gyro else self._slow_yaw_rate
         self._grade.move(rolling.distance_m)
         motion = TickMotion(
             dt_s=tick.dt_s,
             rear_rad=rear,
-            accel_long_mps2=moment.accel_mps2,
-            accel_lat_mps2=moment.speed_mps * yaw_rate,
-            informative=moment.informative,
+            accel_long_mps2=gated.accel_mps2,
+            accel_lat_mps2=gated.speed_mps * yaw_rate,
+            informative=gated.informative,
             horizontal=self._grade.horizontal,
             independent_heading_change_rad=yaw_rate * tick.dt_s,
             lateral_known=by_gyro,
@@ -223,19 +223,19 @@ class MixtureBelief:
 
     # -- blocks of odometry ---------------------------------------------------------------------------------
 
-    def finish_tick(self, moment: Moment) -> None:
+    def finish_tick(self, gated: GatedTick) -> None:
         """Add the tick to the block of odometry; learn from the block that it completes."""
-        tick = moment.tick
+        tick = gated.tick
         for fix in tick.fixes:
             self._blocks.add_fix(fix, tick)
             self._grade.update(fix.up_m)
-        block = self._blocks.add(tick, moment.informative, self._radii, moment.accel_mps2)
+        block = self._blocks.add(tick, gated.informative, self._radii, gated.accel_mps2)
         if block is None:
             return
         if block.informative:
             self.bank.since_s += block.duration_s
-            self._propose_changes(block, moment.gyro_trusted)
-            self._learn(block, moment.gyro_trusted)
+            self._propose_changes(block, gated.gyro_trusted)
+            self._learn(block, gated.gyro_trusted)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
         self._stated = stated(self.bank, self._kernel)

@@ -50,7 +50,7 @@ class PoissonChanges:
         rng: np.random.Generator,
     ) -> None:
         """Shift one rear radius in a Poisson number of particles, each drawn with its wheel and size."""
-        number = int(rng.poisson(self.rate_per_s * rolling.moment.tick.dt_s * particles.count))
+        number = int(rng.poisson(self.rate_per_s * rolling.gated.tick.dt_s * particles.count))
         if number == 0:
             return
         who = rng.integers(particles.count, size=number)

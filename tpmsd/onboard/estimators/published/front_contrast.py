@@ -23,7 +23,7 @@ from tpmsd.onboard.estimators.belief import (
     Belief,
     FilterCar,
     FixMeasurement,
-    Moment,
+    GatedTick,
     Moments,
     Movement,
     RolledTick,
@@ -105,8 +105,8 @@ class FourWheelBelief:
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move the rear belief; learn the contrast from informative ticks."""
         moved = self.rear.predict(movement)
-        if isinstance(movement, RolledTick) and movement.moment.informative:
-            self._contrast.learn(movement.angle_rad, self._rear_m, movement.moment.tick.dt_s)
+        if isinstance(movement, RolledTick) and movement.gated.informative:
+            self._contrast.learn(movement.angle_rad, self._rear_m, movement.gated.tick.dt_s)
         return moved
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
@@ -121,9 +121,9 @@ class FourWheelBelief:
         """Do what the rear belief does."""
         self.rear.correct_by_block(block, bias_rad2)
 
-    def finish_tick(self, moment: Moment) -> None:
+    def finish_tick(self, gated: GatedTick) -> None:
         """Do what the rear belief does."""
-        self.rear.finish_tick(moment)
+        self.rear.finish_tick(gated)
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Do what the rear belief does."""

@@ -27,7 +27,7 @@ from tpmsd.onboard.estimators.belief import (
     DeadReckoning,
     FilterCar,
     FixMeasurement,
-    Moment,
+    GatedTick,
     Moments,
     Movement,
     Pose,
@@ -189,10 +189,10 @@ class GaussianBelief:
         roll = Roll(rolling.angle_rad[:2], car.nominal_m[:2], car.geometry.track_rear_m, rolling.curvature)
         self.mean, self.covariance, travel, turn = self._pieces.transform(mean, self.covariance, roll)
         self._last = (travel, turn)
-        if rolling.moment.informative:
+        if rolling.gated.informative:
             mean, covariance = self.mean, self.covariance
             for k in (MU, MU + 1):
-                covariance[k, k] += self._pieces.drift_std_m**2 * rolling.moment.tick.dt_s
+                covariance[k, k] += self._pieces.drift_std_m**2 * rolling.gated.tick.dt_s
             for k in (SIGMA, SIGMA + 1):  # eq. (28) as variance; E[Sigma^2] = mean^2 + variance
                 square = mean[k] ** 2
                 grown = covariance[k, k] + SETTINGS.sigma_step**2 * (square + covariance[k, k])
@@ -251,7 +251,7 @@ class GaussianBelief:
             self._take(seen.residual - float(row @ self.mean), row, seen.variance)
         symmetrise(self.covariance[None])
 
-    def finish_tick(self, moment: Moment) -> None:
+    def finish_tick(self, gated: GatedTick) -> None:
         """Do nothing: this belief has no work left after the fixes."""
 
     def forget_pose(self) -> None:

@@ -130,7 +130,7 @@ class WheelsIn:
         left = rolling.angle_rad[0] * (car.nominal_m[0] + noise[0])
         right = rolling.angle_rad[1] * (car.nominal_m[1] + noise[1])
         travel, turn = (left + right) * 0.5, (right - left) * (1.0 / car.geometry.track_rear_m)
-        if rolling.moment.informative:
+        if rolling.gated.informative:
             particles.radii = radii.learn(particles.radii, noise)
         if rolling.curvature is not None:
             turn = travel * rolling.curvature
@@ -165,7 +165,7 @@ class WheelsMeasured:
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Walk, and weigh by the wheels."""
-        dt, track = rolling.moment.tick.dt_s, car.geometry.track_rear_m
+        dt, track = rolling.gated.tick.dt_s, car.geometry.track_rear_m
         kick = rng.standard_normal((2, particles.count))
         if particles.motion is not None:
             walk = np.array([[self.yaw_accel_std_radps2], [self.accel_std_mps2]])
@@ -178,7 +178,7 @@ class WheelsMeasured:
         travel, turn = speed * dt, yaw_rate * dt
         paths = np.stack([travel - turn * (track / 2), travel + turn * (track / 2)])
         rear = rolling.angle_rad[:2, None]
-        if rolling.moment.informative and float(rear.min()) > 0.0:
+        if rolling.gated.informative and float(rear.min()) > 0.0:
             realised = paths / rear - car.nominal_m[:2, None]
             log = radii.log_predictive(particles.radii, realised)
             particles.radii = radii.learn(particles.radii, realised)

@@ -24,7 +24,7 @@ from tpmsd.onboard.estimators.belief import (
     DeadReckoning,
     FilterCar,
     FixMeasurement,
-    Moment,
+    GatedTick,
     Moments,
     Movement,
     Pose,
@@ -93,8 +93,8 @@ class SampledBelief:
         particles, rng = self.particles, self._rng
         if isinstance(movement, RolledTick):
             pieces = self._pieces
-            if movement.moment.informative:
-                particles.radii = pieces.radii.forget(particles.radii, movement.moment.tick.dt_s, rng)
+            if movement.gated.informative:
+                particles.radii = pieces.radii.forget(particles.radii, movement.gated.tick.dt_s, rng)
                 if pieces.changes is not None and movement.judged:
                     pieces.changes.propose_changes(particles, pieces.radii, movement, self._car, rng)
             travel, turn, log = pieces.motion.advance(particles, pieces.radii, movement, self._car, rng)
@@ -170,10 +170,10 @@ class SampledBelief:
             squared = np.square(seen.residual - seen.by_radius @ location) / (seen.variance_sampled + noise)
             self.particles.multiply(pieces.likelihood(squared, 1))
 
-    def finish_tick(self, moment: Moment) -> None:
+    def finish_tick(self, gated: GatedTick) -> None:
         """Resample where the effective number asks for it."""
         particles, pieces = self.particles, self._pieces
-        self._lineage.elapse(moment.tick.dt_s)
+        self._lineage.elapse(gated.tick.dt_s)
         chosen = pieces.resampling(particles.weights, self._rng)
         if chosen is not None:
             self._lineage.keep(chosen)
