@@ -12,10 +12,11 @@ so that their number is accounted for (Westfall and Young, Resampling-Based Mult
 residual and covariates share by the reference motion, a replicate shares as well.
 
 A replicate holds all that the model says and no more, and a recording does: slow errors that no state holds,
-bursts. So gains are studentised, in recording and replicates alike: divided by the block-wise (sandwich)
-variance ratio of the term, which hardly depends on such noise (Hall and Wilson, Biometrics 47, 1991). A
-finding's own gain is also divided by the dispersion that the model leaves on held-out stretches, as in a
-quasi-likelihood (McCullagh and Nelder, Generalized Linear Models, 1989, chapter 9), where that is larger.
+bursts. So the recording's gains are studentised: divided by the block-wise (sandwich) variance ratio of the
+term, which hardly depends on such noise (Hall and Wilson, Biometrics 47, 1991). A replicate is one block and
+has a ratio of 1, which errs on the safe side. A finding's own gain is also divided by the dispersion that
+the model leaves on held-out stretches, as in a quasi-likelihood (McCullagh and Nelder, Generalized Linear
+Models, 1989, chapter 9), where that is larger.
 
 Counters, rings and events at low speed have statistics of their own, and the same replicates: each replicate
 is searched for them as the recording was. What replicates do not draw, a sensor's reading, keeps the
@@ -324,8 +325,10 @@ def _of_term(
 
 
 def _largest_gain(search: Candidates, rest: list[Term]) -> float:
-    """Return the largest studentised gain of a term that could be a finding. Calibration is left out, and so
-    are effects of which every instrument has small values."""
+    """Return the largest penalised gain of a term that could be a finding, studentised by its blocks.
+
+    Calibration is left out, and so are effects of which every instrument has small values.
+    """
     largest = -math.inf
     for penalised_gain, (term, *_) in search.candidates(rest):
         if penalised_gain <= largest:  # no ratio is below one

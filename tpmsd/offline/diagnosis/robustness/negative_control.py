@@ -3,7 +3,8 @@
 In: a `Regression` and its `Selection`. Out: the largest penalised gain of a spline term over any covariate
 whose course was reversed in time, beyond the chosen model. It has the covariate's values, its slowness and
 its error, but nothing in the drive depends on it: what it gains, the noise model leaves to chance (negative
-controls: Lipsitch, Tchetgen Tchetgen and Cohen, Epidemiology 21, 2010). A finding must gain more.
+controls: Lipsitch, Tchetgen Tchetgen and Cohen, Epidemiology 21, 2010). A finding, whose gain is divided by
+its overdispersion, must gain more; the control is not divided, which errs on the safe side.
 """
 
 from __future__ import annotations
