@@ -33,7 +33,7 @@ from bench.worlds.rigid_ring import (
     roll,
     wandering_speed,
 )
-from tpmsd.onboard.resonance.evidence import SHIFTS, ResonanceEvidence, shift_likelihood
+from tpmsd.onboard.resonance.evidence import SHIFTS, ResonanceEvidence, shift_log_likelihood
 from tpmsd.onboard.resonance.peak_fit import Peak, PeakFit
 from tpmsd.onboard.resonance.ring_errors import RingErrors
 from tpmsd.onboard.resonance.spectrum import Spectrum, bins_hz, periodograms
@@ -151,7 +151,7 @@ def peaks(
             rounding = block.rounding_density()
         if len(found) < len(stops_s) and time_s >= stops_s[len(found)] - 2.0:
             found.append(fit.fit(spectrum))
-    return found, spectrum.is_rounding(rounding)
+    return found, spectrum.is_rounding_limited(rounding)
 
 
 def shift_of(curve: FloatArray) -> float:
@@ -175,7 +175,7 @@ def d_prime(sound: FloatArray, soft: FloatArray) -> float:
 def judge(then: list[Peak], sound: list[Peak], soft: list[Peak]) -> dict[str, float]:
     """Ratios of all wheels at one checkpoint; four wheels or more."""
     likelihoods = [
-        [shift_likelihood(a.log_likelihood, b.log_likelihood) for a, b in zip(then, now, strict=True)]
+        [shift_log_likelihood(a.log_likelihood, b.log_likelihood) for a, b in zip(then, now, strict=True)]
         for now in (sound, soft)
     ]
     quiet, loud = likelihoods
@@ -185,7 +185,7 @@ def judge(then: list[Peak], sound: list[Peak], soft: list[Peak]) -> dict[str, fl
             {0: curve, **{other: quiet[(number + other) % len(then)] for other in (1, 2, 3)}}
             for number, curve in enumerate(curves)
         )
-        ratios.append(np.array([ResonanceEvidence.of(car).wheel_llr(0) for car in cars]))
+        ratios.append(np.array([ResonanceEvidence.from_shifts(car).wheel_llr(0) for car in cars]))
     moved = [np.array([shift_of(curve) for curve in curves]) for curves in (quiet, loud)]
     return {
         "d_prime": d_prime(-moved[0], -moved[1]),
@@ -211,7 +211,7 @@ def cell(rides: dict[str, list[Ride]], signal: Signal, rate_hz: float) -> dict[s
     on = [
         n
         for n in range(wheels)
-        if learned[n][0][0].useful(fit.max_frequency_hz(rate_hz)) and not learned[n][1]
+        if learned[n][0][0].is_usable(fit.max_frequency_hz(rate_hz)) and not learned[n][1]
     ]
     if len(on) < max(4, wheels / 2):
         return {"state": "off", "reason": f"a resonance found on {len(on)} of {wheels} wheels only"}

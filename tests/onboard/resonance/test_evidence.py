@@ -14,7 +14,7 @@ from tpmsd.onboard.resonance.evidence import (
     SHIFTS,
     TRUST,
     ResonanceEvidence,
-    shift_likelihood,
+    shift_log_likelihood,
 )
 from tpmsd.onboard.resonance.peak_fit import DAMPING, LOG_GRID
 
@@ -30,12 +30,12 @@ def bell(frequency_hz: float, relative_std: float) -> FloatArray:
 
 def moved(change: float, relative_std: float = 0.005) -> FloatArray:
     """A wheel's likelihood over shifts if its frequency moved by this share."""
-    return shift_likelihood(bell(40.0, relative_std), bell(40.0 * math.exp(change), relative_std))
+    return shift_log_likelihood(bell(40.0, relative_std), bell(40.0 * math.exp(change), relative_std))
 
 
 def test_the_change_has_the_errors_of_both_ends() -> None:
     """Mean: the difference of the logarithms; variance: the sum of both."""
-    weight = np.exp(shift_likelihood(bell(42.0, 0.01), bell(40.0, 0.02)))
+    weight = np.exp(shift_log_likelihood(bell(42.0, 0.01), bell(40.0, 0.02)))
     weight /= weight.sum()
     mean = float(weight @ SHIFTS)
 
@@ -46,14 +46,14 @@ def test_the_change_has_the_errors_of_both_ends() -> None:
 def test_what_is_not_known_says_nothing() -> None:
     """A wheel without a resonance now has a flat likelihood and leaves every ratio at one."""
     nothing = np.zeros((LOG_GRID.size, DAMPING.size))
-    evidence = ResonanceEvidence.of({0: shift_likelihood(bell(40.0, 0.01), nothing)})
+    evidence = ResonanceEvidence.from_shifts({0: shift_log_likelihood(bell(40.0, 0.01), nothing)})
 
     assert 0.0 == pytest.approx(evidence.wheel_llr(0), abs=1e-9)
 
 
 def test_one_falling_frequency_names_its_wheel() -> None:
     """8 % down on one wheel of four speaks for that one and against the others."""
-    evidence = ResonanceEvidence.of({0: moved(0.0), 1: moved(0.0), 2: moved(-0.08), 3: moved(0.0)})
+    evidence = ResonanceEvidence.from_shifts({0: moved(0.0), 1: moved(0.0), 2: moved(-0.08), 3: moved(0.0)})
     ratios = [evidence.wheel_llr(wheel) for wheel in range(4)]
 
     assert ratios[2] > 2.0
@@ -64,8 +64,8 @@ def test_one_falling_frequency_names_its_wheel() -> None:
 
 def test_warmth_of_all_tyres_is_no_soft_tyre() -> None:
     """3 % down on all four at once speaks for one of them less than 3 % on one alone does."""
-    together = ResonanceEvidence.of({wheel: moved(-0.03) for wheel in range(4)})
-    alone = ResonanceEvidence.of({0: moved(-0.03), 1: moved(0.0), 2: moved(0.0), 3: moved(0.0)})
+    together = ResonanceEvidence.from_shifts({wheel: moved(-0.03) for wheel in range(4)})
+    alone = ResonanceEvidence.from_shifts({0: moved(-0.03), 1: moved(0.0), 2: moved(0.0), 3: moved(0.0)})
 
     assert together.log_ratio((0,)) < alone.log_ratio((0,))
     assert together.log_ratio((0,)) < 0.0
@@ -73,14 +73,16 @@ def test_warmth_of_all_tyres_is_no_soft_tyre() -> None:
 
 def test_a_rising_frequency_is_no_soft_tyre() -> None:
     """5 % up on one of four speaks against its loss, and against that of any single other one."""
-    evidence = ResonanceEvidence.of({wheel: moved(0.05 * (wheel == 0)) for wheel in range(4)})
+    evidence = ResonanceEvidence.from_shifts({wheel: moved(0.05 * (wheel == 0)) for wheel in range(4)})
 
     assert max(evidence.wheel_llr(wheel) for wheel in range(4)) < 0.0
 
 
 def test_no_evidence_is_endless() -> None:
     """However clear the shift, no set of wheels gains or loses more than the model is trusted for."""
-    evidence = ResonanceEvidence.of({wheel: moved(-0.15 * (wheel == 1), 0.005) for wheel in range(4)})
+    evidence = ResonanceEvidence.from_shifts(
+        {wheel: moved(-0.15 * (wheel == 1), 0.005) for wheel in range(4)}
+    )
 
     assert all(abs(log) <= MAX_LOG + 1e-9 for log in evidence.subsets.values())
 
@@ -102,9 +104,9 @@ def test_wheels_without_a_resonance_change_nothing() -> None:
 def test_evidence_is_always_a_finite_number(changes: list[float], std: float) -> None:
     """Whatever the wheels did, all ratios are finite and bounded."""
     shifts = {
-        wheel: shift_likelihood(bell(40.0, std), bell(40.0 * math.exp(x), std))
+        wheel: shift_log_likelihood(bell(40.0, std), bell(40.0 * math.exp(x), std))
         for wheel, x in enumerate(changes)
     }
-    evidence = ResonanceEvidence.of(shifts)
+    evidence = ResonanceEvidence.from_shifts(shifts)
 
     assert all(abs(log) <= MAX_LOG + 1e-9 for log in evidence.subsets.values())

@@ -52,7 +52,7 @@ def test_a_falling_spectrum_holds_no_resonance() -> None:
     rng, fit = np.random.default_rng(3), PeakFit(100.0)
     road = jitter(rng, 300.0, 100.0, 2.0, 0.5, 1.0)
 
-    assert not peak_of(road, 100.0, fit).useful(PeakFit.max_frequency_hz(100.0))
+    assert not peak_of(road, 100.0, fit).is_usable(PeakFit.max_frequency_hz(100.0))
 
 
 def test_a_resonance_beyond_reach_is_not_useful() -> None:
@@ -60,7 +60,7 @@ def test_a_resonance_beyond_reach_is_not_useful() -> None:
     rng, fit = np.random.default_rng(4), PeakFit(100.0)
     beyond = jitter(rng, 300.0, 100.0, 49.5, 0.1, 0.05)
 
-    assert not peak_of(beyond, 100.0, fit).useful(PeakFit.max_frequency_hz(100.0))
+    assert not peak_of(beyond, 100.0, fit).is_usable(PeakFit.max_frequency_hz(100.0))
 
 
 @pytest.mark.parametrize(

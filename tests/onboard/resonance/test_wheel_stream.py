@@ -63,7 +63,7 @@ def test_a_counter_gives_its_mean_speeds() -> None:
     assert 100.0 == pytest.approx(block.rate_hz)
     assert 60.0 == pytest.approx(block.speed_radps.mean(), rel=1e-4)
     assert 2.0 * math.pi / 4096 * 100.0 == pytest.approx(block.quantum_radps)
-    assert np.sinc(0.4) ** 2 == pytest.approx(block.response(np.array([40.0]))[0])
+    assert np.sinc(0.4) ** 2 == pytest.approx(block.power_response(np.array([40.0]))[0])
 
 
 def test_a_gap_begins_the_block_anew() -> None:

@@ -39,12 +39,11 @@ _COMMON = LOG_STEP * np.arange(-12, 13)
 _COMMON_LOG = -0.5 * (_COMMON / COMMON_STD) ** 2
 
 
-def shift_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
-    """Return (len(SHIFTS),) log L(x) of one wheel, against that of a change nobody can know.
+def shift_log_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
+    """Return the (len(SHIFTS),) log-likelihood of each change of ln f of one wheel; its mean likelihood is 1.
 
-    `then`, `now`: (frequencies, dampings) log likelihoods, 0 where a resonance would not be seen. Damping is
-    the road contact's, the same at the same speed, so what is wrong with it then is wrong now and falls out.
-    """
+    `then`, `now`: (frequencies, dampings) log-likelihoods, 0 where a resonance cannot be detected. Damping is
+    the road contact's, the same at the same speed, so an error of it is in both and cancels."""
     size = then.shape[0]
     # Off the grid a resonance is not seen either: 0.
     padded = np.zeros((size + 2 * SHIFTS.size, then.shape[1]))
@@ -66,18 +65,18 @@ class ResonanceEvidence:
 
     @classmethod
     def silent(cls) -> ResonanceEvidence:
-        """Return the evidence of no wheel, which changes nothing."""
+        """Return the evidence of no wheel: all its log-likelihood ratios are 0."""
         return cls((), {(): 0.0})
 
     @classmethod
-    def of(cls, shifts: Mapping[int, FloatArray]) -> ResonanceEvidence:
-        """Return the evidence from `shift_likelihood` of each wheel that has one."""
+    def from_shifts(cls, shifts: Mapping[int, FloatArray]) -> ResonanceEvidence:
+        """Return the joint evidence from the `shift_log_likelihood` of each wheel that has one."""
         wheels = tuple(sorted(shifts))
         if not wheels:
             return cls.silent()
         sound, soft = {}, {}
         for wheel in wheels:
-            own = _blurred(shifts[wheel], OWN_STD)
+            own = _log_smoothed(shifts[wheel], OWN_STD)
             sound[wheel] = np.interp(_COMMON, SHIFTS, own)
             shifted = np.interp(_COMMON[:, None] + soft_shifts(), SHIFTS, own)
             soft[wheel] = _log_sum(shifted, axis=1) - math.log(shifted.shape[1])
@@ -93,7 +92,7 @@ class ResonanceEvidence:
 
     def log_ratio(self, subset: Sequence[int]) -> float:
         """Return the log-likelihood ratio of just these wheels soft against none; wheels without a resonance
-        change nothing."""
+        are left out of the set."""
         return self.subsets[tuple(sorted(wheel for wheel in subset if wheel in self.wheels))]
 
     def wheel_llr(self, wheel: int) -> float:
@@ -101,8 +100,8 @@ class ResonanceEvidence:
         return self.log_ratio((wheel,))
 
 
-def _blurred(log_values: FloatArray, std: float) -> FloatArray:
-    """Return the log of the values averaged over a normal error of this standard deviation."""
+def _log_smoothed(log_values: FloatArray, std: float) -> FloatArray:
+    """Return the (n,) log of exp(`log_values`) convolved over `SHIFTS` with a normal error of this `std`."""
     reach = math.ceil(3.0 * std / LOG_STEP)
     error = LOG_STEP * np.arange(-reach, reach + 1)
     kernel = -0.5 * (error / std) ** 2

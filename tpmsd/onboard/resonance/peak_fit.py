@@ -55,20 +55,20 @@ class Peak:
 
     @property
     def gain(self) -> float:
-        """Log-likelihood gain of the spectrum by a resonance."""
+        """Largest log-likelihood gain (nats) of a resonance over a spectrum without one."""
         return float(self.log_likelihood.max())
 
     @property
     def found(self) -> bool:
-        """True if there is one at all."""
+        """True if the gain by a resonance exceeds `FOUND_LOG`."""
         return self.gain > FOUND_LOG
 
-    def faded(self, averages: float) -> FloatArray:
-        """Return the log likelihood when only so many of the averages still count."""
+    def faded_log_likelihood(self, averages: float) -> FloatArray:
+        """Return the (frequencies, dampings) log-likelihood scaled down to fewer averages; never up."""
         return self.log_likelihood * min(averages / self.averages, 1.0)
 
-    def useful(self, highest_hz: float) -> bool:
-        """Return whether a resonance was found, well inside, and so well that a soft tyre's would be another.
+    def is_usable(self, highest_hz: float) -> bool:
+        """Return whether a resonance was found, inside the detectable range, with a small standard deviation.
 
         `highest_hz`: see `PeakFit.max_frequency_hz`. A peak at either end may be the flank of something
         beyond it.
@@ -92,7 +92,7 @@ class PeakFit:
 
     def __init__(self, rate_hz: float) -> None:
         frequency = bins_hz(rate_hz)
-        self._reach = _reach(frequency)
+        self._reach = _detectable_count(frequency)
         f0 = FREQUENCY_HZ[: self._reach, None, None]
         damped = 2.0 * DAMPING[None, :, None] * f0 * frequency
         resonance = damped**2 / ((f0 * f0 - frequency**2) ** 2 + damped**2)
@@ -106,20 +106,20 @@ class PeakFit:
     def max_frequency_hz(rate_hz: float) -> float:
         """Return the frequency up to which a resonance can be detected, Hz; 0 where sampling is too slow for
         any."""
-        reach = _reach(bins_hz(rate_hz))
+        reach = _detectable_count(bins_hz(rate_hz))
         return float(FREQUENCY_HZ[reach - 1]) if reach else 0.0
 
     def fit(self, spectrum: Spectrum) -> Peak:
-        """Return the likelihood over the frequency."""
+        """Return the log-likelihood of a resonance in a spectrum by frequency and damping."""
         density = spectrum.mean()
         weight = 0.5 * spectrum.averages
         level, background = float(density.mean()), self._background
         uniform = np.full(len(background), level / len(background))
-        none, none_amplitude = _likelihood_of_none(background, density, uniform)
+        none, none_amplitude = _fit_background(background, density, uniform)
         # From there on a resonance has to take its share.
         own = np.full(len(self._resonances), RESONANCE_SHARE * level)
         others = np.tile((1.0 - RESONANCE_SHARE) * none_amplitude, (len(own), 1))
-        logs, fits = _likelihood(self._resonances, background, density, own, others)
+        logs, fits = _fit_resonances(self._resonances, background, density, own, others)
         best = fits[int(np.argmax(logs))]
         misfit = 2.0 * weight * float(np.mean((density / best - 1.0) ** 2)) / OVERLAP_VARIANCE
         weight /= max(misfit, 1.0)
@@ -129,18 +129,18 @@ class PeakFit:
         return Peak(log_likelihood, spectrum.averages)
 
 
-def _reach(frequency: FloatArray) -> int:
+def _detectable_count(frequency: FloatArray) -> int:
     """Return how many frequencies of the grid lie `BINS_ABOVE` bins or more below the spectrum's end; 0 where
     they end below `MIN_HIGHEST_HZ`."""
     top_hz = frequency[-1 - BINS_ABOVE] if frequency.size > BINS_ABOVE else 0.0
     return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_HIGHEST_HZ else 0
 
 
-def _likelihood_of_none(
+def _fit_background(
     background: FloatArray, density: FloatArray, amplitude: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return the sum of -(log S + P / S) without a resonance, and the amplitudes (shapes,) of the background
-    (shapes, bins); `amplitude`: those to begin with."""
+    """Return the maximised sum of -(log S + P / S) without a resonance, and the amplitudes (shapes,) of the
+    background (shapes, bins); `amplitude`: those to begin with."""
     fitted = amplitude @ background
     for _ in range(NULL_UPDATES):
         inverse = 1.0 / fitted
@@ -149,11 +149,11 @@ def _likelihood_of_none(
     return -float(np.sum(np.log(fitted) + density / fitted)), amplitude
 
 
-def _likelihood(
+def _fit_resonances(
     resonances: FloatArray, background: FloatArray, density: FloatArray, own: FloatArray, others: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (models,) sums of -(log S + P / S) and (models, bins) fitted densities; `own` (models,) and
-    `others` (models, shapes): amplitudes of resonance and background to begin with."""
+    """Return the (models,) maximised sums of -(log S + P / S) and (models, bins) fitted densities; `own`
+    (models,) and `others` (models, shapes): amplitudes of resonance and background to begin with."""
     across = np.ascontiguousarray(background.T)
     fitted, inverse, scratch = (np.empty_like(resonances) for _ in range(3))
 

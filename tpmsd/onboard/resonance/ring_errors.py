@@ -67,6 +67,8 @@ class RingErrors:
         return np.asarray(flat - np.linalg.solve(gram, terms @ flat) @ terms)
 
     def _search_scale(self, flat: FloatArray, angle: FloatArray) -> None:
+        """Add a block to the score of each angle scale, and set `scale` to the best if it stands out, else
+        1."""
         self._searched += 1
         turn = np.exp(1j * np.outer(self._scales, angle))
         harmonic = np.ones_like(turn)

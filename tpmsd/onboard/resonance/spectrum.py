@@ -32,20 +32,20 @@ OVERLAP_VARIANCE = 1.06
 
 
 def bins_hz(rate_hz: float) -> FloatArray:
-    """Return frequencies at which spectra of this sampling rate are compared; empty where it is too low."""
+    """Return the (bins,) frequencies (Hz) of spectra of this sampling rate; empty where it is too low."""
     size = segment_size(rate_hz)
     frequency = np.arange(size // 2 + 1) * rate_hz / size
     return frequency[(frequency >= LOW_HZ) & (frequency <= min(NYQUIST_SHARE * rate_hz / 2.0, HIGH_HZ))]
 
 
 def segment_size(rate_hz: float) -> int:
-    """Return samples in a segment: even, about SEGMENT_S."""
+    """Return the number of samples in a segment: even, about SEGMENT_S."""
     return 2 * max(round(0.5 * SEGMENT_S * rate_hz), 4)
 
 
 def periodograms(block: SpeedBlock, jitter: FloatArray, rate_hz: float) -> FloatArray:
-    """Return (segments, bins) one-sided densities, (rad/s)^2/Hz, with the averaging between samples taken
-    back.
+    """Return the (segments, bins) one-sided power densities, (rad/s)^2/Hz, divided by the block's
+    `power_response`.
 
     `jitter`: what `RingErrors.remove` left of the block. `rate_hz` gives the bins; the block's own rate
     differs from it by no more than a sample or two in a thousand.
@@ -62,7 +62,7 @@ def periodograms(block: SpeedBlock, jitter: FloatArray, rate_hz: float) -> Float
     if not frequency.size:
         return np.empty((starts.size, 0))
     first = round(frequency[0] * size / rate_hz)
-    return np.asarray(power[:, first : first + frequency.size] / block.response(frequency))
+    return np.asarray(power[:, first : first + frequency.size] / block.power_response(frequency))
 
 
 @dataclass(slots=True)
@@ -83,18 +83,19 @@ class Spectrum:
 
     @property
     def averages(self) -> float:
-        """Number of segments in effect; it falls while the spectrum only fades."""
+        """Effective number of segments in the mean; it falls while the spectrum only fades."""
         if self.weight_squares <= 0.0:
             return 0.0
         # Under steady fading the first is twice the weight; without fading it is the weight.
         return min(self.weight * self.weight / self.weight_squares, 2.0 * self.weight)
 
     def mean(self) -> FloatArray:
-        """Return (bins,) density, (rad/s)^2/Hz."""
+        """Return the (bins,) weighted mean density, (rad/s)^2/Hz."""
         return np.asarray(self.density / self.weight)
 
     def add(self, segments: FloatArray) -> None:
-        """Take the periodograms of a block."""
+        """Add the periodograms (segments, bins) of a block; segments much rougher than usual are scaled
+        down."""
         for segment in segments:
             power = float(segment.mean())
             if not (power > 0.0 and math.isfinite(power)):
@@ -108,13 +109,13 @@ class Spectrum:
             self.weight += 1.0
             self.weight_squares += 1.0
 
-    def is_rounding(self, rounding_density: float) -> bool:
-        """Return whether much of it is the signal's own resolution, whose pattern may look like a
-        resonance."""
+    def is_rounding_limited(self, rounding_density: float) -> bool:
+        """Return whether the signal's rounding makes up so much of the density that its pattern may look like
+        a resonance."""
         return rounding_density > ROUNDING_SHARE * float(median(self.mean()))
 
     def fade(self, share: float) -> None:
-        """Let what was gathered count for less: times `share`."""
+        """Multiply the weight of all segments so far by `share`."""
         self.density *= share
         self.weight *= share
         self.weight_squares *= share * share

@@ -32,6 +32,5 @@ contact's stiffness, in series with it, takes up to half of the effect away."""
 
 
 def soft_shifts() -> FloatArray:
-    """Return changes of ln f that a soft tyre brings, each equally likely: losses times elasticities,
-    flat."""
+    """Return the (elasticities * losses,) changes of ln f of a soft tyre, negative, all equally likely."""
     return np.outer(ELASTICITY, np.log1p(-PRESSURE_LOSS)).ravel()

@@ -1,5 +1,5 @@
-"""Follows the torsional resonances of a car's wheels and reports their meaning, or the reason for which they
-have none.
+"""Follows the torsional resonances of a car's wheels: the evidence of soft tyres, or the reason for which
+there is none.
 
 In: rotation samples of all wheels. Out: `ResonanceEvidence` against a learned baseline, and a status per
 wheel.
@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.onboard.resonance.evidence import ResonanceEvidence, shift_likelihood
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence, shift_log_likelihood
 from tpmsd.onboard.resonance.peak_fit import Peak, PeakFit
 from tpmsd.onboard.resonance.ring_errors import RingErrors
 from tpmsd.onboard.resonance.spectrum import SEGMENT_S, Spectrum, bins_hz, periodograms
@@ -80,10 +80,10 @@ class ResonanceStatus:
         return {
             "state": str(self.state),
             "reason": self.reason,
-            "frequency_hz": _number(self.frequency_hz),
-            "std_hz": _number(self.std_hz),
-            "baseline_hz": _number(self.baseline_hz),
-            "log_ratio_soft": _number(self.llr),
+            "frequency_hz": _finite_or_none(self.frequency_hz),
+            "std_hz": _finite_or_none(self.std_hz),
+            "baseline_hz": _finite_or_none(self.baseline_hz),
+            "log_ratio_soft": _finite_or_none(self.llr),
         }
 
 
@@ -127,11 +127,11 @@ class ResonanceWatch:
 
     @property
     def evidence(self) -> ResonanceEvidence:
-        """Return the evidence now; silent where nothing is known."""
+        """Evidence of the newest blocks; that of no wheel before there is a baseline."""
         return self._evidence
 
     def evidence_at(self, time_s: float) -> ResonanceEvidence:
-        """Return the evidence at an instant; ask in the order of time.
+        """Return the evidence as it was at an instant; calls must be in the order of time.
 
         A tick is made some time after its end, and by then a live run may have seen a frame more or less
         than a replay. What was known at its end is the same in both.
@@ -142,7 +142,7 @@ class ResonanceWatch:
         return past[0][1] if past and past[0][0] <= time_s else ResonanceEvidence.silent()
 
     def add(self, sample: RotationSample) -> None:
-        """Take one sample."""
+        """Add one sample; the block that it completes updates spectra, baselines and evidence."""
         wheel = self._wheels[sample.wheel]
         block = wheel.stream.add(sample)
         if block is None:
@@ -160,18 +160,19 @@ class ResonanceWatch:
         speed_mps = float(block.speed_radps.mean()) * self._radius_m[sample.wheel]
         number = int(np.searchsorted(SPEED_CLASSES_MPS, speed_mps, side="right")) - 1
         if number >= 0 and PeakFit.max_frequency_hz(wheel.rate_hz) > 0.0:
-            self._take(wheel, number, block)
-            self._judge()
+            self._add_block(wheel, number, block)
+            self._update_evidence()
             self._past.append((sample.time_s, self._evidence))
             if len(self._past) > MAX_PAST:  # nobody asks
                 self._past.popleft()
 
     def extend(self, run: RotationRun) -> bool:
-        """Take samples of one wheel if nothing comes of them (`WheelStream.extend`)."""
+        """Add samples of one wheel if they complete no block; False if none was added
+        (`WheelStream.extend`)."""
         return self._wheels[run.wheel].stream.extend(run.time_s, run.angle_rad, run.segment, run.quantum_rad)
 
     def forget(self) -> None:
-        """Learn the baselines again."""
+        """Drop all spectra and baselines, which are then learned again."""
         for wheel in self._wheels:
             wheel.classes.clear()
             wheel.driven_s = 0.0
@@ -179,18 +180,20 @@ class ResonanceWatch:
         self._past.clear()
 
     def status(self) -> tuple[ResonanceStatus, ...]:
-        """Return one entry per wheel."""
+        """Return the status of each wheel, in the order of `WHEELS`."""
         return tuple(self._wheel_status(number) for number in range(len(WHEELS)))
 
     # -- per block -------------------------------------------------------------------------------------------
 
-    def _fit_of(self, wheel: _Wheel) -> PeakFit:
+    def _fit_for_rate(self, wheel: _Wheel) -> PeakFit:
+        """Return the `PeakFit` for the wheel's sampling rate, made on first use."""
         if wheel.rate_hz not in self._fits:
             self._fits[wheel.rate_hz] = PeakFit(wheel.rate_hz)
         return self._fits[wheel.rate_hz]
 
-    def _take(self, wheel: _Wheel, number: int, block: SpeedBlock) -> None:
-        """Add a block of steady driving to the spectrum of its class."""
+    def _add_block(self, wheel: _Wheel, number: int, block: SpeedBlock) -> None:
+        """Add a block to the spectrum of its speed class; fit it when due, and freeze the baseline once
+        learned."""
         segments = periodograms(block, wheel.ring.remove(block), wheel.rate_hz)
         duration_s = block.speed_radps.size / block.rate_hz
         wheel.driven_s += duration_s
@@ -208,29 +211,31 @@ class ResonanceWatch:
         if seen_s < JUDGE_S or entry.unjudged_s < FIT_EVERY_S:
             return
         entry.unjudged_s = 0.0
-        entry.now = self._fit_of(wheel).fit(entry.spectrum)
-        useful = entry.now.useful(PeakFit.max_frequency_hz(wheel.rate_hz))
+        entry.now = self._fit_for_rate(wheel).fit(entry.spectrum)
+        useful = entry.now.is_usable(PeakFit.max_frequency_hz(wheel.rate_hz))
         if (
             entry.baseline is None
             and seen_s >= LEARN_S
             and useful
-            and not entry.spectrum.is_rounding(wheel.rounding)
+            and not entry.spectrum.is_rounding_limited(wheel.rounding)
         ):
             entry.learned, entry.baseline, entry.now = entry.spectrum, entry.now, None
             entry.spectrum = Spectrum.empty(bins_hz(wheel.rate_hz).size)
 
-    def _judge(self) -> None:
-        """Compute the evidence of all wheels and classes together."""
+    def _update_evidence(self) -> None:
+        """Compute `evidence` from all wheels and classes that have a baseline and a newer fit."""
         shifts: dict[int, FloatArray] = {}
         for number, wheel in enumerate(self._wheels):
             logs = [
-                shift_likelihood(entry.baseline.log_likelihood, entry.now.faded(entry.spectrum.averages))
+                shift_log_likelihood(
+                    entry.baseline.log_likelihood, entry.now.faded_log_likelihood(entry.spectrum.averages)
+                )
                 for entry in wheel.classes.values()
                 if entry.baseline is not None and entry.now is not None
             ]
             if logs:
                 shifts[number] = np.sum(logs, axis=0)
-        self._evidence = ResonanceEvidence.of(shifts)
+        self._evidence = ResonanceEvidence.from_shifts(shifts)
 
     def _wheel_status(self, number: int) -> ResonanceStatus:
         wheel = self._wheels[number]
@@ -248,10 +253,10 @@ class ResonanceWatch:
         newest = entry.now or entry.baseline
         assert newest is not None
         monitoring = any(other.baseline is not None for other in wheel.classes.values())
-        if not monitoring and not newest.useful(highest_hz):
+        if not monitoring and not newest.is_usable(highest_hz):
             if wheel.driven_s < OFF_AFTER_S:
                 return ResonanceStatus(ResonanceState.LEARNING, "no resonance found yet")
-            return ResonanceStatus(ResonanceState.OFF, self._why_none(wheel, entry, highest_hz))
+            return ResonanceStatus(ResonanceState.OFF, self._reason_for_none(wheel, entry, highest_hz))
         mean, std = newest.moments()
         baseline = math.nan if entry.baseline is None else entry.baseline.moments()[0]
         state = ResonanceState.MONITORING if monitoring else ResonanceState.LEARNING
@@ -259,9 +264,9 @@ class ResonanceWatch:
         return ResonanceStatus(state, reason, mean, std, baseline, self._evidence.wheel_llr(number))
 
     @staticmethod
-    def _why_none(wheel: _Wheel, entry: _Class, highest_hz: float) -> str:
-        """Return the reason for which a wheel that was driven long enough shows no resonance."""
-        if entry.spectrum.is_rounding(wheel.rounding):
+    def _reason_for_none(wheel: _Wheel, entry: _Class, highest_hz: float) -> str:
+        """Return the reason, for the user, for which a wheel driven long enough shows no resonance."""
+        if entry.spectrum.is_rounding_limited(wheel.rounding):
             return "the signal's resolution hides it"
         newest = entry.now
         if newest is not None and newest.found and newest.moments()[0] > EDGE_NAMED * highest_hz:
@@ -271,7 +276,7 @@ class ResonanceWatch:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Return baselines as plain numbers."""
+        """Return the learned baselines of all wheels as plain numbers for the state file."""
         return {
             name: {
                 "rate_hz": wheel.rate_hz if math.isfinite(wheel.rate_hz) else None,
@@ -316,5 +321,5 @@ class ResonanceWatch:
         return wheel
 
 
-def _number(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None

@@ -53,8 +53,8 @@ class SpeedBlock:
         """
         return (2.0 if self.counted else 1.0) * self.quantum_radps**2 / 12.0 / (0.5 * self.rate_hz)
 
-    def response(self, frequency_hz: FloatArray) -> FloatArray:
-        """Return power with which the averaging between two samples passes a frequency."""
+    def power_response(self, frequency_hz: FloatArray) -> FloatArray:
+        """Return the (n,) share of a frequency's power that the averaging between two samples passes."""
         if not self.counted:
             return np.ones_like(frequency_hz)
         return np.asarray(np.sinc(frequency_hz / self.rate_hz) ** 2)
@@ -72,10 +72,11 @@ class WheelStream:
         """Sampling rate of the last block, Hz, be it used or not; NaN before there is one."""
 
     def add(self, sample: RotationSample) -> SpeedBlock | None:
-        """Take a sample; return the block that it completes, if that one is of steady rolling."""
+        """Add a sample; return the block that it completes, None if it completes none or not of steady
+        rolling."""
         times = self._time_s
         if times and (
-            sample.segment != self._segment or not 0.0 < sample.time_s - times[-1] <= self._gap_s()
+            sample.segment != self._segment or not 0.0 < sample.time_s - times[-1] <= self._max_interval_s()
         ):
             times.clear()
             self._angle_rad.clear()
@@ -84,28 +85,29 @@ class WheelStream:
         self._angle_rad.append(sample.angle_rad)
         if times[-1] - times[0] < BLOCK_S and len(times) < MAX_SAMPLES:
             return None
-        block = self._take_block()
+        block = self._make_block()
         del times[:-1]
         del self._angle_rad[:-1]
         return block
 
     def extend(self, times_s: list[float], angles_rad: list[float], segment: int, quantum_rad: float) -> bool:
-        """Take samples, one at least, that go on without a gap and complete no block; False, and nothing is
-        taken, if they do not: then each is to be added."""
+        """Add samples, one at least, that follow without a gap and complete no block, and return True; else
+        return False and add none: then each is to be added by `add`."""
         times = self._time_s
         if not times or segment != self._segment or not math.isfinite(self.rate_hz):
             return False
         if times_s[-1] - times[0] >= BLOCK_S or len(times) + len(times_s) >= MAX_SAMPLES:
             return False
         steps_s = list(map(sub, times_s, (times[-1], *times_s)))
-        if min(steps_s) <= 0.0 or max(steps_s) > self._gap_s():
+        if min(steps_s) <= 0.0 or max(steps_s) > self._max_interval_s():
             return False
         self._quantum_rad = quantum_rad
         times += times_s
         self._angle_rad += angles_rad
         return True
 
-    def _gap_s(self) -> float:
+    def _max_interval_s(self) -> float:
+        """Return the longest interval between samples (s) that is not a gap."""
         times = self._time_s
         if math.isfinite(self.rate_hz):
             return max(GAP_PERIODS / self.rate_hz, MIN_GAP_S)
@@ -113,13 +115,15 @@ class WheelStream:
             return 1.0
         return max(GAP_PERIODS * (times[-1] - times[0]) / (len(times) - 1), MIN_GAP_S)
 
-    def _take_block(self) -> SpeedBlock | None:
+    def _make_block(self) -> SpeedBlock | None:
+        """Return the block of the samples gathered; None if they are not of steady rolling. Sets
+        `rate_hz`."""
         time_s, angle_rad = np.array(self._time_s), np.array(self._angle_rad)
         intervals = time_s.size - 1
         self.rate_hz = rate_hz = float(intervals / (time_s[-1] - time_s[0]))
         counted = self._quantum_rad > 0.0
         step_rad = np.diff(angle_rad)
-        speed = step_rad * rate_hz if counted else readings(step_rad / np.diff(time_s))
+        speed = step_rad * rate_hz if counted else readings_from_means(step_rad / np.diff(time_s))
         least, mean = float(np.min(speed)), float(np.mean(speed))
         smooth = np.convolve(speed, np.full(16, 1.0 / 16), "valid") if intervals >= 16 else speed
         if least <= 0.0 or float(smooth.max()) > MAX_SPREAD * float(smooth.min()) or mean <= 0.0:
@@ -128,9 +132,9 @@ class WheelStream:
         return SpeedBlock(rate_hz, speed, quantum, counted)
 
 
-def readings(means: FloatArray) -> FloatArray:
-    """Return (n,) readings of a speed signal from the means of adjoining ones; its oldest reading is left
-    out."""
+def readings_from_means(means: FloatArray) -> FloatArray:
+    """Return the (n,) readings of a speed signal from the (n,) means of adjoining ones; the oldest reading is
+    left out."""
     sign = np.where(np.arange(means.size) % 2 == 0, 1.0, -1.0)
     found = sign * np.cumsum(2.0 * sign * means) - sign * means[0]
     # What is left is one unknown with alternating sign: the one that makes neighbours alike.
@@ -139,7 +143,7 @@ def readings(means: FloatArray) -> FloatArray:
 
 
 def _resolution(speed: FloatArray) -> float:
-    """Return the least step between two readings; infinite if they are all the same."""
+    """Return the least step between two distinct readings (rad/s); infinite if they are all the same."""
     steps = np.diff(np.sort(speed))
     steps = steps[steps > SAME_RADPS]
     return float(steps.min()) if steps.size else math.inf
