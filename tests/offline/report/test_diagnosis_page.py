@@ -28,7 +28,7 @@ from tpmsd.offline.diagnosis.assessment.result import (
 from tpmsd.offline.report.diagnosis_document import diagnosis_document
 from tpmsd.offline.report.diagnosis_page import diagnosis_page
 from tpmsd.offline.report.diagnosis_sentences import summary_sentences
-from tpmsd.offline.report.diagnosis_summary import diagnosis_summary, left_over, reached
+from tpmsd.offline.report.diagnosis_summary import diagnosis_summary, reach_sentence, remainder_sentences
 
 SHAPE = Finding(
     effect="unknown",
@@ -116,12 +116,12 @@ def test_the_summary_says_where_a_shape_goes() -> None:
 )
 def test_what_is_left_is_said_in_a_sentence(reach: Reach, sentence: str) -> None:
     """Noise, structure, or nothing to reach at all."""
-    assert sentence == reached(reach)
+    assert sentence == reach_sentence(reach)
 
 
 RADIUS_DRIFT = RadiusDrift(7e-4, 60.0, "monday", Where(("rl", "rr"), "wheel_ratio", "time", (0.0, 600.0)))
 ALL = replace(REACH, left=-15.0, left_std=34.0)
-NOTHING_LEFT = reached(ALL)
+NOTHING_LEFT = reach_sentence(ALL)
 ALL_REACHED = replace(FOUND, reach=ALL)
 
 
@@ -153,7 +153,7 @@ def test_what_is_left_is_reported_without_contradiction(
     """Drift that passes for noise is said to be that, on page and in summary, and not what is unexplained."""
     page = diagnosis_page(diagnosis, ["monday"], ORIGIN)
     summary = diagnosis_summary(diagnosis, None)
-    assert sentences == left_over(diagnosis)
+    assert sentences == remainder_sentences(diagnosis)
     assert all(one in summary for one in sentences)
     assert all(one.replace("+-", "±") in html.unescape(page) for one in sentences)
     assert "Still unexplained" not in page

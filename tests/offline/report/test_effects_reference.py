@@ -11,7 +11,7 @@ import pytest
 from tpmsd.car.physics.catalogue import EFFECTS, parse_effect
 from tpmsd.car.physics.effect import Kind, Parameter
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.report.effects_reference import dynamics_document, ready_command
+from tpmsd.offline.report.effects_reference import dynamics_effect_document, ready_command
 
 WORLDLY = [name for name, effect in EFFECTS.items() if effect.kind is not Kind.NUISANCE]
 
@@ -65,4 +65,6 @@ def test_an_effect_of_vehicle_dynamics_is_described_too(capsys: pytest.CaptureFi
     said = capsys.readouterr().out
     assert "aero_drag (" in said and "drag_area_m2 (m2)" in said
     assert "to look for it: tpmsd diagnose DRIVE --baseline three-dof" in said
-    assert {"name", "formula", "parameters", "try"} <= set(dynamics_document("aero_drag")["effects"][0])
+    assert {"name", "formula", "parameters", "try"} <= set(
+        dynamics_effect_document("aero_drag")["effects"][0]
+    )

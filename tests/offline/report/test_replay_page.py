@@ -14,7 +14,7 @@ from tests.offline.report.pages import ORIGIN, Page
 from tpmsd.foundation.palette import STYLES
 from tpmsd.offline.report.figures import Chart, Curve
 from tpmsd.offline.report.mpl_style import place_labels
-from tpmsd.offline.report.page import drawn, render
+from tpmsd.offline.report.page import render, render_figure
 from tpmsd.offline.report.replay_charts import replay_charts, replay_track
 from tpmsd.offline.report.replay_page import replay_page
 from tpmsd.offline.report.replay_recorder import ReplayRecorder
@@ -94,7 +94,7 @@ def test_names_that_would_end_a_script_do_not(html: str) -> None:
     """A name with a closing tag stays text, in the picture as in the data."""
     curve = Curve("</script><b>", np.array([0.0, 1.0]), "plain")
     other = Curve("more", np.array([1.0, 0.0]), "soft")
-    one = drawn(Chart("<i>", "x", "y", np.array([0.0, 1.0]), (curve, other)), "k")
+    one = render_figure(Chart("<i>", "x", "y", np.array([0.0, 1.0]), (curve, other)), "k")
 
     assert "</script" not in one.data
     assert "<b>" not in one.svg

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tpmsd.offline.report import static_figures
-from tpmsd.offline.report.explanation_text import _pair
+from tpmsd.offline.report.explanation_text import _contrast_text
 from tpmsd.offline.report.figures import Bars, Chart, Curve
 from tpmsd.offline.report.static_figures import _draw_bars, _draw_chart
 
@@ -47,7 +47,9 @@ def test_an_axis_of_dates_has_few_marks(span_s: float) -> None:
 
 def test_an_explanation_writes_one_sign_for_plus_or_minus() -> None:
     """The text of a terminal has `+-` in every line."""
-    assert "-1.55 +- 0.18 (+16.5 nats)" == _pair({"change_mm": -1.55, "std_mm": 0.18, "gain_nats": 16.5})
+    assert "-1.55 +- 0.18 (+16.5 nats)" == _contrast_text(
+        {"change_mm": -1.55, "std_mm": 0.18, "gain_nats": 16.5}
+    )
 
 
 def test_no_colon_hangs_behind_a_name_of_a_legend() -> None:

@@ -56,8 +56,8 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.car.physics.catalogue import EFFECTS, parameters_of
     from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
     from tpmsd.offline.report.effects_reference import (
-        dynamics_document,
-        dynamics_summary,
+        dynamics_effect_document,
+        dynamics_effect_summary,
         effects_document,
         effects_page,
         effects_summary,
@@ -65,9 +65,9 @@ def run(args: argparse.Namespace) -> int:
 
     if args.name in DYNAMICS_EFFECTS and args.name not in EFFECTS:
         if args.json is not None:
-            write_json(dynamics_document(args.name), args.json)
+            write_json(dynamics_effect_document(args.name), args.json)
         if args.json != "-":
-            print(fitted_to(sys.stdout, dynamics_summary(args.name)))
+            print(fitted_to(sys.stdout, dynamics_effect_summary(args.name)))
         return 0
     if args.name is not None:
         parameters_of(args.name)  # says what is wrong with the name

@@ -19,7 +19,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.report.figures import Chart, Curve
-from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, render, render_figure
 from tpmsd.offline.report.wording import parameter_name, plain_name, wheel_name
 
 Row = dict[str, Any]
@@ -161,7 +161,7 @@ def _car_views(
             anchor,
             f"{car} ({model_title(drives[0]['model'])}), {len(drives)} drive{'s' * (len(drives) != 1)}",
             f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
-            None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
+            None if chart is None else render_figure(chart, f"{anchor}-radii", static=car in pictured),
             HtmlTable(
                 heads,
                 tuple(

@@ -31,7 +31,7 @@ Key = tuple[AlarmKind, str | None]
 
 
 @dataclass(frozen=True)
-class WheelBias:
+class WheelScatter:
     """Scatter of a wheel's estimated radius about its own median over the drive, the fault taken out."""
 
     wheel: str
@@ -64,24 +64,26 @@ class AlarmsCompared:
     """Part of the model that was not compensated."""
 
     @property
-    def wheels(self) -> tuple[WheelBias, ...]:
-        """One entry per wheel whose radius was known."""
+    def wheels(self) -> tuple[WheelScatter, ...]:
+        """Return the scatter of each wheel whose radius was estimated in both replays."""
         out = []
         for k, wheel in enumerate(WHEELS):
-            before, after = (self._bias_m(result, k) for result in (self.before, self.after))
+            before, after = (self._scatter_m(result, k) for result in (self.before, self.after))
             if math.isfinite(before) and math.isfinite(after):
                 claimed = float(np.nanmedian(self.before.std_m[:, k]))
-                out.append(WheelBias(wheel, before, after, claimed))
+                out.append(WheelScatter(wheel, before, after, claimed))
         return tuple(out)
 
-    def _bias_m(self, result: ReplayResult, wheel: int) -> float:
+    def _scatter_m(self, result: ReplayResult, wheel: int) -> float:
+        """Return the root mean square of a wheel's radius about its median once settled, faults taken out,
+        metres; NaN for ten values or fewer."""
         deviation = result.deviation_m[:, wheel] - self.fault_m(result, wheel)
         since = result.time_s - result.start_s
         known = deviation[np.isfinite(deviation) & (since > min(SETTLED_S, 0.3 * result.duration_s))]
         return float(np.sqrt(np.mean((known - np.median(known)) ** 2))) if len(known) > 10 else math.nan
 
     def fault_m(self, result: ReplayResult, wheel: int) -> FloatArray:
-        """(n,) change of a wheel's radius by the faults of the model."""
+        """Return the (n,) change of a wheel's radius by the ramped losses of the model, metres."""
         since = result.time_s - result.start_s
         out = np.zeros_like(since)
         for fault in self.faults:
@@ -92,8 +94,8 @@ class AlarmsCompared:
 
     @property
     def changes(self) -> tuple[str, ...]:
-        """One sentence per alarm that goes, comes, or comes at another time."""
-        before, after = _raised(self.before), _raised(self.after)
+        """Return one sentence per alarm that is lost, is new, or is raised at another time with the model."""
+        before, after = _first_raised(self.before), _first_raised(self.after)
         leaking = {fault.wheel for fault in self.faults if fault.deviation_m < 0.0}
         changed = {fault.wheel for fault in self.faults}
         out = []
@@ -102,22 +104,25 @@ class AlarmsCompared:
             faulty = alarm.wheel in (leaking if alarm.kind == AlarmKind.DEFLATION else changed)
             if key not in after:
                 what = "An alarm is lost" if faulty else "A false alarm goes"
-                out.append(f"{what}: {_name(alarm)} at {when}.")
+                out.append(f"{what}: {_alarm_name(alarm)} at {when}.")
             else:
                 moved = (after[key].time_s - self.after.start_s) - (alarm.time_s - self.before.start_s)
                 if abs(moved) > SOONER_S:
                     word = "sooner" if moved < 0 else "later"
-                    out.append(f"{_name(alarm).capitalize()} is announced {drive_time(abs(moved))} {word}.")
+                    out.append(
+                        f"{_alarm_name(alarm).capitalize()} is announced {drive_time(abs(moved))} {word}."
+                    )
         for key, alarm in after.items():
             if key not in before:
                 faulty = alarm.wheel in (leaking if alarm.kind == AlarmKind.DEFLATION else changed)
                 what = "A hidden leak appears" if faulty else "A new alarm that no fault explains appears"
                 when = drive_time(alarm.time_s - self.after.start_s)
-                out.append(f"{what}: {_name(alarm)} at {when}.")
+                out.append(f"{what}: {_alarm_name(alarm)} at {when}.")
         return tuple(out)
 
 
-def _fault(values: Mapping[str, float | str]) -> RampedLoss:
+def _ramped_loss(values: Mapping[str, float | str]) -> RampedLoss:
+    """Return the loss that a finding's parameter values describe; values that it lacks are 0."""
     wheel, *numbers = (values.get(name, 0.0) for name in ("wheel", "deviation_m", "onset_s", "duration_s"))
     return RampedLoss(str(wheel), *(float(number) for number in numbers))
 
@@ -129,9 +134,12 @@ def compare_alarms(
     findings: Sequence[Finding],
     notes: tuple[str, ...] = (),
 ) -> AlarmsCompared:
-    """Put the two replays side by side; `after` is None where there was nothing to compensate."""
+    """Return both replays with the losses among the findings; `after` is None where nothing was
+    compensated."""
     found = tuple(
-        _fault({name: quantity.value for name, quantity in finding.parameters.items()} | {"wheel": wheel})
+        _ramped_loss(
+            {name: quantity.value for name, quantity in finding.parameters.items()} | {"wheel": wheel}
+        )
         for finding in findings
         if finding.effect == FAULT.name and drive in (finding.drives or (drive,))
         for wheel in finding.where.wheels
@@ -164,8 +172,10 @@ def alarms_summary(compared: AlarmsCompared) -> str:
     name = compared.drive
     counts = [sum(alarm.state == "raised" for alarm in r.alarms) for r in (compared.before, compared.after)]
     if compared.after is compared.before:
-        return f"Alarms of {name}: {_count(counts[0])}; the model holds nothing to compensate."
-    lines = [f"Alarms of {name}: {_count(counts[0])} without the model, {_count(counts[1])} with it."]
+        return f"Alarms of {name}: {_number_word(counts[0])}; the model holds nothing to compensate."
+    lines = [
+        f"Alarms of {name}: {_number_word(counts[0])} without the model, {_number_word(counts[1])} with it."
+    ]
     lines += [f"   {change}" for change in compared.changes]
     biases = ", ".join(f"{b.wheel} {1e3 * b.before_m:.2f} to {1e3 * b.after_m:.2f}" for b in compared.wheels)
     lines.append(f"   radii scatter about their own median by (mm, before to after): {biases}")
@@ -173,12 +183,12 @@ def alarms_summary(compared: AlarmsCompared) -> str:
     return "\n".join(lines)
 
 
-def _count(number: int) -> str:
+def _number_word(number: int) -> str:
     return {0: "none", 1: "one"}.get(number, str(number))
 
 
-def _raised(result: ReplayResult) -> dict[Key, AlarmEvent]:
-    """Return the first alarm of each kind and wheel."""
+def _first_raised(result: ReplayResult) -> dict[Key, AlarmEvent]:
+    """Return the first raised alarm of each kind and wheel, in order of time."""
     out: dict[Key, AlarmEvent] = {}
     for alarm in result.alarms:
         if alarm.state == "raised":
@@ -186,5 +196,5 @@ def _raised(result: ReplayResult) -> dict[Key, AlarmEvent]:
     return out
 
 
-def _name(alarm: AlarmEvent) -> str:
+def _alarm_name(alarm: AlarmEvent) -> str:
     return f"{alarm.kind} of the {wheel_name(alarm.wheel)} wheel" if alarm.wheel else str(alarm.kind)

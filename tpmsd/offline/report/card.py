@@ -23,29 +23,30 @@ Row = Sequence[object]
 
 
 def one_line(kind: str, *parts: str) -> str:
-    """`Kind(part, part)`, cut where it is longer than `MAX_CHARS`."""
+    """Return `Kind(part, part)`, cut where it is longer than `MAX_CHARS`."""
     text = f"{kind}({' '.join(', '.join(part for part in parts if part).split())})"
     return text if len(text) <= MAX_CHARS else f"{text[: MAX_CHARS - 4]}...)"
 
 
 def card(head: str, *tables: tuple[Row, Sequence[Row]]) -> str:
     """Return a headline and tables (titles and rows; those without rows are left out) as HTML."""
-    parts = [f'<div class="tpmsd-card" style="{_CARD}">', f"<p><b>{_cut(head)}</b></p>"]
+    parts = [f'<div class="tpmsd-card" style="{_CARD}">', f"<p><b>{_escaped_cell(head)}</b></p>"]
     for titles, rows in tables:
         if not rows:
             continue
-        heads = "".join(f"<th>{_cut(title)}</th>" for title in titles)
-        body = "".join(_row(row) for row in rows[:MAX_ROWS])
+        heads = "".join(f"<th>{_escaped_cell(title)}</th>" for title in titles)
+        body = "".join(_html_row(row) for row in rows[:MAX_ROWS])
         if len(rows) > MAX_ROWS:
-            body += _row([f"and {len(rows) - MAX_ROWS} more"])
+            body += _html_row([f"and {len(rows) - MAX_ROWS} more"])
         parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
     return "".join([*parts, "</div>"])
 
 
-def _row(row: Row) -> str:
-    return f"<tr>{''.join(f'<td>{_cut(cell)}</td>' for cell in row)}</tr>"
+def _html_row(row: Row) -> str:
+    return f"<tr>{''.join(f'<td>{_escaped_cell(cell)}</td>' for cell in row)}</tr>"
 
 
-def _cut(cell: object) -> str:
+def _escaped_cell(cell: object) -> str:
+    """Return a cell as HTML text, cut where it is longer than `MAX_CHARS`."""
     text = str(cell)
     return html.escape(text if len(text) <= MAX_CHARS else f"{text[: MAX_CHARS - 3]}...")

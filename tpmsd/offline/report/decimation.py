@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FloatArray
 def decimated(
     x: FloatArray, columns: Mapping[str, FloatArray], points: int
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """(n,) series at no more than `points` values: the least and the greatest of each bucket, NaN left aside.
+    """Return x and columns, (n,) each, with at most `points` rows: minimum and maximum of each bucket.
 
     A bucket without a value stays NaN, so that gaps remain gaps.
     """

@@ -42,18 +42,19 @@ def diagnosis_document(
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
-        "not_detectable": _not_detectable(diagnosis),
+        "not_detectable": _not_detectable_entries(diagnosis),
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach_entry(diagnosis.reach),
     }
-    document |= _optional(diagnosis)
+    document |= _optional_entries(diagnosis)
     if alarms:
         document["alarms"] = [alarms_document(compared) for compared in alarms]
     return document
 
 
-def _optional(diagnosis: RollingDiagnosis) -> dict[str, Any]:
-    """Return the keys that stand only where there is something to say."""
+def _optional_entries(diagnosis: RollingDiagnosis) -> dict[str, Any]:
+    """Return the keys `information`, `down_weighted` and the like, each only if the diagnosis has such a
+    result."""
     document: dict[str, Any] = {}
     if diagnosis.information:
         document["information"] = [
@@ -83,7 +84,7 @@ def _optional(diagnosis: RollingDiagnosis) -> dict[str, Any]:
     return document
 
 
-def _not_detectable(diagnosis: RollingDiagnosis) -> list[dict[str, Any]]:
+def _not_detectable_entries(diagnosis: RollingDiagnosis) -> list[dict[str, Any]]:
     out = []
     for one in diagnosis.not_detectable:
         sizes = one.smallest.items()

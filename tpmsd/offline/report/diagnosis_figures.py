@@ -54,7 +54,7 @@ class ResidualTrace(Protocol):
 
 
 def covariate_label(covariate: str) -> str:
-    """Name and unit, for an axis."""
+    """Return the name of a covariate with its unit, for an axis."""
     return (
         f"{covariate_name(covariate)} ({UNITS[covariate]})"
         if covariate in UNITS
@@ -82,7 +82,7 @@ def spline_chart(finding: Finding) -> Chart | None:
 
 
 def trace_chart(trace: Trace) -> Chart:
-    """Residual over the covariate at which a finding is located, without it and with it."""
+    """Return the residual over the covariate at which a finding is located, without it and with it."""
     title = f"Residual over {covariate_name(trace.covariate)}, before and after"
     return before_after_chart(title, "residual (standard deviations)", trace)
 
@@ -104,13 +104,15 @@ def before_after_chart(title: str, label: str, trace: ResidualTrace) -> Chart:
 
 
 def gain_bars(diagnosis: RollingDiagnosis) -> Bars | None:
-    """Held-out log-likelihood gain of each finding beside the others."""
+    """Return the held-out log-likelihood gain of each finding fitted with the others; None without
+    findings."""
     rows = tuple((finding_name(finding), finding.gain, True) for finding in diagnosis.findings)
     return Bars("Log-likelihood gain of each finding", "held-out gain (nats)", rows) if rows else None
 
 
 def evidence_bars(diagnosis: RollingDiagnosis) -> Bars | None:
-    """Log-likelihood gain of every effect alone; findings stand out."""
+    """Return the log-likelihood gain of every effect alone, findings marked; None where no gain is
+    positive."""
     found = {finding.effect for finding in diagnosis.findings}
     found |= {
         f"{finding.effect} {finding.parameters[name].value}"
@@ -127,7 +129,8 @@ def evidence_bars(diagnosis: RollingDiagnosis) -> Bars | None:
 
 
 def mismatch_track(diagnosis: RollingDiagnosis, baseline: str) -> Track | None:
-    """Return where the car was when the baseline model lost most against the extended one."""
+    """Return the track coloured by the baseline's loss of log-likelihood against the extended model, nats/s;
+    None without findings or positions."""
     ground = diagnosis.inner.ground if diagnosis.inner is not None else None
     if ground is None or not diagnosis.findings:
         return None
@@ -141,18 +144,19 @@ def mismatch_track(diagnosis: RollingDiagnosis, baseline: str) -> Track | None:
 
 
 def radius_chart(compared: AlarmsCompared, wheel: int) -> Chart | None:
-    """Radius of one wheel over the drive, without and with the model; None where it was never known."""
+    """Return one wheel's radius over the drive without and with the model; None where it was never
+    estimated."""
     before, after = compared.before, compared.after
     time_s = before.time_s - before.start_s
     columns = {"before": 1e3 * _deviation_where_known(before, wheel)}
     if not np.isfinite(columns["before"]).any():
         return None
-    moments = _raised(before, wheel, "before")
+    moments = _raised_instants(before, wheel, "before")
     if after is not before:
         columns["after"] = 1e3 * np.interp(
             time_s, after.time_s - after.start_s, _deviation_where_known(after, wheel)
         )
-        moments += _raised(after, wheel, "after")
+        moments += _raised_instants(after, wheel, "after")
     fault_m = compared.fault_m(before, wheel)
     if np.any(fault_m != 0.0):
         quiet = after.deviation_m[:, wheel][: len(fault_m)][fault_m == 0.0]
@@ -187,7 +191,7 @@ def _evidence_name(name: str) -> str:
     return f"{plain}, {wheel_name(wheel)}" if wheel else plain
 
 
-def _raised(result: ReplayResult, wheel: int, style: str) -> list[MarkedInstant]:
+def _raised_instants(result: ReplayResult, wheel: int, style: str) -> list[MarkedInstant]:
     return [
         MarkedInstant(alarm.time_s - result.start_s, alarm_label(alarm), style)
         for alarm in result.alarms
@@ -196,7 +200,7 @@ def _raised(result: ReplayResult, wheel: int, style: str) -> list[MarkedInstant]
 
 
 def _deviation_where_known(result: ReplayResult, wheel: int) -> FloatArray:
-    """(n,) deviation in metres, NaN where its std is several times the median, as at the start."""
+    """Return the (n,) deviation in metres, NaN where its std is several times the median, as at the start."""
     std = result.std_m[:, wheel]
     known = std[np.isfinite(std)]
     most = _UNSURE * float(np.median(known)) if len(known) else 0.0

@@ -34,12 +34,12 @@ from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 from tpmsd.offline.report.diagnosis_summary import (
     CHANNELS,
     diagnosis_summary,
-    left_over,
     location_text,
     p_text,
     quantity_text,
+    remainder_sentences,
 )
-from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, render, render_figure
 from tpmsd.offline.report.replay_result import ReplayResult
 from tpmsd.offline.report.simulation_text import agreement, baseline_name, difference_lines
 from tpmsd.offline.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
@@ -84,34 +84,34 @@ def diagnosis_page(
         origin,
         standalone,
         drives=", ".join(names),
-        verdict=_verdict(diagnosis),
+        verdict=_verdict_sentence(diagnosis),
         answer=summary_sentences(diagnosis),
         head=_summary_tiles(diagnosis),
         known=known,
         baseline=baseline,
         overview=_findings_table(diagnosis),
-        findings=_findings(diagnosis) if known else (),
-        unseen=_unseen(diagnosis),
-        gains=None if gains is None else drawn(gains, "gains"),
-        confounded=_confounded(diagnosis),
-        alarms=[_alarms(one, number) for number, one in enumerate(alarms)],
-        track=None if track is None else drawn(track, "track"),
+        findings=_finding_views(diagnosis) if known else (),
+        unseen=_undetected_table(diagnosis),
+        gains=None if gains is None else render_figure(gains, "gains"),
+        confounded=_confounded_table(diagnosis),
+        alarms=[_alarms_view(one, number) for number, one in enumerate(alarms)],
+        track=None if track is None else render_figure(track, "track"),
         reached=_reach_sentences(diagnosis),
-        channels=_channels(diagnosis),
-        evidence=None if evidence is None else drawn(evidence, "evidence"),
+        channels=_channel_table(diagnosis),
+        evidence=None if evidence is None else render_figure(evidence, "evidence"),
         summary=diagnosis_summary(diagnosis, None),
     )
 
 
-def _verdict(diagnosis: RollingDiagnosis) -> str:
+def _verdict_sentence(diagnosis: RollingDiagnosis) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Insufficient data: {diagnosis.reason}."
     if diagnosis.verdict == MISMATCH:
-        return f"The recording and {baseline_name(diagnosis)} differ: {_count(diagnosis)}."
+        return f"The recording and {baseline_name(diagnosis)} differ: {_counts_text(diagnosis)}."
     return agreement(diagnosis)
 
 
-def _count(diagnosis: RollingDiagnosis) -> str:
+def _counts_text(diagnosis: RollingDiagnosis) -> str:
     certain = sum(finding.status == FINDING for finding in diagnosis.findings)
     doubtful = len(diagnosis.findings) - certain
     parts = [counted(certain, "finding")]
@@ -138,7 +138,7 @@ def _summary_tiles(diagnosis: RollingDiagnosis) -> list[Tile]:
             "Driving compared",
             "Time in which the car moved and all was read.",
         ),
-        Tile(_count(diagnosis), "Found", "A suspicion may be noise and does not make a mismatch."),
+        Tile(_counts_text(diagnosis), "Found", "A suspicion may be noise and does not make a mismatch."),
         Tile(
             f"{diagnosis.baseline_rms:.2f} → {diagnosis.model_rms:.2f}",
             "Held-out residual",
@@ -174,7 +174,7 @@ def _findings_table(diagnosis: RollingDiagnosis) -> HtmlTable:
                 number=True,
             ),
             Cell(f"{finding.confidence:.3f}", number=True),
-            Cell(_nats(finding.gain), finding.gain, number=True),
+            Cell(_grouped_digits(finding.gain), finding.gain, number=True),
             Cell(f"{finding.rms_before:.3f} → {finding.rms_after:.3f}", number=True),
         )
         for number, finding in enumerate(diagnosis.findings, 1)
@@ -182,8 +182,9 @@ def _findings_table(diagnosis: RollingDiagnosis) -> HtmlTable:
     return HtmlTable(heads, rows)
 
 
-def _findings(diagnosis: RollingDiagnosis) -> tuple[FindingView, ...]:
-    """Each with its residual before and after; a trace goes to the first finding of its covariate."""
+def _finding_views(diagnosis: RollingDiagnosis) -> tuple[FindingView, ...]:
+    """Return the findings with charts of their residuals; a trace goes to the first finding of its
+    covariate."""
     traces = [] if diagnosis.inner is None else list(diagnosis.inner.traces)
     views = []
     for number, finding in enumerate(diagnosis.findings, 1):
@@ -194,11 +195,17 @@ def _findings(diagnosis: RollingDiagnosis) -> tuple[FindingView, ...]:
                 charts.append(trace_chart(traces.pop(k)))
                 break
         figures = tuple(
-            drawn(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts) if chart is not None
+            render_figure(chart, f"finding-{number}-{k}")
+            for k, chart in enumerate(charts)
+            if chart is not None
         )
         views.append(
             FindingView(
-                finding_name(finding), finding.effect, _finding_sentences(finding), _values(finding), figures
+                finding_name(finding),
+                finding.effect,
+                _finding_sentences(finding),
+                _parameter_table(finding),
+                figures,
             )
         )
     return tuple(views)
@@ -211,14 +218,14 @@ def _finding_sentences(finding: Finding) -> tuple[str, ...]:
     else:
         certainty += f" (p {p_text(finding.p_value, finding.p_value_is_bound)})"
     out = [
-        f"{_capital(sentence_of(finding.effect))}.",
+        f"{_capitalised(sentence_of(finding.effect))}.",
         f"{certainty}. Located in {location_text(finding.where)}.",
-        *(f"{_capital(line)}." for line in difference_lines(finding)),
+        *(f"{_capitalised(line)}." for line in difference_lines(finding)),
     ]
     if finding.drives:
         out.append(f"Only in {', '.join(finding.drives)}.")
     if finding.identified_by:
-        out.append(f"{_capital(finding.identified_by)}.")
+        out.append(f"{_capitalised(finding.identified_by)}.")
     if finding.indistinguishable_from:
         alternatives = ", ".join(plain_name(alternative) for alternative in finding.indistinguishable_from)
         out.append(f"Confounded on this drive with: {alternatives}.")
@@ -227,23 +234,23 @@ def _finding_sentences(finding: Finding) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _values(finding: Finding) -> HtmlTable:
+def _parameter_table(finding: Finding) -> HtmlTable:
     rows = []
     for name, quantity in finding.parameters.items():
-        shown = _millimetres(quantity)
+        shown = _short_length_in_mm(quantity)
         value = wheel_name(str(shown.value)) if name == "wheel" else quantity_text(shown).replace("+-", "±")
         rows.append((Cell(parameter_name(name)), Cell(value)))
     return HtmlTable(("parameter", "value ± one standard deviation"), tuple(rows))
 
 
-def _millimetres(quantity: Quantity) -> Quantity:
-    """Small lengths in millimetres."""
+def _short_length_in_mm(quantity: Quantity) -> Quantity:
+    """Return lengths under 5 cm in millimetres, other quantities as they are."""
     if quantity.unit == "m" and isinstance(quantity.value, float) and abs(quantity.value) < 0.05:
         return Quantity(1e3 * quantity.value, None if quantity.std is None else 1e3 * quantity.std, "mm")
     return quantity
 
 
-def _confounded(diagnosis: RollingDiagnosis) -> HtmlTable:
+def _confounded_table(diagnosis: RollingDiagnosis) -> HtmlTable:
     rows = tuple(
         (Cell(finding_name(finding)), Cell(plain_name(alternative)), Cell(finding.advice))
         for finding in diagnosis.findings
@@ -252,8 +259,8 @@ def _confounded(diagnosis: RollingDiagnosis) -> HtmlTable:
     return HtmlTable(("finding", "confounded with", "which drive would tell"), rows)
 
 
-def _unseen(diagnosis: RollingDiagnosis) -> HtmlTable:
-    """Return the sizes below which the drive would not show effects."""
+def _undetected_table(diagnosis: RollingDiagnosis) -> HtmlTable:
+    """Return the effects that were not found, with the smallest size that the drive would show for sure."""
     rows = tuple(
         (
             Cell(plain_name(one.effect)),
@@ -267,7 +274,7 @@ def _unseen(diagnosis: RollingDiagnosis) -> HtmlTable:
 
 
 def _reach_sentences(diagnosis: RollingDiagnosis) -> list[str]:
-    out = [sentence.replace("+-", "±") for sentence in left_over(diagnosis)]
+    out = [sentence.replace("+-", "±") for sentence in remainder_sentences(diagnosis)]
     removed = diagnosis.down_weighted
     if removed is not None and removed.share >= 0.005:
         spans = ", ".join(f"{drive_time(start)} to {drive_time(end)}" for start, end in removed.time_spans)
@@ -279,28 +286,32 @@ def _reach_sentences(diagnosis: RollingDiagnosis) -> list[str]:
     return out
 
 
-def _channels(diagnosis: RollingDiagnosis) -> HtmlTable:
-    """Residual, gain and what is left, channel by channel."""
+def _channel_table(diagnosis: RollingDiagnosis) -> HtmlTable:
+    """Return residual, gain and remaining gain of a nonparametric model, a row per channel."""
     heads = ("channel", "residual before", "after", "gain (nats)", "left (nats)", "correlation after 1 s")
     rows = []
     for name, (before, after) in ({} if diagnosis.inner is None else diagnosis.inner.rms_by_channel).items():
         channel = None if diagnosis.reach is None else diagnosis.reach.channels.get(name)
         numbers = [f"{before:.3f}", f"{after:.3f}"]
         if channel is not None:
-            numbers += [_nats(channel.found), _nats(channel.left), f"{channel.correlation:+.2f}"]
+            numbers += [
+                _grouped_digits(channel.found),
+                _grouped_digits(channel.left),
+                f"{channel.correlation:+.2f}",
+            ]
         else:
             numbers += ["–"] * 3
         rows.append((Cell(CHANNELS[name]), *(Cell(text, number=True) for text in numbers)))
     return HtmlTable(heads, tuple(rows))
 
 
-def _alarms(compared: AlarmsCompared, number: int) -> AlarmsView:
-    """Alarms and radii of one drive without and with the model."""
+def _alarms_view(compared: AlarmsCompared, number: int) -> AlarmsView:
+    """Return alarms and radii of one drive without and with the model."""
     sentences = [*compared.changes, *(f"{note}." for note in compared.notes)]
     if compared.after is compared.before:
         sentences.insert(0, "The model holds nothing to compensate: alarms and radii stay as they are.")
     alarms = tuple(
-        (Cell(name), Cell("\n".join(_raised(result)) or "none"))
+        (Cell(name), Cell("\n".join(_raised_texts(result)) or "none"))
         for name, result in (("without the model", compared.before), ("with the model", compared.after))
     )
     radii = tuple(
@@ -319,11 +330,15 @@ def _alarms(compared: AlarmsCompared, number: int) -> AlarmsView:
             ("wheel", "without the model (mm)", "with it (mm)", "claimed std (mm)"),
             radii,
         ),
-        tuple(drawn(chart, f"radius-{number}-{k}") for k, chart in enumerate(charts) if chart is not None),
+        tuple(
+            render_figure(chart, f"radius-{number}-{k}")
+            for k, chart in enumerate(charts)
+            if chart is not None
+        ),
     )
 
 
-def _raised(result: ReplayResult) -> list[str]:
+def _raised_texts(result: ReplayResult) -> list[str]:
     return [
         f"{alarm_label(alarm)} at {drive_time(alarm.time_s - result.start_s)}"
         for alarm in result.alarms
@@ -331,9 +346,9 @@ def _raised(result: ReplayResult) -> list[str]:
     ]
 
 
-def _nats(value: float) -> str:
+def _grouped_digits(value: float) -> str:
     return f"{round(value) + 0:,}".replace(",", " ")
 
 
-def _capital(text: str) -> str:
+def _capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]

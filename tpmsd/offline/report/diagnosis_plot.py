@@ -39,7 +39,7 @@ def draw_diagnosis(diagnosis: RollingDiagnosis, names: list[str]) -> Figure:
     """Return the figure; `names` of the drives stand above it. One panel says so where nothing was found."""
     from matplotlib.figure import Figure
 
-    pairs = _traced(diagnosis)[:MAX_TRACES]
+    pairs = _findings_with_trace(diagnosis)[:MAX_TRACES]
     panels = len(pairs) + 1
     columns = 1 if panels == 1 else 2
     rows = -(-panels // columns)
@@ -55,8 +55,8 @@ def draw_diagnosis(diagnosis: RollingDiagnosis, names: list[str]) -> Figure:
     return figure
 
 
-def _traced(diagnosis: RollingDiagnosis) -> list[tuple[Finding, Trace]]:
-    """Findings with the trace that is theirs, the strongest first."""
+def _findings_with_trace(diagnosis: RollingDiagnosis) -> list[tuple[Finding, Trace]]:
+    """Return the findings that have a residual trace, each with its trace, the strongest first."""
     traces = list(diagnosis.inner.traces) if diagnosis.inner is not None else []
     out = []
     for finding in diagnosis.findings:
@@ -77,12 +77,12 @@ def _draw_trace(axes: Axes, finding: Finding, trace: Trace) -> None:
     ):
         axes.plot(trace.middle, values, "o-", ms=4, lw=1, color=STYLES[style].colour, label=label)
     axes.set(xlabel=covariate_label(trace.covariate), ylabel="residual (std. dev.)")
-    axes.set_title(title_of(finding), fontsize=9)
+    axes.set_title(panel_title(finding), fontsize=9)
     axes.legend(frameon=False, fontsize=8)
 
 
-def title_of(finding: Finding) -> str:
-    """Name and values in a line; of a suspicion also that it is one."""
+def panel_title(finding: Finding) -> str:
+    """Return effect and parameter values in one line, cut to `MAX_TITLE`; a suspicion is marked as one."""
     values = ", ".join(f"{name} = {quantity_text(one)}" for name, one in finding.parameters.items()).replace(
         "+-", "±"
     )

@@ -40,26 +40,28 @@ def summary_sentences(diagnosis: RollingDiagnosis) -> list[str]:
             )
             out.append(f"This drive cannot tell {in_words.noun(one.effect)} from {confounded_with}.")
     out += [f"Suspected, not sure: {clause(one)}." for one in diagnosis.findings if one.status != FINDING]
-    out += [_capital(note.rstrip(".")) + "." for note in diagnosis.notes]
+    out += [_capitalised(note.rstrip(".")) + "." for note in diagnosis.notes]
     if diagnosis.verdict != CONSISTENT:
         out.append(f"No other deviation from {baseline_name(diagnosis)} was found.")
-    undetected = [one for one in diagnosis.not_detectable if _known(one)][:NEAREST]
+    undetected = [one for one in diagnosis.not_detectable if _has_known_size(one)][:NEAREST]
     if undetected:
-        out.append(f"This drive would not show {listed([below(one) for one in undetected], 'or')}.")
+        out.append(
+            f"This drive would not show {listed([detection_limit_text(one) for one in undetected], 'or')}."
+        )
     return out
 
 
 def clause(finding: Finding) -> str:
-    """Return what was found, as a clause with its numbers."""
+    """Return a finding as a clause: the effect and its values."""
     if finding.effect == NONPARAMETRIC.name:
         over = covariate_name(finding.where.covariate or "time")
-        on = _wheels(" ".join(finding.where.wheels)) or finding.where.channel.replace("_", " ")
+        on = _wheel_names(" ".join(finding.where.wheels)) or finding.where.channel.replace("_", " ")
         return f"something without a name acts on {on} over {over}"
-    return in_words.clause(finding.effect, _values(finding.effect, finding.parameters))
+    return in_words.clause(finding.effect, _values_in_words(finding.effect, finding.parameters))
 
 
-def below(one: NotDetectable) -> str:
-    """Return an effect with the size below which the drive would not show it, as part of a sentence."""
+def detection_limit_text(one: NotDetectable) -> str:
+    """Return an effect with the sizes below which the drive would not show it, as part of a sentence."""
     sizes = [
         f"{in_words.rounded(value, 0.1 * value, with_std=False)} {unit if unit != '1' else ''}".rstrip()
         for value, unit in one.smallest.values()
@@ -68,7 +70,7 @@ def below(one: NotDetectable) -> str:
     return f"{in_words.noun(one.effect)} below {listed(sizes, 'or')}"
 
 
-def _known(one: NotDetectable) -> bool:
+def _has_known_size(one: NotDetectable) -> bool:
     return any(value is not None for value, _ in one.smallest.values())
 
 
@@ -82,22 +84,22 @@ def _finding_sentence(finding: Finding) -> str:
         said = f"what your simulation has at another size (recording less simulation): {said}"
     if finding.drives:
         said += f" (only in {listed(list(finding.drives))})"
-    return f"{_capital(said)}."
+    return f"{_capitalised(said)}."
 
 
-def _values(effect: str, parameters: Mapping[str, Quantity]) -> dict[str, in_words.FoundValue | str]:
+def _values_in_words(effect: str, parameters: Mapping[str, Quantity]) -> dict[str, in_words.FoundValue | str]:
     out: dict[str, in_words.FoundValue | str] = {}
     for name, one in parameters.items():
         if isinstance(one.value, str):
-            out[name] = _wheels(one.value)
+            out[name] = _wheel_names(one.value)
         else:
             out[name] = in_words.found_value(effect, name, one.value, one.std, one.unit)
     return out
 
 
-def _wheels(words: str) -> str:
+def _wheel_names(words: str) -> str:
     return listed([wheel_name(word) for word in words.split()]) if words else ""
 
 
-def _capital(text: str) -> str:
+def _capitalised(text: str) -> str:
     return text[:1].upper() + text[1:]

@@ -65,7 +65,7 @@ def _findings_text(diagnosis: RollingDiagnosis, model_file: str | None) -> str:
             text += "\nWhat looks like an effect, but is not sure enough:\n"
             for number, finding in enumerate(diagnosis.findings, 1):
                 text += "\n" + "\n".join(_finding_paragraph(number, finding)) + "\n"
-        return text + _rest(diagnosis)
+        return text + _text_after_findings(diagnosis)
     count = sum(finding.status == FINDING for finding in diagnosis.findings)
     more = len(diagnosis.findings) - count
     doubtful = f" and {counted(more, 'suspicion')}" if more else ""
@@ -76,15 +76,15 @@ def _findings_text(diagnosis: RollingDiagnosis, model_file: str | None) -> str:
         f"\nOn held-out stretches the residual is {diagnosis.baseline_rms:.3f} of its expected size before"
         f" and {diagnosis.model_rms:.3f} after."
     )
-    text += _rest(diagnosis)
+    text += _text_after_findings(diagnosis)
     if model_file is not None:
         text += f"\nThe extended model is in {model_file}."
     return text
 
 
-def _rest(diagnosis: RollingDiagnosis) -> str:
-    text = _unseen(diagnosis)
-    text += "".join(f"\n{sentence}" for sentence in left_over(diagnosis))
+def _text_after_findings(diagnosis: RollingDiagnosis) -> str:
+    text = _undetected_text(diagnosis)
+    text += "".join(f"\n{sentence}" for sentence in remainder_sentences(diagnosis))
     if diagnosis.proposals:
         text += "\nClosed forms for what has no name, with their held-out gains in its place:"
     for one in diagnosis.proposals:
@@ -92,8 +92,9 @@ def _rest(diagnosis: RollingDiagnosis) -> str:
     return text
 
 
-def _unseen(diagnosis: RollingDiagnosis) -> str:
-    """Sizes below which the drive would not show effects, a line each, and those that do not show at all."""
+def _undetected_text(diagnosis: RollingDiagnosis) -> str:
+    """Return a line per effect with the size below which the drive would not show it, then those without
+    any."""
     lines, hidden = [], []
     for one in diagnosis.not_detectable:
         sizes = [
@@ -111,11 +112,15 @@ def _unseen(diagnosis: RollingDiagnosis) -> str:
     return text + (f"\nNothing of these shows on such a drive: {', '.join(hidden)}." if hidden else "")
 
 
-def left_over(diagnosis: RollingDiagnosis) -> list[str]:
-    """Return what the findings leave, in sentences that hold side by side."""
-    out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
+def remainder_sentences(diagnosis: RollingDiagnosis) -> list[str]:
+    """Return what the findings leave unexplained: remaining gain, a further term, radius drift, slips."""
+    out = [] if diagnosis.reach is None else [reach_sentence(diagnosis.reach)]
     if diagnosis.unexplained is not None:
-        but = "One more term alone would" if out and not _structured(diagnosis) else "One more term would"
+        but = (
+            "One more term alone would"
+            if out and not _has_structure_left(diagnosis)
+            else "One more term would"
+        )
         out.append(f"{but} still explain structure: {location_text(diagnosis.unexplained)}.")
     if (drift := diagnosis.drift) is not None:
         of = f" of {drift.drive}" if drift.drive else ""
@@ -124,15 +129,15 @@ def left_over(diagnosis: RollingDiagnosis) -> list[str]:
             f" {drift.time_constant_s:.0f} s ({' '.join(drift.where.wheels)}), more than tyres and roads make"
             " them: this is taken as noise, and its cause is not known."
         )
-    return out + [text for text in map(explained, diagnosis.explanatory) if text]
+    return out + [text for text in map(explanatory_sentence, diagnosis.explanatory) if text]
 
 
-def _structured(diagnosis: RollingDiagnosis) -> bool:
+def _has_structure_left(diagnosis: RollingDiagnosis) -> bool:
     return diagnosis.reach is not None and diagnosis.reach.structured
 
 
-def reached(reach: Reach) -> str:
-    """Return how much of what any model could gain was gained, and whether what is left has structure."""
+def reach_sentence(reach: Reach) -> str:
+    """Return which part of a nonparametric model's held-out gain the findings reached, and what is left."""
     left = f"{round(reach.left, 1):.4g} +- {max(reach.left_std, 0.1):.2g} nats"
     if reach.share is None:
         return f"A nonparametric model has no significant held-out gain either ({left})."
@@ -171,8 +176,8 @@ def _finding_paragraph(number: int, finding: Finding) -> list[str]:
     return lines
 
 
-def explained(one: Explanatory) -> str:
-    """Return what a slip would gain, as a sentence; empty where that is nothing beyond what was found."""
+def explanatory_sentence(one: Explanatory) -> str:
+    """Return the gain of a slip as a sentence; empty where it is small beyond the findings."""
     if one.beyond < REPORTED_FROM_NATS:
         return ""
     text = (
@@ -185,7 +190,7 @@ def explained(one: Explanatory) -> str:
 
 
 def p_text(p_value: float, is_bound: bool) -> str:
-    """Return a probability in one digit; as a bound where no replicate showed as much."""
+    """Return a p-value in one digit; with `<=` if no replicate reached the statistic."""
     return f"<= {p_value:.1g}" if is_bound else f"{p_value:.1g}"
 
 
@@ -198,7 +203,7 @@ def quantity_text(quantity: Quantity) -> str:
 
 
 def shape_text(finding: Finding) -> str:
-    """Return the shape of an `unknown` in a sentence: how far it goes, and where."""
+    """Return the least and the greatest value of a nonparametric term, and the covariate's value at each."""
     reading = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}
     unit, scale = reading.get(finding.where.channel, "mm"), 1.0 if finding.where.channel in reading else 1e3
     heights = [(value, at, std) for at, value, std in finding.shape]
@@ -208,24 +213,25 @@ def shape_text(finding: Finding) -> str:
 
     def height(value: float, std: float, at: float) -> str:
         spread = f" +- {scale * std:.1g}" if std > 0.0 else ""
-        return f"{scale * value:.3g}{spread} {unit} at {_short(at)} {of}"
+        return f"{scale * value:.3g}{spread} {unit} at {_three_digits(at)} {of}"
 
     return f"from {height(low, low_std, low_at)} to {height(high, high_std, high_at)}"
 
 
-def _short(value: float) -> str:
-    """Three digits, and no power of ten where a reader expects none."""
+def _three_digits(value: float) -> str:
+    """Return a number in three digits, without an exponent."""
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def location_text(where: Where) -> str:
-    """Return where a mismatch is, in words."""
+    """Return the channel, wheels, covariate range or time spans of a mismatch, in words."""
     text = CHANNELS[where.channel] + (f" ({' '.join(where.wheels)})" if where.wheels else "")
     if where.covariate is not None:
         text += f", over {covariate_name(where.covariate)}"
         if where.range is not None:
             low, high = where.range
-            text += f" from {_short(low)} to {_short(high)} {UNITS.get(where.covariate, '')}".rstrip()
+            unit = UNITS.get(where.covariate, "")
+            text += f" from {_three_digits(low)} to {_three_digits(high)} {unit}".rstrip()
     elif where.time_spans:
         text += ", " + ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in where.time_spans)
     return text

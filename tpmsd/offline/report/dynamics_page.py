@@ -23,7 +23,7 @@ from tpmsd.offline.dynamics.summary import (
 from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.report.diagnosis_figures import before_after_chart, covariate_label
 from tpmsd.offline.report.figures import Bars, Chart, Curve
-from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, render, render_figure
 from tpmsd.offline.report.replay_charts import TIME_LABEL
 from tpmsd.offline.report.wording import covariate_name, parameter_name
 
@@ -57,12 +57,12 @@ def dynamics_page(diagnosis: DynamicsDiagnosis, name: str, origin: Origin, stand
         notes=diagnosis.notes,
         known=diagnosis.verdict != INSUFFICIENT,
         overview=_findings_table(diagnosis),
-        gains=None if gains is None else drawn(gains, "gains"),
+        gains=None if gains is None else render_figure(gains, "gains"),
         findings=[_finding_view(one, number) for number, one in enumerate(diagnosis.findings, 1)],
         outputs=_outputs_table(diagnosis),
         steps=_step_table(diagnosis),
         curves=[
-            drawn(chart, f"output-{key}")
+            render_figure(chart, f"output-{key}")
             for key in diagnosis.curves
             if (chart := output_chart(diagnosis, key)) is not None
         ],
@@ -126,7 +126,7 @@ def _finding_view(finding: DynamicsFinding, number: int) -> DynamicsFindingView:
         finding.effect,
         _finding_sentences(finding),
         HtmlTable(("parameter", "value ± one standard deviation"), rows),
-        tuple(drawn(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts)),
+        tuple(render_figure(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts)),
     )
 
 

@@ -22,14 +22,14 @@ from tpmsd.offline.diagnosis.assessment.identifiability import EffectIdentifiabi
 def effects_document(
     names: Sequence[str], drive: str = "", identifiable: Sequence[EffectIdentifiability] = ()
 ) -> dict[str, Any]:
-    """Return the effects of these names; with a drive also what it tells of each."""
+    """Return the effects of these names; with a drive also the gain that each would have on it."""
     by_name = {one.effect: one for one in identifiable}
     out: dict[str, Any] = {"effects": [_effect_entry(name, EFFECTS[name]) for name in names]}
     if drive:
         out["drive"] = drive
         for entry in out["effects"]:
             one = by_name.get(entry["name"])
-            entry["drive"] = None if one is None else _identifiability(one)
+            entry["drive"] = None if one is None else _identifiability_entry(one)
     return out
 
 
@@ -60,18 +60,18 @@ def _parameter_entries(parameters: Sequence[AnyParameter]) -> list[dict[str, Any
             "meaning": p.description,
             "typical": p.typical if isinstance(p, Parameter) else None,
             "range": [p.lower, p.upper] if isinstance(p, Parameter) else None,
-            "prior": _prior(p),
+            "prior": _prior_entry(p),
         }
         for p in parameters
     ]
 
 
-def _prior(parameter: object) -> dict[str, Any] | None:
+def _prior_entry(parameter: object) -> dict[str, Any] | None:
     prior = parameter.prior if isinstance(parameter, Parameter) else None
     return None if prior is None else {"mean": prior.mean, "std": prior.std, "source": prior.source}
 
 
-def _identifiability(one: EffectIdentifiability) -> dict[str, Any]:
+def _identifiability_entry(one: EffectIdentifiability) -> dict[str, Any]:
     return {
         "expected_gain_nats": one.expected_gain,
         "told": one.identifiable,
@@ -80,7 +80,7 @@ def _identifiability(one: EffectIdentifiability) -> dict[str, Any]:
     }
 
 
-def dynamics_document(name: str) -> dict[str, Any]:
+def dynamics_effect_document(name: str) -> dict[str, Any]:
     """Return an effect of the baselines of vehicle dynamics, with the keys of `effects_document`."""
     effect = DYNAMICS_EFFECTS[name]
     entry = {
@@ -97,14 +97,14 @@ def dynamics_document(name: str) -> dict[str, Any]:
     return {"effects": [entry]}
 
 
-def dynamics_summary(name: str) -> str:
+def dynamics_effect_summary(name: str) -> str:
     """Return an effect of the baselines of vehicle dynamics for the terminal."""
-    (entry,) = dynamics_document(name)["effects"]
-    return "\n".join([*_lines(entry), f"  to look for it: {entry['try']}"])
+    (entry,) = dynamics_effect_document(name)["effects"]
+    return "\n".join([*_effect_lines(entry), f"  to look for it: {entry['try']}"])
 
 
 def source_of(effect: type[Effect] | type[DynamicsEffect]) -> str:
-    """Return where an effect's formula comes from, of its docstring."""
+    """Return the `Source:` of an effect's docstring; empty without one."""
     text = " ".join(inspect.cleandoc(effect.__doc__ or "").split())
     found = re.search(r"Source: (.*)", text)
     return found[1] if found else ""
@@ -113,7 +113,7 @@ def source_of(effect: type[Effect] | type[DynamicsEffect]) -> str:
 def effects_summary(
     names: Sequence[str], drive: str = "", identifiable: Sequence[EffectIdentifiability] = ()
 ) -> str:
-    """For the terminal: one line per effect, or all of one."""
+    """Return the effects for the terminal: one line each, or all about a single one."""
     if drive:
         return _drive_summary(names, drive, identifiable)
     if len(names) > 1:
@@ -122,11 +122,11 @@ def effects_summary(
             f"{name:{width}}  {EFFECTS[name].kind.value:10}  {sentence_of(name)}" for name in names
         )
     entry = _effect_entry(names[0], EFFECTS[names[0]])
-    return "\n".join([*_lines(entry), f"  to try it: {entry['try']}"])
+    return "\n".join([*_effect_lines(entry), f"  to try it: {entry['try']}"])
 
 
-def _lines(entry: Mapping[str, Any]) -> list[str]:
-    """Return all of one effect but the command that shows it."""
+def _effect_lines(entry: Mapping[str, Any]) -> list[str]:
+    """Return name, formula, parameters, location and source of an effect; not the command that shows it."""
     lines = [f"{entry['name']} ({entry['kind']}): {entry['what']}.", f"  {entry['formula']}"]
     for p in entry["parameters"]:
         unit = f" ({p['unit']})" if p["unit"] else ""
@@ -146,19 +146,20 @@ def ready_command(effect: type[Effect]) -> str:
     wanted = [one.name for one in fields(effect) if one.default is MISSING and one.default_factory is MISSING]
     acting = [p.name for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]
     if known and not set(acting[:1] or list(known)[:1]) & set(wanted):
-        wanted += acting[:1] or _first_with_size(effect)
-    values = ",".join(f"{name}={_usual_text(known[name])}" for name in known if name in wanted)
+        wanted += acting[:1] or _first_scalar_parameter(effect)
+    values = ",".join(f"{name}={_typical_text(known[name])}" for name in known if name in wanted)
     text = f"{effect.name}:{values}" if values else effect.name
     bus = " --bus speeds" if "speeds" in effect.identification.needs else ""
     return f"tpmsd simulate drives/try{bus} --effect {shlex.quote(text)}"
 
 
-def _first_with_size(effect: type[Effect]) -> list[str]:
+def _first_scalar_parameter(effect: type[Effect]) -> list[str]:
+    """Return the name of the first scalar parameter in a list; an empty one where there is none."""
     return [p.name for p in effect.parameters if isinstance(p, Parameter)][:1]
 
 
-def _usual_text(parameter: AnyParameter) -> str:
-    """Return a parameter's usual value as the command line takes it."""
+def _typical_text(parameter: AnyParameter) -> str:
+    """Return a parameter's typical value as the command line takes it."""
     if isinstance(parameter, WheelParameter):
         return "rl"
     if isinstance(parameter, VectorParameter):
@@ -191,7 +192,7 @@ def _drive_summary(names: Sequence[str], drive: str, identifiable: Sequence[Effe
 
 
 def effects_page() -> str:
-    """Markdown: one row per effect with formula, parameters, prior and source."""
+    """Return the catalogue in Markdown: one row per effect with formula, parameters, priors and source."""
     lines = [
         "# The effects",
         "",
@@ -207,15 +208,15 @@ def effects_page() -> str:
         cells = [
             f"`{name}`",
             f"{effect.kind.value}: {sentence_of(name)}: {effect.wording.formula}{needs}",
-            "<br>".join(_parameter(p) for p in effect.parameters) or "none",
+            "<br>".join(_parameter_cell(p) for p in effect.parameters) or "none",
             source_of(effect),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join([*lines, *_coverage()]) + "\n"
+    return "\n".join([*lines, *_coverage_lines()]) + "\n"
 
 
-def _coverage() -> list[str]:
-    """In which data an effect is looked for, where not as most are, and what no effect covers."""
+def _coverage_lines() -> list[str]:
+    """Return lines of Markdown: the data in which each effect is looked for, and what no effect covers."""
     lines = [
         "",
         "## Where effects are looked for",
@@ -244,7 +245,7 @@ def _coverage() -> list[str]:
 
 
 def _looked_for_in(effect: type[Effect], windows: bool) -> str:
-    """Return the requirements on the data, in words."""
+    """Return the data in which an effect is looked for, in words; empty for windows of a second."""
     if effect.identification.reads:
         return "readings of " + ", ".join(f"`{one}`" for one in effect.identification.reads)
     if effect.identification.by_teeth:
@@ -269,7 +270,7 @@ OPEN = (
 """Physics of a car that no effect holds, and why."""
 
 
-def _parameter(p: Any) -> str:
+def _parameter_cell(p: Any) -> str:
     unit = f" ({p.unit})" if p.unit else ""
     usual = f": {p.prior.mean:g}±{p.prior.std:g}" if isinstance(p, Parameter) and p.prior else ""
     return f"`{p.name}`{unit} {p.description}{usual}"

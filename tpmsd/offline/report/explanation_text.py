@@ -40,7 +40,7 @@ def explanation_text(document: Mapping[str, Any], zone: tzinfo | None = None) ->
         lines += [
             "",
             "What may have happened, by what is known now:",
-            *_alternatives(document["alternatives"]),
+            *_alternative_lines(document["alternatives"]),
         ]
     if document.get("would_change"):
         lines += ["", "What would change this:", *(f"  {line}" for line in document["would_change"])]
@@ -49,7 +49,7 @@ def explanation_text(document: Mapping[str, Any], zone: tzinfo | None = None) ->
 
 def _alarm_lines(alarm: Mapping[str, Any], start_s: float | None, zone: tzinfo | None) -> list[str]:
     """Return an alarm as text: when and why, its evidence, its alternatives, and when it clears."""
-    when = _when(alarm["time"], start_s, zone)
+    when = _time_text(alarm["time"], start_s, zone)
     wheel = f" {alarm['wheel']}" if alarm["wheel"] else ""
     since = f" (since {alarm['since']})" if alarm.get("since") else ""
     lines = [f"{when} {alarm['kind']}{wheel} {alarm['state']}{since}: {alarm['reason']}"]
@@ -61,30 +61,30 @@ def _alarm_lines(alarm: Mapping[str, Any], start_s: float | None, zone: tzinfo |
     lines.append("  Evidence (change in mm, and the log-likelihood gain of each contrast for the best loss):")
     for moment in alarm["evidence"][-SHOWN:]:
         parts = [
-            f"{_NAMES[name]} {_pair(contrast)}"
+            f"{_NAMES[name]} {_contrast_text(contrast)}"
             for name, contrast in moment["evidence_by_source"].items()
             if name in _NAMES and contrast is not None
         ]
-        lines.append(f"    {_when(moment['time'], start_s, zone)} {'; '.join(parts)}")
+        lines.append(f"    {_time_text(moment['time'], start_s, zone)} {'; '.join(parts)}")
     lines += [
         "  Alternatives, by probability:",
-        *(f"  {line}" for line in _alternatives(alarm["alternatives"])),
+        *(f"  {line}" for line in _alternative_lines(alarm["alternatives"])),
     ]
     return [*lines, *clears, ""]
 
 
-def _alternatives(entries: list[dict[str, Any]]) -> list[str]:
+def _alternative_lines(entries: list[dict[str, Any]]) -> list[str]:
     return [f"  {entry['probability']:8.4f}  {entry['what']}: {entry['why']}" for entry in entries]
 
 
-def _pair(contrast: Mapping[str, Any]) -> str:
+def _contrast_text(contrast: Mapping[str, Any]) -> str:
     if contrast["change_mm"] is None or contrast["std_mm"] is None:
         return "-"
     adds = f" ({contrast['gain_nats']:+.1f} nats)" if contrast.get("gain_nats") is not None else ""
     return f"{contrast['change_mm']:+.2f} +- {contrast['std_mm']:.2f}{adds}"
 
 
-def _when(time_s: float | None, start_s: float | None, zone: tzinfo | None) -> str:
+def _time_text(time_s: float | None, start_s: float | None, zone: tzinfo | None) -> str:
     """Return minutes and seconds from the start of a drive, or date and time of day without a start."""
     if time_s is None:
         return "-"

@@ -22,21 +22,22 @@ DIGITS = 5
 
 
 def figure_json(figure: Figure, picture: Picture | None) -> str:
-    """Return the figure's data; of a track, where on its picture the car was at which time."""
+    """Return the figure's data as JSON; of a track, its pixels over time; empty where there is nothing to
+    draw."""
     if isinstance(figure, Bars):
         return ""
     if isinstance(figure, Chart):
-        return _json(_chart_json(figure))
+        return _script_json(_chart_json(figure))
     if picture is None or figure.time_s is None:
         return ""
     x, y = picture.points.T
-    return _json(
+    return _script_json(
         {
             "kind": "track",
             "group": figure.group,
-            "time": _numbers(figure.time_s),
-            "x": _numbers(x),
-            "y": _numbers(y),
+            "time": _json_numbers(figure.time_s),
+            "x": _json_numbers(x),
+            "y": _json_numbers(y),
         }
     )
 
@@ -52,16 +53,16 @@ def _chart_json(chart: Chart) -> dict[str, Any]:
         "xLabel": chart.x_label,
         "yLabel": chart.y_label,
         "yRange": [low, high],
-        "x": np.round(chart.x).tolist() if chart.date else _numbers(chart.x),
+        "x": np.round(chart.x).tolist() if chart.date else _json_numbers(chart.x),
         "curves": [
             {
                 "name": curve.name,
                 "style": curve.style,
                 "dashes": [2.0 * part for part in STYLES[curve.style].dashes],
                 "dots": curve.dots,
-                "y": _numbers(curve.y),
-                "low": None if curve.low is None else _numbers(curve.low),
-                "high": None if curve.high is None else _numbers(curve.high),
+                "y": _json_numbers(curve.y),
+                "low": None if curve.low is None else _json_numbers(curve.low),
+                "high": None if curve.high is None else _json_numbers(curve.high),
             }
             for curve in chart.curves
         ],
@@ -73,10 +74,11 @@ def _chart_json(chart: Chart) -> dict[str, Any]:
     }
 
 
-def _numbers(values: FloatArray) -> list[float | None]:
+def _json_numbers(values: FloatArray) -> list[float | None]:
+    """Return values in `DIGITS` digits, None where they are not finite."""
     return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
-def _json(document: dict[str, Any]) -> str:
-    """JSON in which no text can end the script element."""
+def _script_json(document: dict[str, Any]) -> str:
+    """Return JSON in which no text can end the script element."""
     return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -84,11 +84,11 @@ class Chart:
     """True if x counts things: marks stand at whole numbers."""
 
     def legend_spans(self) -> tuple[tuple[str, str], ...]:
-        """(style, meaning) of shaded spans and of the band of noise."""
+        """Return (style, meaning) of shaded spans and of the band of noise."""
         return (*self.span_names, *([("line", self.noise_name)] if self.noise_name else []))
 
     def extent(self) -> tuple[float, float]:
-        """Return the y range: as given, or what curves, bands and levels take plus 6 %."""
+        """Return the y range: as given, or that of curves, bands and levels plus 6 %."""
         if self.y_range is not None:
             return self.y_range
         parts = [

@@ -15,7 +15,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.font_manager import FontProperties
 
 from tpmsd.foundation.palette import STYLES
-from tpmsd.offline.report.point_labels import GAP_PT, Name, corners
+from tpmsd.offline.report.point_labels import GAP_PT, Name, choose_corners
 
 ROWS = 3
 GAP_PX = 8.0
@@ -25,7 +25,7 @@ GROUND = {"boxstyle": "square,pad=0.1", "facecolor": STYLES["card"].colour, "edg
 
 
 def place_labels(axes: Axes, moments: Sequence[tuple[float, str, str]], fontsize: float = 9.0) -> int:
-    """Draw the moments; the number of names that had no room.
+    """Draw a named vertical line at each moment; return how many names had no room.
 
     The upper limit of the y axis rises so that the names stand above what is drawn.
     """
@@ -73,7 +73,7 @@ def place_labels(axes: Axes, moments: Sequence[tuple[float, str, str]], fontsize
 
 
 def moment_style(role: str) -> dict[str, Any]:
-    """Return how the line of a moment is drawn: solid where something begins."""
+    """Return matplotlib's options for a moment's line: solid for the role `bad`, dashed for others."""
     return {"color": STYLES[role].colour, "linewidth": 1.2, "linestyle": "-" if role == "bad" else "--"}
 
 
@@ -87,7 +87,7 @@ def _width_px(text: str, fontsize: float, renderer: RendererBase | None, dpi: fl
 def name_points(
     axes: Axes, points: Sequence[tuple[float, float]], texts: Sequence[tuple[str, str]], fontsize: float = 9.0
 ) -> None:
-    """Write texts, each with its colour, beside points given in the axes' data."""
+    """Write texts, each with its colour, next to points given in data coordinates of the axes."""
     canvas = axes.figure.get_figure(root=True)
     assert canvas is not None
     canvas.draw_without_rendering()  # the layout decides how large the axes are
@@ -99,7 +99,7 @@ def name_points(
         width = 0.6 * fontsize * max(map(len, lines))
         at = (x - box.x0 * 72.0 / canvas.dpi, y - box.y0 * 72.0 / canvas.dpi)
         names.append(Name(*at, width, 1.25 * fontsize * len(lines)))
-    chosen = corners(names, box.width * 72.0 / canvas.dpi, box.height * 72.0 / canvas.dpi)
+    chosen = choose_corners(names, box.width * 72.0 / canvas.dpi, box.height * 72.0 / canvas.dpi)
     for point, (text, colour), (right, up) in zip(points, texts, chosen, strict=True):
         axes.annotate(
             text,

@@ -59,7 +59,7 @@ class HtmlTable:
 
     @property
     def numbers(self) -> tuple[bool, ...]:
-        """True if each column holds numbers."""
+        """Return True for each column that holds numbers."""
         return tuple(any(row[k].number for row in self.rows) for k in range(len(self.heads)))
 
 
@@ -92,7 +92,7 @@ class Origin:
 
     @property
     def entries(self) -> tuple[tuple[str, str], ...]:
-        """(name, value) as the foot of a page lists them."""
+        """Return the (name, value) pairs in the foot of a page."""
         program = self.provenance.get("program") or {}
         read = self.provenance.get("input") or {}
         version = f"{program.get('name', 'tpmsd')} {program.get('version', '')}".strip()
@@ -112,7 +112,7 @@ class Origin:
 
 
 def check_report_packages() -> None:
-    """ConfigError with one line if a package of the extra is missing: before the work, not after it."""
+    """Raise ConfigError if a package of the extra is missing: before the work, not after it."""
     for package in ("jinja2", "matplotlib"):
         if importlib.util.find_spec(package) is None:
             raise ConfigError(
@@ -120,7 +120,7 @@ def check_report_packages() -> None:
             )
 
 
-def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> RenderedFigure:  # noqa: A002
+def render_figure(figure: Figure, key: str, help: str = "", static: bool = True) -> RenderedFigure:  # noqa: A002
     """Return a figure for a page; `key` is unique on it. `static`: with a picture for readers without
     JavaScript.
     """
@@ -133,7 +133,7 @@ def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> Rend
 
 
 def render(template: str, origin: Origin, standalone: bool, **content: object) -> str:
-    """Return a page. `standalone`: with styles and scripts in it; else they are linked as `assets/...`."""
+    """Return a template's HTML. `standalone`: with styles and scripts in it; else linked as `assets/...`."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
@@ -144,8 +144,8 @@ def render(template: str, origin: Origin, standalone: bool, **content: object) -
         lstrip_blocks=True,
     )
     inlined = {
-        "styles": [_asset(name) for name in _STYLES] if standalone else [],
-        "scripts": [_asset(name) for name in _SCRIPTS] if standalone else [],
+        "styles": [_asset_text(name) for name in _STYLES] if standalone else [],
+        "scripts": [_asset_text(name) for name in _SCRIPTS] if standalone else [],
     }
     linked = {"style_files": _STYLES, "script_files": _SCRIPTS}
     return environment.get_template(template).render(
@@ -153,5 +153,5 @@ def render(template: str, origin: Origin, standalone: bool, **content: object) -
     )
 
 
-def _asset(name: str) -> str:
+def _asset_text(name: str) -> str:
     return (ASSETS / name).read_text(encoding="utf-8")

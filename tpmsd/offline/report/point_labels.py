@@ -30,15 +30,15 @@ Box = tuple[float, float, float, float]
 
 
 def box_of(name: Name, corner: tuple[int, int]) -> Box:
-    """Return what a name covers at a corner."""
+    """Return the (left, bottom, right, top) of a name at a corner of its point, in points of 1/72 inch."""
     right, up = corner
     left = name.x_pt + (GAP_PT if right > 0 else -GAP_PT - name.width_pt)
     bottom = name.y_pt + (GAP_PT if up > 0 else -GAP_PT - name.height_pt)
     return left, bottom, left + name.width_pt, bottom + name.height_pt
 
 
-def corners(names: Sequence[Name], width_pt: float, height_pt: float) -> list[tuple[int, int]]:
-    """For each name the corner at which it covers least of names before it, of points, and of the outside."""
+def choose_corners(names: Sequence[Name], width_pt: float, height_pt: float) -> list[tuple[int, int]]:
+    """Return each name's corner that covers least of earlier names, of points, and of the outside."""
     taken: list[Box] = [
         (one.x_pt - GAP_PT / 2, one.y_pt - GAP_PT / 2, one.x_pt + GAP_PT / 2, one.y_pt + GAP_PT / 2)
         for one in names
@@ -48,8 +48,8 @@ def corners(names: Sequence[Name], width_pt: float, height_pt: float) -> list[tu
 
         def cost(corner: tuple[int, int], name: Name = name) -> float:
             box = box_of(name, corner)
-            inside = _common(box, (0.0, 0.0, width_pt, height_pt))
-            return name.width_pt * name.height_pt - inside + sum(_common(box, other) for other in taken)
+            inside = _overlap_area(box, (0.0, 0.0, width_pt, height_pt))
+            return name.width_pt * name.height_pt - inside + sum(_overlap_area(box, other) for other in taken)
 
         corner = min(CORNERS, key=cost)
         taken.append(box_of(name, corner))
@@ -57,8 +57,8 @@ def corners(names: Sequence[Name], width_pt: float, height_pt: float) -> list[tu
     return chosen
 
 
-def _common(one: Box, other: Box) -> float:
-    """Return the area that two boxes share."""
+def _overlap_area(one: Box, other: Box) -> float:
+    """Return the area that two boxes have in common; 0 where they do not meet."""
     wide = min(one[2], other[2]) - max(one[0], other[0])
     tall = min(one[3], other[3]) - max(one[1], other[1])
     return wide * tall if wide > 0.0 and tall > 0.0 else 0.0

@@ -24,13 +24,16 @@ TIME_LABEL = "time since the start (h:min:s)"
 
 
 def replay_charts(result: ReplayResult) -> tuple[Chart, ...]:
-    """Change, deviation, probability, speed; vehicle state and faults where there are any; empty without a
-    tick.
-    """
+    """Return the charts of change, deviation, probability, speed, vehicle state and faults that have data;
+    none without a tick."""
     if len(result.time_s) == 0:
         return ()
     series = ReplaySeries.of(result)
-    charts = [_radius_chart(result, series), _deviation(result, series), _probability_chart(result, series)]
+    charts = [
+        _radius_chart(result, series),
+        _deviation_chart(result, series),
+        _probability_chart(result, series),
+    ]
     charts.append(_speed_chart(result, series))
     if result.vehicle_state is not None:
         charts += state_charts(result.vehicle_state, result.start_s)
@@ -54,7 +57,7 @@ def replay_track(
         north_m=north_m[pick],
         value=3.6 * speed_mps[pick],
         time_s=time_s[pick],
-        moments=tuple(moment for moment in _moments(result) if moment.style == "bad"),
+        moments=tuple(moment for moment in _alarm_instants(result) if moment.style == "bad"),
         group=GROUP,
     )
 
@@ -80,7 +83,7 @@ def _radius_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     )
 
 
-def _deviation(result: ReplayResult, series: ReplaySeries) -> Chart:
+def _deviation_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     title, label = "Radius minus nominal", "deviation of radius (mm)"
     return _wheel_chart(result, series, title, label, series.deviation_mm, series.std_mm, (), [0.0])
 
@@ -114,7 +117,7 @@ def _wheel_chart(
         x,
         tuple(curves),
         levels=levels,
-        moments=_moments(result),
+        moments=_alarm_instants(result),
         y_range=settled_range(values, std, marks),
         group=GROUP,
         time=True,
@@ -135,7 +138,7 @@ def _probability_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
         "probability",
         x,
         curves,
-        moments=_moments(result),
+        moments=_alarm_instants(result),
         y_range=(-0.03, 1.03),
         group=GROUP,
         time=True,
@@ -144,7 +147,7 @@ def _probability_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
 
 def _speed_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     x, kept = decimated(series.drive_s, {"speed": series.speed_kmh}, POINTS)
-    idle, lost = series.not_informative(), series.without_fixes()
+    idle, lost = series.uninformative_spans(), series.outage_spans()
     names = []
     if lost:
         names.append(("gap", "no GNSS fix"))
@@ -196,8 +199,8 @@ def _faults_chart(result: ReplayResult, series: ReplaySeries) -> Chart:
     )
 
 
-def _moments(result: ReplayResult) -> tuple[MarkedInstant, ...]:
-    """Alarms raised and cleared, by drive time."""
+def _alarm_instants(result: ReplayResult) -> tuple[MarkedInstant, ...]:
+    """Return the instants at which alarms were raised and cleared, in drive time."""
     return tuple(
         MarkedInstant(
             alarm.time_s - result.start_s,

@@ -29,7 +29,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
         "duration_s": finite(result.duration_s),
         "distance_m": finite(result.distance_m),
         "realtime_factor": finite(result.realtime_factor),
-        "wheels": {outcome.wheel: _wheel(outcome, result) for outcome in seen},
+        "wheels": {outcome.wheel: _wheel_entry(outcome, result) for outcome in seen},
         "unavailable": [outcome.wheel for outcome in result.wheels if outcome.seen_s <= 0],
         "alarms": [alarm_entry(alarm, result.start_s) for alarm in result.alarms],
         "active_alarms": [alarm_entry(alarm, result.start_s) for alarm in result.active],
@@ -56,7 +56,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
     }
 
 
-def _wheel(outcome: WheelOutcome, result: ReplayResult) -> dict[str, Any]:
+def _wheel_entry(outcome: WheelOutcome, result: ReplayResult) -> dict[str, Any]:
     """Return the JSON entry of a wheel at the end of a replay."""
     nominal = float(result.nominal_m[WHEELS.index(outcome.wheel)])
     return {

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.report.figures import Track
-from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, drawn, render
+from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, render, render_figure
 from tpmsd.offline.report.replay_charts import replay_charts
 from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_summary import verdict
@@ -44,7 +44,7 @@ def replay_page(
     standalone: bool = True,
 ) -> str:
     """Return the page; ConfigError where Jinja2 or matplotlib is missing."""
-    figures = [_drawn(chart.title, k, chart) for k, chart in enumerate(replay_charts(result))]
+    figures = [_render_chart(chart.title, k, chart) for k, chart in enumerate(replay_charts(result))]
     return render(
         "replay.html",
         origin,
@@ -52,17 +52,17 @@ def replay_page(
         drive=result.drive,
         verdict=verdict(result).splitlines(),
         head=_summary_tiles(result),
-        wheels=_wheels(result),
-        alarms=_alarms(result),
+        wheels=_wheel_table(result),
+        alarms=_alarm_table(result),
         figures=figures,
-        track=None if track is None else drawn(track, "track", _HELP["Track"]),
-        faults=_faults(result),
+        track=None if track is None else render_figure(track, "track", _HELP["Track"]),
+        faults=_fault_table(result),
         notes=list(notes),
     )
 
 
-def _drawn(title: str, number: int, chart: object) -> RenderedFigure:
-    return drawn(chart, f"plot-{number}", _HELP[title.split(" (")[0]])  # type: ignore[arg-type]
+def _render_chart(title: str, number: int, chart: object) -> RenderedFigure:
+    return render_figure(chart, f"plot-{number}", _HELP[title.split(" (")[0]])  # type: ignore[arg-type]
 
 
 def _summary_tiles(result: ReplayResult) -> list[Tile]:
@@ -89,7 +89,7 @@ def _summary_tiles(result: ReplayResult) -> list[Tile]:
     ]
 
 
-def _wheels(result: ReplayResult) -> HtmlTable:
+def _wheel_table(result: ReplayResult) -> HtmlTable:
     heads = ("wheel", "state", "radius (mm)", "deviation (mm)", "change (mm)", "monitored", "P(deflation)")
     rows = []
     for outcome in result.wheels:
@@ -104,18 +104,18 @@ def _wheel_row(outcome: WheelOutcome, nominal_m: float) -> tuple[Cell, ...]:
         Cell(wheel_name(outcome.wheel)),
         Cell(str(outcome.state)),
         Cell(unsigned_mm(nominal_m + outcome.deviation_m), number=True),
-        Cell(_with_std(outcome.deviation_m, outcome.std_m), number=True),
-        Cell(_with_std(outcome.change_m, outcome.change_std_m), number=True),
+        Cell(_mm_with_std(outcome.deviation_m, outcome.std_m), number=True),
+        Cell(_mm_with_std(outcome.change_m, outcome.change_std_m), number=True),
         Cell(drive_time(outcome.monitored_s) if outcome.monitored_s > 0 else "–", number=True),
         Cell(f"{probability:.3f}" if math.isfinite(probability) else "–", number=True),
     )
 
 
-def _with_std(value_m: float, std_m: float) -> str:
+def _mm_with_std(value_m: float, std_m: float) -> str:
     return f"{signed_mm(value_m)} ± {unsigned_mm(std_m)}" if math.isfinite(value_m) else "–"
 
 
-def _alarms(result: ReplayResult) -> HtmlTable:
+def _alarm_table(result: ReplayResult) -> HtmlTable:
     rows = tuple(_alarm_row(alarm, result.start_s) for alarm in result.alarms)
     return HtmlTable(("time", "alarm", "wheel", "state", "deviation (mm)", "reason"), rows)
 
@@ -126,12 +126,12 @@ def _alarm_row(alarm: AlarmEvent, start_s: float) -> tuple[Cell, ...]:
         Cell(plain_name(str(alarm.kind))),
         Cell(wheel_name(alarm.wheel)),
         Cell(alarm.state),
-        Cell(_with_std(alarm.deviation_m, alarm.std_m), number=True),
+        Cell(_mm_with_std(alarm.deviation_m, alarm.std_m), number=True),
         Cell(alarm.reason),
     )
 
 
-def _faults(result: ReplayResult) -> HtmlTable:
+def _fault_table(result: ReplayResult) -> HtmlTable:
     ordered = sorted(result.fault_counts.items(), key=lambda item: (-item[1], item[0]))
     rows = tuple((Cell(_fault_name(key)), Cell(str(count), number=True)) for key, count in ordered)
     return HtmlTable(("fault", "how often"), rows)

@@ -36,7 +36,7 @@ GAP: dict[str, Any] = {
 }
 
 
-def draw(result: ReplayResult) -> Figure:
+def draw_panels(result: ReplayResult) -> Figure:
     """Draw all panels; a drive without a single tick gives a figure that says so."""
     with_faults = bool(result.fault_counts)
     heights = [3.0, 3.0, 0.9, 1.5, 1.0][: 5 if with_faults else 4]
@@ -85,7 +85,7 @@ def _picture_title(result: ReplayResult) -> str:
 def _draw_wheels(
     axis: Axes, series: ReplaySeries, values: FloatArray, std: FloatArray, kind: str
 ) -> list[str]:
-    """Line and +-2 sigma band of every wheel that has a value; gives the wheels drawn."""
+    """Draw line and +-2 sigma band of every wheel that has a value; return the names of the wheels drawn."""
     drawn = []
     for index, wheel in enumerate(WHEELS):
         mean, sigma = values[:, index], std[:, index]
@@ -106,7 +106,7 @@ def _draw_wheels(
 
 
 def _draw_change(axis: Axes, result: ReplayResult, series: ReplaySeries) -> None:
-    """Draw what the alarms are raised from, with their thresholds."""
+    """Draw the radius changes from which alarms are raised, with their thresholds."""
     drawn = _draw_wheels(axis, series, series.change_mm, series.change_std_mm, "change")
     axis.axhline(0.0, color=GREY, linewidth=0.8)
     loss = -1e3 * float(np.min(result.thresholds.deflation_m))
@@ -173,7 +173,7 @@ def _draw_probability(axis: Axes, series: ReplaySeries) -> None:
 
 def _draw_speed(axis: Axes, series: ReplaySeries) -> None:
     axis.plot(series.drive_s, series.speed_kmh, color="black", linewidth=1.2, gid="speed")
-    idle, gaps = series.not_informative(), series.without_fixes()
+    idle, gaps = series.uninformative_spans(), series.outage_spans()
     for spans, name, style in ((idle, "not informative", IDLE), (gaps, "gnss gap", GAP)):
         for start, end in spans:
             axis.axvspan(start, end, gid=name, **style)
@@ -191,7 +191,7 @@ def _draw_speed(axis: Axes, series: ReplaySeries) -> None:
 
 
 def _draw_faults(axis: Axes, series: ReplaySeries) -> None:
-    """Faults of the inputs so far: where the steps are, something was wrong."""
+    """Draw the cumulative number of input faults; each step is a fault."""
     for name, counts, colour, dashes in (
         ("CAN", series.can_faults, STYLES["after"].colour, "-"),
         ("GNSS", series.gnss_faults, "black", "--"),

@@ -21,7 +21,7 @@ DPI = 100
 
 
 def check_plot_target(target: Path) -> None:
-    """Say before a long replay that its picture has a form nobody can draw: ConfigError with one line."""
+    """Raise ConfigError, before a long replay, for a suffix that is no picture or a missing matplotlib."""
     if target.suffix.lower() not in SUFFIXES:
         raise ConfigError(
             f"{target}: a plot ends in {', '.join(SUFFIXES)}, not in {target.suffix or 'nothing'!r}"
@@ -36,9 +36,9 @@ def draw_replay(result: ReplayResult) -> Figure:
     ConfigError if matplotlib is not installed.
     """
     _require_matplotlib()
-    from tpmsd.offline.report.replay_panels import draw  # needs matplotlib
+    from tpmsd.offline.report.replay_panels import draw_panels  # needs matplotlib
 
-    return draw(result)
+    return draw_panels(result)
 
 
 def plot_replay(result: ReplayResult, suffix: str) -> bytes:
@@ -54,6 +54,7 @@ def picture(figure: Figure, suffix: str) -> bytes:
 
 
 def _require_matplotlib() -> None:
+    """Raise ConfigError if matplotlib is not installed."""
     try:
         import matplotlib  # noqa: F401  only whether it is there
     except ImportError:

@@ -68,20 +68,20 @@ class ReplayRecorder:
         self._gap_s = 0.0
 
     def add(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> None:
-        """Take one tick and what the core made of it."""
+        """Add one tick with the estimate and the report that the core made of it."""
         if self._ticks == 0:
             self._start_s = tick.time_s - tick.dt_s
         self._count_tick(tick, estimate, report)
         self._last = (tick, estimate, report)
         if self._ticks % self._stride == 0 and self._filled == len(self._rows):
-            self._thin()
+            self._drop_every_second_row()
         if self._ticks % self._stride == 0:
-            self._rows[self._filled] = self._row(tick, estimate, report)
+            self._rows[self._filled] = self._table_row(tick, estimate, report)
             self._filled += 1
         self._ticks += 1
 
     def result(self, elapsed_s: float) -> ReplayResult:
-        """Return the record so far; `elapsed_s` is how long the replay took, NaN if nobody looked."""
+        """Return the record so far; `elapsed_s` is the wall-clock time of the replay, NaN if not measured."""
         table = self._rows[: self._filled].copy()
         estimate = report = None
         duration = 0.0
@@ -90,7 +90,7 @@ class ReplayRecorder:
             duration = max(0.0, tick.time_s - self._start_s)
             # The end of the drive is always shown, if need be in place of the newest row.
             room_left = self._filled < len(self._rows) and tick.time_s != table[-1, _TIME]
-            table = np.vstack([table if room_left else table[:-1], self._row(tick, estimate, report)])
+            table = np.vstack([table if room_left else table[:-1], self._table_row(tick, estimate, report)])
         gnss = self._gnss
         return ReplayResult(
             drive=self._drive,
@@ -125,7 +125,7 @@ class ReplayRecorder:
             tick_gap_s=self._gap_s,
         )
 
-    def _thin(self) -> None:
+    def _drop_every_second_row(self) -> None:
         kept = self._rows[: self._filled : 2].copy()
         self._rows[: len(kept)] = kept
         self._filled = len(kept)
@@ -157,8 +157,8 @@ class ReplayRecorder:
                 if math.isnan(tally.monitored_from_s):
                     tally.monitored_from_s = tick.time_s
 
-    def _row(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> list[float]:
-        """Return the columns as plain numbers: to make an array of them, which is copied, takes as long."""
+    def _table_row(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> list[float]:
+        """Return the columns of one row of the table as a list: an array, which is copied, takes as long."""
         row = [math.nan] * _COLUMNS
         row[_TIME] = tick.time_s
         row[_SPEED] = estimate.speed_mps
@@ -172,7 +172,7 @@ class ReplayRecorder:
                 wheel.std_m,
                 wheel.change_m,
                 wheel.change_std_m,
-                _probability(wheel),
+                _watched_probability(wheel),
             )
         return row
 
@@ -189,12 +189,18 @@ class _WheelTally:
     monitored_from_s: float = math.nan
 
     def outcome(self, wheel: str) -> WheelOutcome:
-        """Return the totals as a record; unknown figures are NaN."""
+        """Return the totals as a record; unknown values are NaN."""
         last = self.last
         if last is None:
             figures = (math.nan,) * 5
         else:
-            figures = (last.deviation_m, last.std_m, last.change_m, last.change_std_m, _probability(last))
+            figures = (
+                last.deviation_m,
+                last.std_m,
+                last.change_m,
+                last.change_std_m,
+                _watched_probability(last),
+            )
         return WheelOutcome(wheel, self.state, *figures, self.seen_s, self.monitored_s, self.monitored_from_s)
 
 
@@ -209,7 +215,8 @@ class _GnssTally:
     current_s: float = 0.0
 
     def add(self, fixes: int, age_s: float, since_start_s: float) -> None:
-        """Take one tick; before the first fix (infinite age) the wait counts from the drive's start."""
+        """Count the fixes and outage time of one tick; before the first fix an outage counts from the drive's
+        start."""
         self.fixes += fixes
         silent_s = since_start_s if math.isnan(age_s) else min(age_s, since_start_s)
         if silent_s <= GNSS_GAP_S:
@@ -222,12 +229,13 @@ class _GnssTally:
         self.longest_s = max(self.longest_s, silent_s)
 
 
-def _probability(wheel: WheelReport) -> float:
-    """Unknown while a wheel is not watched: zero would read as `surely not`."""
+def _watched_probability(wheel: WheelReport) -> float:
+    """Return the probability of a deflation; NaN while the wheel is not watched, as zero would mean none."""
     return wheel.deflation_probability if wheel.state in WATCHED else math.nan
 
 
 def _final_pose(estimate: RadiusEstimate | None) -> FinalPose | None:
+    """Return the pose of the last estimate; None without a finite position."""
     if estimate is None or not math.isfinite(estimate.east_m + estimate.north_m):
         return None
     return FinalPose(

@@ -36,7 +36,7 @@ class AlarmThresholds:
 
     @classmethod
     def from_config(cls, vehicle: VehicleConfig, monitor: MonitorConfig) -> AlarmThresholds:
-        """Return the configured percentages of each wheel's nominal radius."""
+        """Return the thresholds in metres: the configured percentages of each wheel's nominal radius."""
         nominal = np.asarray(vehicle.wheel_radius_m, dtype=np.float64)
         return cls(nominal * (monitor.deflation_percent / 100), nominal * (monitor.deviation_percent / 100))
 

@@ -42,7 +42,8 @@ class ReplaySeries:
 
     @classmethod
     def of(cls, result: ReplayResult) -> ReplaySeries:
-        """Thinned to `MAX_POINTS` rows; the result has at least one."""
+        """Return the series of a result with at least one row, thinned to `MAX_POINTS`, NaN rows in
+        pauses."""
         count = len(result.time_s)
         stride = max(1, -(-count // MAX_POINTS))
         pick = np.unique(np.append(np.arange(0, count, stride), count - 1))
@@ -51,34 +52,34 @@ class ReplaySeries:
         step_s = float(np.median(steps)) if len(steps) else 0.0
         breaks = np.flatnonzero(steps > max(BREAK_S, 3.0 * step_s)) + 1
 
-        def broken(values: NDArray[Any]) -> FloatArray:
+        def with_gaps(values: NDArray[Any]) -> FloatArray:
             return np.insert(np.asarray(values[pick], dtype=np.float64), breaks, np.nan, axis=0)
 
         return cls(
             drive_s=np.insert(time_s, breaks, time_s[breaks] - step_s),
-            speed_kmh=broken(result.speed_mps) * 3.6,
-            informative=broken(result.informative),
-            gnss_age_s=broken(result.gnss_age_s),
-            probability=broken(result.deflation_probability),
-            can_faults=broken(result.can_faults),
-            gnss_faults=broken(result.gnss_faults),
-            deviation_mm=broken(result.deviation_m) * 1e3,
-            std_mm=broken(result.std_m) * 1e3,
-            change_mm=broken(result.change_m) * 1e3,
-            change_std_mm=broken(result.change_std_m) * 1e3,
+            speed_kmh=with_gaps(result.speed_mps) * 3.6,
+            informative=with_gaps(result.informative),
+            gnss_age_s=with_gaps(result.gnss_age_s),
+            probability=with_gaps(result.deflation_probability),
+            can_faults=with_gaps(result.can_faults),
+            gnss_faults=with_gaps(result.gnss_faults),
+            deviation_mm=with_gaps(result.deviation_m) * 1e3,
+            std_mm=with_gaps(result.std_m) * 1e3,
+            change_mm=with_gaps(result.change_m) * 1e3,
+            change_std_mm=with_gaps(result.change_std_m) * 1e3,
         )
 
     @property
     def edges_s(self) -> FloatArray:
-        """(n + 1,) edges between the rows, never decreasing (a host clock may step back)."""
+        """Return (n + 1,) edges between the rows, never decreasing (a host clock may step back)."""
         previous = np.concatenate([[0.0], self.drive_s])
         return np.asarray(np.maximum.accumulate(previous), dtype=np.float64)
 
-    def not_informative(self) -> list[tuple[float, float]]:
+    def uninformative_spans(self) -> list[tuple[float, float]]:
         """Spans (s) of driving from which no radius is learned."""
         return _spans(self.informative == 0.0, self.edges_s)
 
-    def without_fixes(self) -> list[tuple[float, float]]:
+    def outage_spans(self) -> list[tuple[float, float]]:
         """Spans (s) of more than `GNSS_GAP_S` without a fix, each from the last fix on."""
         silent_s = np.minimum(self.gnss_age_s, self.drive_s)  # before the first fix the wait counts
         lost = silent_s > GNSS_GAP_S

@@ -28,22 +28,23 @@ def replay_summary(result: ReplayResult) -> str:
         verdict(result),
         _alarm_list(result),
         _wheel_table(result),
-        _unmonitored(result),
-        f"{_drive_sentence(result)}\n{_inputs(result)}",
+        _unmonitored_sentence(result),
+        f"{_drive_sentence(result)}\n{_input_lines(result)}",
         "" if result.vehicle_state is None else result.vehicle_state.sentence(),
     ]
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 
 
 def verdict(result: ReplayResult) -> str:
-    """Return one sentence per raised alarm, the gravest first; else what the silence is worth."""
+    """Return one sentence per raised alarm, the gravest first; without alarms, how long wheels were
+    monitored."""
     raised = [alarm for alarm in result.alarms if alarm.state == "raised"]
     if raised:
         heads: dict[tuple[AlarmKind, str | None], AlarmEvent] = {}
         for alarm in raised:  # an alarm that came back is one finding: its first time counts
             heads.setdefault((alarm.kind, alarm.wheel), alarm)
         ordered = sorted(heads.values(), key=lambda alarm: (_SEVERITY[alarm.kind], alarm.time_s))
-        return "\n".join(_finding(alarm, result) for alarm in ordered)
+        return "\n".join(_alarm_sentence(alarm, result) for alarm in ordered)
     watched = [outcome for outcome in result.wheels if outcome.monitored_s > 0]
     if not watched:
         return "No alarm, but no wheel was monitored either."
@@ -53,21 +54,22 @@ def verdict(result: ReplayResult) -> str:
     return f"No alarm. {wheels} {verb} monitored, for {drive_time(shortest)} or more."
 
 
-def _finding(alarm: AlarmEvent, result: ReplayResult) -> str:
-    """`Rear left tyre is losing air: ... Announced at ...`; says so where it did not last to the end."""
+def _alarm_sentence(alarm: AlarmEvent, result: ReplayResult) -> str:
+    """Return `Rear left tyre is losing air: ... Announced at ...`, and whether it was cleared before the
+    end."""
     still_active = any((other.kind, other.wheel) == (alarm.kind, alarm.wheel) for other in result.active)
     how = alarm.reason.strip().rstrip(".")
     detail = f": {how}." if how else "."
     end = "" if still_active else " It was cleared before the end of the drive."
-    return f"{verdict_on(alarm)}{detail} Announced at {_when(alarm.time_s, result)}.{end}"
+    return f"{verdict_on(alarm)}{detail} Announced at {_time_text(alarm.time_s, result)}.{end}"
 
 
-def _when(time_s: float, result: ReplayResult) -> str:
+def _time_text(time_s: float, result: ReplayResult) -> str:
     return f"{drive_time(time_s - result.start_s)} (host time {time_s:.3f})"
 
 
 def _alarm_list(result: ReplayResult) -> str:
-    """Every change of an alarm, where there is more to tell than the verdict did."""
+    """Return a line per alarm raised or cleared; empty where the verdict names all of them."""
     if all(alarm.state == "raised" for alarm in result.alarms) and len(result.alarms) <= 1:
         return ""
     lines = ["Alarms:"]
@@ -82,7 +84,7 @@ def _alarm_list(result: ReplayResult) -> str:
 
 
 def _wheel_table(result: ReplayResult) -> str:
-    """Radius, deviation and change of each wheel that was on the bus."""
+    """Return the table of radius, deviation and change of each wheel that was on the bus."""
     rows = [("wheel", "state", "radius mm", "deviation mm", "change mm", "monitored", "P(deflation)")]
     for outcome in result.wheels:
         if outcome.seen_s <= 0:
@@ -94,8 +96,8 @@ def _wheel_table(result: ReplayResult) -> str:
                 wheel_name(outcome.wheel),
                 str(outcome.state),
                 unsigned_mm(nominal + outcome.deviation_m),
-                _with_std(outcome.deviation_m, outcome.std_m),
-                _with_std(outcome.change_m, outcome.change_std_m),
+                _mm_with_std(outcome.deviation_m, outcome.std_m),
+                _mm_with_std(outcome.change_m, outcome.change_std_m),
                 drive_time(outcome.monitored_s) if outcome.monitored_s > 0 else "-",
                 f"{probability:.3f}" if math.isfinite(probability) else "-",
             )
@@ -116,12 +118,12 @@ def _wheel_table(result: ReplayResult) -> str:
     return "\n".join([*lines, note])
 
 
-def _with_std(value_m: float, std_m: float) -> str:
+def _mm_with_std(value_m: float, std_m: float) -> str:
     return f"{signed_mm(value_m)} +- {unsigned_mm(std_m)}" if math.isfinite(value_m) else "-"
 
 
-def _unmonitored(result: ReplayResult) -> str:
-    """Return what could not be watched, and why."""
+def _unmonitored_sentence(result: ReplayResult) -> str:
+    """Return which wheels were not monitored and why; empty if all were."""
     sentences = []
     absent = [outcome.wheel for outcome in result.wheels if outcome.seen_s <= 0]
     if len(absent) == len(WHEELS):
@@ -131,7 +133,7 @@ def _unmonitored(result: ReplayResult) -> str:
     reasons: dict[str, list[str]] = {}
     for outcome in result.wheels:
         if outcome.seen_s > 0 and outcome.monitored_s <= 0:
-            reasons.setdefault(_why_not(outcome, result), []).append(outcome.wheel)
+            reasons.setdefault(_why_unmonitored(outcome, result), []).append(outcome.wheel)
     sentences.extend(f"{_wheel_list(wheels)} ({reason})" for reason, wheels in reasons.items())
     lost = [
         outcome.wheel
@@ -143,8 +145,8 @@ def _unmonitored(result: ReplayResult) -> str:
     return "Not monitored: " + "; ".join(sentences) + "." if sentences else ""
 
 
-def _why_not(outcome: WheelOutcome, result: ReplayResult) -> str:
-    """Return why a wheel that was on the bus never got as far as being monitored."""
+def _why_unmonitored(outcome: WheelOutcome, result: ReplayResult) -> str:
+    """Return the reason why a wheel on the bus was never monitored."""
     if result.gnss.fixes == 0:
         return "no GNSS fix in the whole drive"
     if result.moving_s <= 0:
@@ -162,7 +164,7 @@ def _drive_sentence(result: ReplayResult) -> str:
     speed = f", replayed at {factor:.{0 if factor >= 10 else 1}f} times real time" if factor > 0 else ""
     gaps = ""
     if result.tick_gaps:
-        gaps = f" The recording pauses {_times(result.tick_gaps)}, {result.tick_gap_s:.1f} s in all."
+        gaps = f" The recording pauses {_times_word(result.tick_gaps)}, {result.tick_gap_s:.1f} s in all."
     return (
         f"Drive {result.drive}: {drive_time(result.duration_s)}, {result.distance_m / 1e3:.2f} km, "
         f"{drive_time(result.moving_s)} of it moving and {drive_time(result.informative_s)} informative"
@@ -170,12 +172,14 @@ def _drive_sentence(result: ReplayResult) -> str:
     )
 
 
-def _inputs(result: ReplayResult) -> str:
-    """Return what each input had to say and what was wrong with it, one line each."""
-    lines = [f"GNSS: {'; '.join(filter(None, (_fixes_sentence(result), _faults(result, 'gnss'))))}."]
-    lines.append(f"CAN: {_faults(result, 'can') or 'no faults'}.")
+def _input_lines(result: ReplayResult) -> str:
+    """Return fixes, outages and fault counts of the inputs, one line each."""
+    lines = [
+        f"GNSS: {'; '.join(filter(None, (_fixes_sentence(result), _fault_counts_text(result, 'gnss'))))}."
+    ]
+    lines.append(f"CAN: {_fault_counts_text(result, 'can') or 'no faults'}.")
     others = sorted({key.split(" ")[0] for key in result.fault_counts} - {"can", "gnss"})
-    lines.extend(f"{source.capitalize()}: {_faults(result, source)}." for source in others)
+    lines.extend(f"{source.capitalize()}: {_fault_counts_text(result, source)}." for source in others)
     return "\n".join(lines)
 
 
@@ -187,12 +191,12 @@ def _fixes_sentence(result: ReplayResult) -> str:
         return f"{gnss.fixes} fixes, never more than {GNSS_GAP_S:.0f} s without a usable one"
     total = f", {gnss.outage_s:.0f} s in all" if gnss.outages > 1 else ""
     return (
-        f"{gnss.fixes} fixes, {_times(gnss.outages)} more than {GNSS_GAP_S:.0f} s without a usable "
+        f"{gnss.fixes} fixes, {_times_word(gnss.outages)} more than {GNSS_GAP_S:.0f} s without a usable "
         f"one{total} (longest {gnss.longest_outage_s:.0f} s)"
     )
 
 
-def _faults(result: ReplayResult, source: str) -> str:
+def _fault_counts_text(result: ReplayResult, source: str) -> str:
     counts = [
         f"{count} {key.removeprefix(source + ' ').replace('_', ' ')}"
         for key, count in sorted(result.fault_counts.items(), key=lambda item: (-item[1], item[0]))
@@ -201,7 +205,7 @@ def _faults(result: ReplayResult, source: str) -> str:
     return f"rejected before the estimate: {', '.join(counts)}" if counts else ""
 
 
-def _times(count: int) -> str:
+def _times_word(count: int) -> str:
     return {1: "once", 2: "twice"}.get(count, f"{count} times")
 
 

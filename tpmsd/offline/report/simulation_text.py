@@ -10,7 +10,7 @@ from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Rolling
 
 
 def baseline_name(diagnosis: RollingDiagnosis) -> str:
-    """Return what the recording was compared with."""
+    """Return the name of the baseline of the diagnosis."""
     if diagnosis.baseline == ("simulation",):
         return "your simulation"
     known = diagnosis.baseline[1:]
@@ -29,14 +29,15 @@ def agreement(diagnosis: RollingDiagnosis) -> str:
 
 
 def difference_lines(finding: Finding) -> list[str]:
-    """Who holds an effect, and what the simulation's own value is; nothing without a simulation."""
+    """Return whether recording or simulation holds an effect, with the simulation's own values; empty without
+    a simulation."""
     if finding.held_by == "recording":
         return ["the recording holds it, your simulation does not"]
     if finding.held_by == "simulation":
         return ["your simulation holds it, the recording does not: the values are recording less simulation"]
     if finding.held_by == "both":
         own = ", ".join(
-            f"{name} = {_text(quantity)}"
+            f"{name} = {_quantity_text(quantity)}"
             for name, quantity in finding.simulated.items()
             if quantity.std is not None
         )
@@ -45,5 +46,5 @@ def difference_lines(finding: Finding) -> list[str]:
     return []
 
 
-def _text(quantity: Quantity) -> str:
+def _quantity_text(quantity: Quantity) -> str:
     return with_unit(f"{quantity.value:.4g} +- {quantity.std:.1g}", quantity.unit)

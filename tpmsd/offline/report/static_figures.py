@@ -84,17 +84,17 @@ def draw_static(figure: Figure, key: str) -> Picture:
         if isinstance(figure, Track):
             points = canvas.axes[0].transData.transform(np.column_stack([figure.east_m, figure.north_m]))
             points[:, 1] = DPI * canvas.get_figheight() - points[:, 1]
-    return Picture(_for_page(buffer.getvalue(), key, figure.title), points)
+    return Picture(_page_svg(buffer.getvalue(), key, figure.title), points)
 
 
-def _canvas(height_in: float) -> tuple[Canvas, Axes]:
+def _new_canvas(height_in: float) -> tuple[Canvas, Axes]:
     canvas = Canvas(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
     FigureCanvasSVG(canvas)
     return canvas, canvas.subplots()
 
 
 def _draw_chart(chart: Chart) -> Canvas:
-    canvas, axes = _canvas(HEIGHT_IN)
+    canvas, axes = _new_canvas(HEIGHT_IN)
     axes.grid(linewidth=0.5)
     handles: list[Line2D | Patch] = []
     if chart.noise is not None:
@@ -114,7 +114,7 @@ def _draw_chart(chart: Chart) -> Canvas:
         handles.append(Line2D([], [], linewidth=1.8, label=curve.name, **line_style(curve.style)))
     for level in chart.levels:
         axes.axhline(level.at, linewidth=1.0, **line_style(level.style))
-        _level_name(axes, level.at, level.name, level.style)
+        _draw_level_name(axes, level.at, level.name, level.style)
     handles += [
         Patch(color=STYLES[style].colour, alpha=0.5, label=name) for style, name in chart.legend_spans()
     ]
@@ -124,13 +124,13 @@ def _draw_chart(chart: Chart) -> Canvas:
         )
     axes.set(xlabel=chart.x_label, ylabel=chart.y_label)
     axes.set_ylim(*chart.extent())
-    _time_axis(axes, chart)
+    _set_x_ticks(axes, chart)
     place_labels(axes, [(one.at, one.name, one.style) for one in chart.moments], fontsize=8.5)
     return canvas
 
 
-def _time_axis(axes: Axes, chart: Chart) -> None:
-    """Marks at whole seconds of a drive, whole days or whole numbers, where x is one of these."""
+def _set_x_ticks(axes: Axes, chart: Chart) -> None:
+    """Set the marks of an x axis of drive time, dates or counts to whole seconds, days or numbers."""
     known = chart.x[np.isfinite(chart.x)]
     if chart.time and len(known):
         span_s = max(float(known[-1]), 1.0)
@@ -157,7 +157,7 @@ def _days_step(span_s: float) -> int:
     return next((step for step in _DAY_STEPS if span_s <= 5 * step * DAY_S), _DAY_STEPS[-1])
 
 
-def _level_name(axes: Axes, at: float, name: str, style: str) -> None:
+def _draw_level_name(axes: Axes, at: float, name: str, style: str) -> None:
     axes.annotate(
         name,
         xy=(0.0, at),
@@ -174,7 +174,7 @@ def _level_name(axes: Axes, at: float, name: str, style: str) -> None:
 def _draw_bars(bars: Bars) -> Canvas:
     names = [textwrap.fill(name, NAME_CHARACTERS) for name, _, _ in bars.rows]
     lines = max((name.count("\n") + 1 for name in names), default=1)
-    canvas, axes = _canvas(0.8 + BAR_IN * lines * max(len(names), 1))
+    canvas, axes = _new_canvas(0.8 + BAR_IN * lines * max(len(names), 1))
     values = np.array([max(value, 0.0) for _, value, _ in bars.rows])
     axes.grid(axis="x", linewidth=0.5)
     axes.set_axisbelow(True)
@@ -191,17 +191,17 @@ def _draw_bars(bars: Bars) -> Canvas:
     axes.barh(positions, values, color=colours, height=0.7)
     axes.set_yticks(positions, names)
     for position, value in zip(positions, values, strict=True):
-        text = _thousands(value)
+        text = _grouped_digits(value)
         axes.annotate(text, (value, position), (4, 0), textcoords="offset points", va="center", fontsize=9)
     if not is_logarithmic(bars):
         axes.locator_params(axis="x", nbins=5)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _thousands(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _grouped_digits(value)))
     axes.set_xlabel(bars.x_label + (", logarithmic" if is_logarithmic(bars) else ""))
     return canvas
 
 
-def _thousands(value: float) -> str:
-    """Digits in groups of three."""
+def _grouped_digits(value: float) -> str:
+    """Return a number with its digits in groups of three."""
     return f"{value:,.0f}".replace(",", "\u202f") if value >= 10 else f"{value:.2g}"
 
 
@@ -214,7 +214,7 @@ def is_logarithmic(bars: Bars) -> bool:
 def _draw_track(track: Track) -> Canvas:
     wide = max(float(np.ptp(track.east_m)), 1.0)
     tall = max(float(np.ptp(track.north_m)), 1.0)
-    canvas, axes = _canvas(min(max(0.8 + 5.2 * tall / wide, 2.2), 5.0))
+    canvas, axes = _new_canvas(min(max(0.8 + 5.2 * tall / wide, 2.2), 5.0))
     low, high = heat_range(track.value)
     segments = np.stack(
         [
@@ -243,13 +243,13 @@ def _draw_track(track: Track) -> Canvas:
     at_points = [(float(track.east_m[k]), float(track.north_m[k])) for k, *_ in marks]
     for at, (_, _, marker, style, size) in zip(at_points, marks, strict=True):
         axes.plot(*at, marker, color=STYLES[style].colour, markersize=size)
-    _colour_scale(axes, low, high, track.colour_label)
+    _draw_colour_scale(axes, low, high, track.colour_label)
     name_points(axes, at_points, [(text, STYLES[style].colour) for _, text, _, style, _ in marks])
     return canvas
 
 
 def _marked_rows(track: Track) -> list[tuple[int, list[str]]]:
-    """(row, names) of the moments; those nearer than a tenth of the track's width share a place."""
+    """Return (row, names) of the track's moments; those nearer than a tenth of its width share a row."""
     near_m = 0.1 * max(float(np.ptp(track.east_m)), float(np.ptp(track.north_m)))
     out: list[tuple[int, list[str]]] = []
     if track.time_s is None:
@@ -267,7 +267,7 @@ def _marked_rows(track: Track) -> list[tuple[int, list[str]]]:
 
 
 def heat_range(values: FloatArray) -> tuple[float, float]:
-    """Return the values between which the colours of a track run: the middle 96 %."""
+    """Return the values at both ends of a track's colour scale: the 2 % and 98 % quantiles."""
     known = values[np.isfinite(values)]
     if len(known) == 0:
         return 0.0, 1.0
@@ -275,7 +275,7 @@ def heat_range(values: FloatArray) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def _colour_scale(axes: Axes, low: float, high: float, label: str) -> None:
+def _draw_colour_scale(axes: Axes, low: float, high: float, label: str) -> None:
     """Draw a bar beside the axes, of vector patches: an image would be a file of its own."""
     inset = axes.inset_axes((1.02, 0.0, 0.025, 1.0))
     edges = np.linspace(low, high, HEAT_STEPS + 1)
@@ -288,8 +288,9 @@ def _colour_scale(axes: Axes, low: float, high: float, label: str) -> None:
     inset.spines["right"].set_visible(True)
 
 
-def _for_page(text: str, key: str, title: str) -> str:
-    """Matplotlib's file as an element of a page: its styles as attributes, the page's colours, own ids."""
+def _page_svg(text: str, key: str, title: str) -> str:
+    """Return matplotlib's SVG as an element of a page: styles as attributes, the page's colours, unique
+    ids."""
     root = ElementTree.fromstring(text)
     for parent in list(root.iter()):
         for child in list(parent):
@@ -298,8 +299,8 @@ def _for_page(text: str, key: str, title: str) -> str:
     used = set(re.findall(r"#([\w.-]+)", " ".join(" ".join(one.attrib.values()) for one in root.iter())))
     for element in root.iter():
         element.tag = element.tag.partition("}")[2] or element.tag
-        _plain_attributes(element, key, used)
-        _rounded_numbers(element)
+        _strip_namespaces(element, key, used)
+        _round_numbers(element)
     for name in ("width", "height", "version"):
         root.attrib.pop(name, None)
     root.set("role", "img")
@@ -308,13 +309,14 @@ def _for_page(text: str, key: str, title: str) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _plain_attributes(element: ElementTree.Element, key: str, used: set[str]) -> None:
-    """Give an element attributes without namespaces, its style as attributes, and ids of its figure."""
+def _strip_namespaces(element: ElementTree.Element, key: str, used: set[str]) -> None:
+    """Remove the namespaces of an element's attributes, turn its style into attributes, and prefix its
+    ids."""
     attributes = {name.partition("}")[2] or name: value for name, value in element.attrib.items()}
     element.attrib.clear()
     for name, value in attributes.items():
         if name == "style":
-            for attribute, setting in _settings(value):
+            for attribute, setting in _style_attributes(value):
                 element.set(attribute, _VARIABLES.get(setting, setting))
         elif name != "id":
             element.set(name, value)
@@ -325,7 +327,7 @@ def _plain_attributes(element: ElementTree.Element, key: str, used: set[str]) ->
             element.set(name, element.attrib[name].replace("#", f"#{key}-"))
 
 
-def _rounded_numbers(element: ElementTree.Element) -> None:
+def _round_numbers(element: ElementTree.Element) -> None:
     """Round positions and sizes to a tenth of a point."""
     for name in ("d", "transform", "x", "y", "width", "height", "points"):
         if name in element.attrib:
@@ -334,8 +336,8 @@ def _rounded_numbers(element: ElementTree.Element) -> None:
         element.set("d", " ".join(element.attrib["d"].split()))
 
 
-def _settings(style: str) -> list[tuple[str, str]]:
-    """`fill: none; font: 10px 'DejaVu Sans'` as attributes that SVG knows."""
+def _style_attributes(style: str) -> list[tuple[str, str]]:
+    """Return a style, `fill: none; font: 10px 'DejaVu Sans'`, as (attribute, value) pairs of SVG."""
     out = []
     for part in style.split(";"):
         name, _, value = (piece.strip() for piece in part.partition(":"))

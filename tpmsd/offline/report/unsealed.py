@@ -24,20 +24,21 @@ _BY_COURSE = {"duration_s": "course"}
 def score(
     truth: Mapping[str, Any], report: Mapping[str, Any], untouched: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """Return what was named, what was missed, and what was named though nobody concealed it."""
+    """Return each concealed effect with the finding that names it, and the findings that name none of
+    them."""
     findings = _findings(report)
     before = _findings(untouched or {})
-    matched = _matched(truth["effects"], findings)
+    matched = _match_findings(truth["effects"], findings)
     own = [
         rank
         for rank, finding in enumerate(findings)
-        if rank not in matched.values() and any(_similar(finding, other) for other in before)
+        if rank not in matched.values() and any(_same_effect_and_wheels(finding, other) for other in before)
     ]
     new = [rank for rank in range(len(findings)) if rank not in own]
     concealed = []
     for number, effect in enumerate(truth["effects"]):
         rank_found = matched.get(number)
-        other = next((one for one in before if _same(effect, one)), None)
+        other = next((one for one in before if _names_effect(effect, one)), None)
         found = None if rank_found is None else findings[rank_found]
         concealed.append(
             _scored_entry(effect, found, None if rank_found is None else new.index(rank_found) + 1, other)
@@ -47,7 +48,7 @@ def score(
         for rank in range(len(findings))
         if rank not in matched.values()
     ]
-    counted = _counted(concealed)
+    counted = _score_counts(concealed)
     return {
         "concealed": concealed,
         "others": others,
@@ -60,18 +61,18 @@ def score(
     }
 
 
-def _matched(effects: list[Mapping[str, Any]], findings: list[Mapping[str, Any]]) -> dict[int, int]:
-    """Place of a concealed effect -> place of the finding that is it, each finding once."""
+def _match_findings(effects: list[Mapping[str, Any]], findings: list[Mapping[str, Any]]) -> dict[int, int]:
+    """Return index of a concealed effect -> index of the finding that names it, each finding once."""
     matched: dict[int, int] = {}
     for number, effect in enumerate(effects):
         free = (rank for rank in range(len(findings)) if rank not in matched.values())
-        rank = next((rank for rank in free if _same(effect, findings[rank])), None)
+        rank = next((rank for rank in free if _names_effect(effect, findings[rank])), None)
         if rank is not None:
             matched[number] = rank
     return matched
 
 
-def _counted(concealed: list[dict[str, Any]]) -> dict[str, int]:
+def _score_counts(concealed: list[dict[str, Any]]) -> dict[str, int]:
     """Return how many effects were named and missed, and how many values lie within their intervals."""
     values = [
         value for one in concealed for value in one["parameters"].values() if value["within"] is not None
@@ -88,20 +89,21 @@ def _findings(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
     return [one for one in report.get("findings", []) if isinstance(one, Mapping)]
 
 
-def _same(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
-    """Return whether a finding is this effect: its name, and the wheels where it has such."""
+def _names_effect(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
+    """Return whether a finding names this effect, on the same wheels if the effect has any."""
     if finding.get("effect") != effect["name"]:
         return False
     wheels = [str(value) for name, value in effect["parameters"].items() if name in _WHEEL]
-    return not wheels or _wheels(finding) in ("", wheels[0])
+    return not wheels or _wheels_of(finding) in ("", wheels[0])
 
 
-def _similar(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def _same_effect_and_wheels(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Return whether two findings are of the same effect on the same wheels."""
-    return (one.get("effect"), _wheels(one)) == (other.get("effect"), _wheels(other))
+    return (one.get("effect"), _wheels_of(one)) == (other.get("effect"), _wheels_of(other))
 
 
-def _wheels(finding: Mapping[str, Any]) -> str:
+def _wheels_of(finding: Mapping[str, Any]) -> str:
+    """Return the wheels of a finding as their parameter states them; empty without such a parameter."""
     parameters = finding.get("parameters") or {}
     return next((str(parameters[name].get("value")) for name in _WHEEL if name in parameters), "")
 
@@ -120,22 +122,24 @@ def _scored_entry(
         "confidence": None if finding is None else finding.get("confidence"),
         "untouched": before is not None,
         "parameters": {
-            name: _value(name, value, None if _means_another(effect, finding, name) else finding, before)
+            name: _value_entry(
+                name, value, None if _different_quantity(effect, finding, name) else finding, before
+            )
             for name, value in effect["parameters"].items()
             if value is not None
         },
     }
 
 
-def _means_another(effect: Mapping[str, Any], finding: Mapping[str, Any] | None, name: str) -> bool:
-    """Return whether a number of a finding is another quantity than the concealed one of that name: then the
+def _different_quantity(effect: Mapping[str, Any], finding: Mapping[str, Any] | None, name: str) -> bool:
+    """Return whether a finding's number is another quantity than the concealed one of that name, so that the
     two are not compared. A word that a finding leaves out is the usual one."""
     word = _BY_COURSE.get(name, "")
-    concealed, found = effect["parameters"].get(word), _word(finding, word)
+    concealed, found = effect["parameters"].get(word), _text_value(finding, word)
     return concealed is not None and found is not None and concealed != found
 
 
-def _value(
+def _value_entry(
     name: str, true: Any, finding: Mapping[str, Any] | None, before: Mapping[str, Any] | None
 ) -> dict[str, Any]:
     """Return a concealed value beside the one that was found; `within`: in its 95 % interval, null where not
@@ -147,21 +151,21 @@ def _value(
     own, own_std = _value_and_std(before, name)
     within = None
     if isinstance(true, (int, float)) and found is not None and std is not None and std > 0.0:
-        sum_of_both = true + _from_neutral(name, own)
+        sum_of_both = true + _minus_neutral(name, own)
         within = abs(found - sum_of_both) <= SIGMAS * math.hypot(std, own_std or 0.0)
-    shown = found if found is not None else _word(finding, name)
+    shown = found if found is not None else _text_value(finding, name)
     return {"concealed": true, "found": shown, "std": std, "untouched": own, "within": within}
 
 
-def _from_neutral(name: str, value: float | None) -> float:
-    """Return the difference of a value from that with which its effect does nothing."""
+def _minus_neutral(name: str, value: float | None) -> float:
+    """Return a value minus that at which its effect does nothing; 0 for None."""
     if value is None:
         return 0.0
     return value - 1.0 if name == "scale" else value
 
 
 def _value_and_std(finding: Mapping[str, Any] | None, name: str) -> tuple[float | None, float | None]:
-    """Return a parameter of a finding with its standard deviation; None for what it does not have."""
+    """Return a parameter of a finding with its standard deviation; None for each that it lacks."""
     quantity = ((finding or {}).get("parameters") or {}).get(name) or {}
     value, std = quantity.get("value"), quantity.get("std")
     return (
@@ -170,7 +174,8 @@ def _value_and_std(finding: Mapping[str, Any] | None, name: str) -> tuple[float 
     )
 
 
-def _word(finding: Mapping[str, Any] | None, name: str) -> str | None:
+def _text_value(finding: Mapping[str, Any] | None, name: str) -> str | None:
+    """Return a parameter of a finding that is a word; None if it is a number or missing."""
     quantity = ((finding or {}).get("parameters") or {}).get(name) or {}
     value = quantity.get("value")
     return value if isinstance(value, str) else None

@@ -31,7 +31,7 @@ class StateSummary:
         self._ticks, self._stride = 0, 1
 
     def add(self, dt_s: float, state: VehicleState | None, time_s: float) -> None:
-        """Take the state at the end `time_s` of a tick of `dt_s` seconds; None where it is not known."""
+        """Add the state at the end `time_s` of a tick of `dt_s` seconds; None where it is not known."""
         self.last = state
         if self._ticks % self._stride == 0:
             drawn = (math.nan,) * len(_DRAWN) if state is None else [getattr(state, name) for name in _DRAWN]
@@ -41,15 +41,18 @@ class StateSummary:
         self._ticks += 1
         if state is not None:
             self.known_s += dt_s
-            self.largest_side_slip_rad = _larger(self.largest_side_slip_rad, state.side_slip_rad)
-            self.largest_velocity_lat_mps = _larger(self.largest_velocity_lat_mps, state.velocity_lat_mps)
+            self.largest_side_slip_rad = _larger_amount(self.largest_side_slip_rad, state.side_slip_rad)
+            self.largest_velocity_lat_mps = _larger_amount(
+                self.largest_velocity_lat_mps, state.velocity_lat_mps
+            )
 
     def series(self) -> FloatArray:
-        """Series that are drawn, (n, 5): time (s), lateral speed (m/s) and side slip (rad) with their std."""
+        """Return (n, 5): time (s), lateral speed (m/s) and side slip (rad), each followed by its std."""
         return np.array(self._rows, dtype=np.float64).reshape(-1, 1 + len(_DRAWN))
 
     def to_json(self) -> dict[str, Any]:
-        """Method, seconds with a state, the largest amounts, and the last state (null where not known)."""
+        """Return method, seconds with a state, the largest amounts, and the last state (null where not
+        known)."""
         values = [math.nan] * len(VehicleState._fields) if self.last is None else self.last
         return {
             "method": self.method,
@@ -70,6 +73,6 @@ class StateSummary:
         )
 
 
-def _larger(before: float, value: float) -> float:
-    """Return the larger amount; `before` may be NaN."""
+def _larger_amount(before: float, value: float) -> float:
+    """Return the larger of `before` and |value|; `before` may be NaN."""
     return abs(value) if math.isnan(before) else max(before, abs(value))

@@ -16,7 +16,7 @@ WHEEL_NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr":
 
 
 def drive_time(seconds: float) -> str:
-    """Time since the drive's start as `m:ss`, from one hour on `h:mm:ss`; a dash where it is unknown."""
+    """Return the time since the drive's start as `m:ss`, from one hour on `h:mm:ss`; a dash if unknown."""
     if not math.isfinite(seconds):
         return "-"
     sign = "-" if seconds <= -0.5 else ""
@@ -34,7 +34,7 @@ def utc_text(time_s: float) -> str:
 
 
 def wheel_name(wheel: str | None) -> str:
-    """`rl` -> `rear left`; the car as a whole where no wheel is meant."""
+    """Return `rear left` for `rl`; `car` for None."""
     return "car" if wheel is None else WHEEL_NAMES.get(wheel, wheel)
 
 
@@ -49,7 +49,7 @@ def unsigned_mm(value_m: float, digits: int = 2) -> str:
 
 
 def verdict_on(alarm: AlarmEvent) -> str:
-    """Return the head of a sentence about one alarm: who has what."""
+    """Return the first clause of a sentence about an alarm: `Rear left tyre is losing air`."""
     if alarm.kind == AlarmKind.DEFLATION:
         return f"{wheel_name(alarm.wheel).capitalize()} tyre is losing air"
     if alarm.kind == AlarmKind.RADIUS_DEVIATION:
@@ -68,13 +68,13 @@ def alarm_label(alarm: AlarmEvent) -> str:
 
 
 def time_step(span_s: float, most: int = 12) -> float:
-    """Seconds between the ticks of a time axis, a round number of them; at most `most` + 1 ticks."""
+    """Return a round number of seconds between the ticks of a time axis with at most `most` + 1 ticks."""
     steps = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200)
     return float(next((step for step in steps if span_s / step <= most), span_s / most))
 
 
 def plain_name(identifier: str) -> str:
-    """`gnss_latency` -> `GNSS latency`: an identifier as a heading."""
+    """Return an identifier as a heading: `gnss_latency` -> `GNSS latency`."""
     words = identifier.split("_")
     if len(words) > 1 and words[-1] in ("lateral", "longitudinal"):
         words = [words[-1], *words[:-1]]
@@ -83,7 +83,7 @@ def plain_name(identifier: str) -> str:
 
 
 def parameter_name(identifier: str) -> str:
-    """`latency_s` -> `latency`: without the unit, which stands beside the value."""
+    """Return a parameter's name without its unit: `latency_s` -> `latency`."""
     words = identifier.split("_")
     if len(words) > 1 and words[-1] in _UNITS:
         words = words[:-1]
@@ -91,7 +91,7 @@ def parameter_name(identifier: str) -> str:
 
 
 def covariate_name(covariate: str) -> str:
-    """`accel_lat` -> `lateral acceleration`."""
+    """Return a covariate in words: `accel_lat` -> `lateral acceleration`."""
     return _COVARIATES.get(covariate, covariate.replace("_", " "))
 
 
