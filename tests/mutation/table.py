@@ -349,8 +349,8 @@ NAMED = (
     ),
     Named(
         "tpmsd/onboard/timeline/tick_source.py",
-        "pass_by(time_s)):\n                break",
-        "pass_by(time_s)):\n                continue",
+        "advance(time_s)):\n                break",
+        "advance(time_s)):\n                continue",
         (
             "tests/onboard/timeline/test_tick_source_pace.py::test_frames_behind_one_that_meets_something_due_are_not_passed_by",
         ),
@@ -365,8 +365,8 @@ NAMED = (
     ),
     Named(
         "tpmsd/onboard/timeline/timeline.py",
-        "self._due_s = self._end(self._index + 1) + needed",
-        "self._due_s = self._end(self._index + 2) + needed",
+        "self._due_s = self._tick_end_s(self._index + 1) + needed",
+        "self._due_s = self._tick_end_s(self._index + 2) + needed",
         (
             "tests/onboard/timeline/test_slow_receiver.py::test_the_tick_that_waits_is_due_when_the_longer_holdback_is_over",
         ),

@@ -62,9 +62,9 @@ class Pipeline:
         self._compensation: Compensation | None = None
         if model is not None and len(model):
             # Imported where it is used: most cars do without.
-            from tpmsd.onboard.timeline.compensation import Compensation, adjusted
+            from tpmsd.onboard.timeline.compensation import Compensation, with_model_constants
 
-            config = adjusted(config, model)
+            config = with_model_constants(config, model)
             self._compensation = Compensation(config, model)
         self._source = TickSource(config, database)
         self._blocks = BlockSource(self._source)

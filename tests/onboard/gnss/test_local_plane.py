@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.onboard.timeline.local_plane import LocalPlane, _carry
+from tpmsd.onboard.timeline.local_plane import LocalPlane, _rotate_to_vertical
 
 A_M = 6378137.0
 F = 1.0 / 298.257223563
@@ -212,7 +212,7 @@ def test_axes_are_carried_by_the_rotation_that_takes_one_vertical_to_the_other(d
     tilted = math.cos(math.radians(degrees)) * side - math.sin(math.radians(degrees)) * up
 
     for vector, carried in ((up, to), (axis, axis), (side, tilted)):
-        found = _carry(tuple(vector.tolist()), tuple(up.tolist()), tuple(to.tolist()))
+        found = _rotate_to_vertical(tuple(vector.tolist()), tuple(up.tolist()), tuple(to.tolist()))
         assert np.allclose(carried, found, atol=1e-12)
 
 
@@ -243,6 +243,6 @@ def test_a_fix_on_the_very_other_side_of_the_earth_is_borne(longitude: float) ->
     assert all(map(math.isfinite, plane.to_plane(0.0, longitude, 0.0)))
     assert math.isfinite(plane.heading_from_course(1.0))
     up, east = (1.0, 0.0, 0.0), (0.0, 0.6, 0.8)
-    assert east == _carry(east, up, (-1.0, 0.0, 0.0))
+    assert east == _rotate_to_vertical(east, up, (-1.0, 0.0, 0.0))
     nearly = math.radians(179.95)
-    assert east == _carry(east, up, (math.cos(nearly), math.sin(nearly), 0.0))
+    assert east == _rotate_to_vertical(east, up, (math.cos(nearly), math.sin(nearly), 0.0))

@@ -253,7 +253,7 @@ def test_samples_are_handed_on_where_a_tick_is_not_planned_or_an_observer_needs_
         shift_s=0.0,
         plan=lambda decoded: SimpleNamespace(tick=lambda *_: tick) if planned else None,
         observer_needs=lambda end_s, shown_s: needs,
-        take=lambda runs, readings, shift_s: taken.append(
+        add_samples=lambda runs, readings, shift_s: taken.append(
             [one for _, _, values in readings for one in values]
         ),
     )

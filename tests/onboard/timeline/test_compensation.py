@@ -14,7 +14,7 @@ from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.motion import GRAVITY_MPS2
-from tpmsd.onboard.timeline.compensation import Compensation, adjusted, left_alone
+from tpmsd.onboard.timeline.compensation import Compensation, uncompensated_effects, with_model_constants
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
 RADIUS = 0.3
@@ -161,7 +161,7 @@ def test_what_stays_is_said(effect: Effect, note: str) -> None:
     """The fault, shapes over time and shapes over what the bus does not tell stay, and one line says so."""
     model = ExtendedModel((effect,))
     ticks = _ticks(20.0)
-    assert left_alone(CONFIG, model) == [note]
+    assert uncompensated_effects(CONFIG, model) == [note]
     assert np.array_equal(ticks[-1].rotation_rad, _last(model, ticks).rotation_rad)
 
 
@@ -170,7 +170,7 @@ def test_what_is_taken_out_needs_no_word() -> None:
     model = ExtendedModel(
         (make_effect("centrifugal_growth", coefficient=1e-6), _shape("rl", "speed", [0, 0]))
     )
-    assert left_alone(CONFIG, model) == []
+    assert uncompensated_effects(CONFIG, model) == []
 
 
 def test_constants_go_into_the_configuration() -> None:
@@ -182,7 +182,7 @@ def test_constants_go_into_the_configuration() -> None:
             make_effect("gnss_latency", latency_s=0.15),
         )
     )
-    config = adjusted(CONFIG, model)
+    config = with_model_constants(CONFIG, model)
     assert config.vehicle.track_rear_m == pytest.approx(CONFIG.vehicle.track_rear_m + 0.03)
     assert config.vehicle.track_front_m == pytest.approx(CONFIG.vehicle.track_front_m - 0.02)
     assert (config.gnss.antenna_forward_m, config.gnss.antenna_left_m) == pytest.approx((1.3, -0.1))
@@ -344,4 +344,4 @@ def test_an_error_of_speed_or_course_alone_is_taken_out(kind: str) -> None:
 def test_a_latency_is_never_negative() -> None:
     """A model that makes fixes younger than they are configured to be makes them no prophets."""
     model = ExtendedModel((make_effect("gnss_latency", latency_s=-0.25),))
-    assert 0.0 == adjusted(CONFIG, model).gnss.latency_s
+    assert 0.0 == with_model_constants(CONFIG, model).gnss.latency_s

@@ -14,7 +14,7 @@ from tpmsd.onboard.sources.ahead.decoded_block import Angles, DecodedBlock, Fram
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
-from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, planned
+from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, plan_ticks
 from tpmsd.onboard.timeline.timeline import Timeline
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=100)
@@ -49,7 +49,7 @@ def test_rotations_ahead_are_those_of_the_track(seed: int, known: int, segment: 
     edges_s = np.arange(1, 40) * 0.1
     track = RotationTrack()
     track.extend(run(times_s[:known], angles[:known], 0))
-    found = track.ahead(times_s[known:], angles[known:], segment, 0.1, edges_s)
+    found = track.rotations_ahead(times_s[known:], angles[known:], segment, 0.1, edges_s)
     if found is None:
         return
     for k, needs in enumerate(found.needs.tolist()):
@@ -76,14 +76,14 @@ def test_means_ahead_are_those_of_the_track(seed: int, known: int, hold_s: float
     ahead, usual = ReadingTrack(hold_s), ReadingTrack(hold_s)
     for track in (ahead, usual):
         track.extend(times_s[:known].tolist(), values[:known].tolist())
-    found = ahead.ahead(times_s[known:], values[known:], ends_s)
+    found = ahead.means_ahead(times_s[known:], values[known:], ends_s)
     assert found is not None
     for track in (ahead, usual):
         track.extend(times_s[known:].tolist(), values[known:].tolist())
-    assert [repr(usual.mean_to(end)) for end in ends_s.tolist()] == [repr(x) for x in found.value.tolist()]
-    ahead.pass_ticks(ends_s.tolist())
+    assert [repr(usual.take_mean(end)) for end in ends_s.tolist()] == [repr(x) for x in found.value.tolist()]
+    ahead.drop_used(ends_s.tolist())
     later = [3.0, 3.3, 9.0]
-    assert [repr(usual.mean_to(end)) for end in later] == [repr(ahead.mean_to(end)) for end in later]
+    assert [repr(usual.take_mean(end)) for end in later] == [repr(ahead.take_mean(end)) for end in later]
 
 
 def test_readings_of_before_a_step_of_the_clock_are_put_in_order() -> None:
@@ -92,14 +92,14 @@ def test_readings_of_before_a_step_of_the_clock_are_put_in_order() -> None:
     track.extend([1.0, 2.0], [10.0, 20.0])
     track.extend([1.5, 1.6, 2.5], [15.0, 16.0, 25.0])
 
-    assert [10.0, 15.5, 20.0, 25.0] == [track.mean_to(end_s) for end_s in (1.0, 1.8, 2.0, 3.0)]
+    assert [10.0, 15.5, 20.0, 25.0] == [track.take_mean(end_s) for end_s in (1.0, 1.8, 2.0, 3.0)]
 
 
 def test_readings_out_of_order_are_not_planned() -> None:
     """A further reading that is older than what the track has is left to the track."""
     track = ReadingTrack(1.0)
     track.extend([1.0], [2.0])
-    assert track.ahead(np.array([0.9]), np.array([1.0]), np.array([1.1])) is None
+    assert track.means_ahead(np.array([0.9]), np.array([1.0]), np.array([1.1])) is None
 
 
 def test_a_plan_waits_for_its_frames() -> None:
@@ -113,7 +113,7 @@ def test_a_plan_waits_for_its_frames() -> None:
     tracks = [RotationTrack() for _ in range(4)]
     edges_s = np.arange(2, 8) * 0.1
     readings = {"yaw_rate_radps": ("yaw_rate", ReadingTrack(1.0))}
-    plan = planned(decoded, 0.0, tracks, readings, 7, edges_s)
+    plan = plan_ticks(decoded, 0.0, tracks, readings, 7, edges_s)
     assert plan is not None
     end = float(edges_s[1])
     assert plan.tick(7, end, 30) is None  # the frame at 0.35 s has place 30
@@ -129,7 +129,7 @@ def test_readings_of_one_stamp_are_not_taken_ahead() -> None:
     """A track leaves out the second of two readings of one stamp, so such readings go one by one."""
     edges_s = np.arange(1, 4) * 0.1
     for times_s, planned_ahead in ((np.arange(8) * 0.05, True), (np.repeat(np.arange(4) * 0.1, 2), False)):
-        found = RotationTrack().ahead(times_s, np.arange(8.0), 0, 0.1, edges_s)
+        found = RotationTrack().rotations_ahead(times_s, np.arange(8.0), 0, 0.1, edges_s)
         assert planned_ahead == (found is not None)
 
 
@@ -142,9 +142,9 @@ def test_a_wheel_that_falls_silent_is_not_planned() -> None:
     wheels = (Angles(0, times_s, 1, 0, 0.1),)
     decoded = DecodedBlock(0, 12, (Frames(np.arange(12), times_s),), wheels, (), lambda: None)
     tracks = [track, *(RotationTrack() for _ in range(3))]
-    assert planned(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None
+    assert plan_ticks(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None
     tracks[0] = RotationTrack()
-    assert planned(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is not None
+    assert plan_ticks(decoded, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is not None
 
 
 class Planner:
@@ -170,7 +170,7 @@ def test_a_plan_covers_the_ticks_up_to_its_last_frame() -> None:
     plan = timeline.plan(DecodedBlock(0, 6, (Frames(np.arange(6), times_s),), wheels, (), lambda: None))
     assert plan is not None
     planner = Planner(plan)
-    timeline.plan_with(planner)
+    timeline.set_planner(planner)
     timeline.advance(START_S + 4.0)
     count = math.floor((times_s[-1] - made[-1].time_s) / 0.1)
     assert [True] * count == planner.found[:count] and not any(planner.found[count:])

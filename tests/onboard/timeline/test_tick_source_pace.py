@@ -83,4 +83,4 @@ def test_frames_behind_one_that_meets_something_due_are_not_passed_by(folder: Pa
         source.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
     now_s = items[-1].time_s
 
-    assert 2 == source.pass_by([now_s, now_s + 1e-4, now_s + 30.0, now_s + 2e-4, now_s + 3e-4])
+    assert 2 == source.pass_empty_frames([now_s, now_s + 1e-4, now_s + 30.0, now_s + 2e-4, now_s + 3e-4])

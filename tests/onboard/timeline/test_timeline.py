@@ -440,7 +440,7 @@ def test_many_samples_at_once_are_placed_as_each_by_itself(back_s: float) -> Non
     shift_s = many.shift_s
     assert (back_s > 0.0) == (shift_s != 0.0)
     frames = list(range(len(times_s)))
-    many.take(
+    many.add_samples(
         [RotationRun(wheel, 0, QUANTUM, frames, times_s, angles) for wheel in range(4)],
         [("yaw_rate", times_s, angles), ("odometer", times_s, angles)],
         shift_s,
@@ -458,7 +458,7 @@ def test_a_pause_of_five_seconds_is_filled_with_ticks(pause_s: float, gaps: int)
     for k in range(64):
         timeline.add(RotationSample(1024.0 + k / 64, 0, float(k), QUANTUM, 0))
     last_s = 1024.0 + 63 / 64
-    assert timeline.continues(last_s + pause_s) == (not gaps)
+    assert timeline.follows_without_pause(last_s + pause_s) == (not gaps)
     assert timeline.is_continuous(np.array([last_s + pause_s])) == (not gaps)
     before = timeline.counts["ticks"]
     ticks = timeline.advance(last_s + pause_s)
@@ -474,7 +474,10 @@ def test_time_is_continuous_up_to_half_a_second_back() -> None:
     assert timeline.is_continuous(np.array([1025.0, 1024.5, 1029.5]))
     assert not timeline.is_continuous(np.array([1025.0, 1024.4375]))
     assert not timeline.is_continuous(np.array([1025.0, 1031.0]))
-    assert (True, False) == (timeline.continues(1024.0), timeline.continues(1023.9375))
+    assert (True, False) == (
+        timeline.follows_without_pause(1024.0),
+        timeline.follows_without_pause(1023.9375),
+    )
 
 
 @pytest.mark.parametrize(("before_s", "placed"), [(0.0, True), (0.02, True), (0.05, False)])

@@ -27,7 +27,7 @@ from tpmsd.offline.drives.reading import (
 )
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
-from tpmsd.onboard.timeline.compensation import left_alone
+from tpmsd.onboard.timeline.compensation import uncompensated_effects
 
 if TYPE_CHECKING:
     pass
@@ -68,7 +68,7 @@ def replay(
     notes: list[str] = []
     extended = known_effects([one], model)
     if extended is not None:
-        notes += left_alone(config, extended)
+        notes += uncompensated_effects(config, extended)
     result, ticks = replayed(dataclasses.replace(one, config=config), extended, table, progress, notes.append)
     return Replay(result, ticks, tuple(notes), _source([one]))
 

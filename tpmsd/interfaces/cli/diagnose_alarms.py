@@ -45,13 +45,13 @@ class AlarmReplays:
         from tpmsd.car.config.load import load_config
         from tpmsd.car.physics.effect import Kind
         from tpmsd.offline.report.alarms_compared import compare_alarms
-        from tpmsd.onboard.timeline.compensation import left_alone
+        from tpmsd.onboard.timeline.compensation import uncompensated_effects
 
         model, notes = diagnosis.model, []
         after: list[Future[ReplayResult] | None] = []
         for drive in self._drives:
             config = load_config(drive if self._config_file is None else self._config_file)
-            notes.append(tuple(left_alone(config, model)))
+            notes.append(tuple(uncompensated_effects(config, model)))
             nothing = all(effect.kind is Kind.FAULT for effect in model)
             after.append(None if nothing else self._start(drive, model))
         return [

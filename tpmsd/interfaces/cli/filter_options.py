@@ -67,9 +67,9 @@ def model_of(config: Config, args: argparse.Namespace, note: Callable[[str], Non
     if file is None:
         return None
     from tpmsd.car.physics.model_file import load_model  # likewise
-    from tpmsd.onboard.timeline.compensation import left_alone
+    from tpmsd.onboard.timeline.compensation import uncompensated_effects
 
     model = load_model(file)
-    for line in left_alone(config, model):
+    for line in uncompensated_effects(config, model):
         note(f"{file}: {line}")
     return model

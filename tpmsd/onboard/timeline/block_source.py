@@ -31,7 +31,7 @@ FIRST_FRAMES = 1024
 
 
 class _Playback:
-    """A decoded block that is being played."""
+    """A decoded block while its frames reach the timeline in the order of time."""
 
     def __init__(self, block: FrameBlock, decoded: DecodedBlock, timeline: Timeline) -> None:
         self.block = block
@@ -62,9 +62,9 @@ class _Playback:
         """Return the host time of a frame."""
         return self._time_s[frame_index - self.decoded.start]
 
-    def next_due(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
-        """Return the first frame from `start` on that reaches `due_s` (logical) or passes the deadline
-        (host); at most `stop`."""
+    def next_due_frame(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
+        """Return the index of the first frame from `start` on that reaches `due_s` (logical) or passes the
+        deadline (host); at most `stop`."""
         origin = self.decoded.start
         frame_index = bisect_left(self._now_s, due_s) + origin
         if deadline_s < math.inf:
@@ -72,8 +72,9 @@ class _Playback:
         return min(max(frame_index, start), stop)
 
     def planned_tick(self, index: int, end_s: float, frame_index: int) -> PlannedTick | None:
-        """Return rotations and readings of a tick that is about to be made, the frames before `frame_index`
-        having been played; the timeline is given their samples where it needs them."""
+        """Return the rotations and readings of a tick that is due, the frames before `frame_index` having
+        been played; None where the plan has none. The timeline is given the samples before that frame where
+        it needs them."""
         tick = None if self._plan is None else self._plan.tick(index, end_s, frame_index)
         if tick is None:
             self._plan = None  # Late readings go into other ticks than it says.
@@ -92,7 +93,7 @@ class _Playback:
             here, self._given[number] = slice(first, last), last
             rows.append(here)
             frames.append((group.indices[here].tolist(), group.time_s[here].tolist()))
-        self._timeline.take(
+        self._timeline.add_samples(
             [
                 RotationRun(
                     *(angles.wheel, angles.segment, angles.quantum_rad, *frames[angles.group]),
@@ -111,11 +112,11 @@ class _Playback:
 
 
 class BlockSource:
-    """`TickSource` that takes blocks as well."""
+    """`TickSource` that takes blocks of frames as well."""
 
     def __init__(self, source: TickSource) -> None:
         self._source = source
-        source.follow(self)
+        source.use_look_ahead(self)
         self._block: FrameBlock | None = None
         self._frames: BlockFrames | None = None
         self._bus: NDArray[np.intp] = np.zeros(1, dtype=np.intp)
@@ -148,8 +149,8 @@ class BlockSource:
         return self._source.finish()
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Tick]:
-        """Take the data frames `start` to before `stop` of a block. `bus` (channels,): number of the bus of
-        each channel."""
+        """Take the data frames `start` to before `stop` of a block; yield the ticks that they complete. `bus`
+        (channels,): number of the bus of each channel."""
         if block is not self._block:
             self._block, self._bus = block, bus
             self._frames = BlockFrames(self._source.decoder, block, bus)
@@ -163,26 +164,30 @@ class BlockSource:
                 continue
             playback = self._playback or self._look_ahead(block, with_data)
             if playback is not None:
-                yield from self._serve(playback, min(stop, playback.decoded.stop))
+                yield from self._play(playback, min(stop, playback.decoded.stop))
                 continue
             nothing = block.time_s[self._at : min(stop, with_data, self._frames.next_relevant(self._at))]
-            passed = self._source.pass_by(nothing.tolist()) if len(nothing) else 0
+            passed = self._source.pass_empty_frames(nothing.tolist()) if len(nothing) else 0
             self._at += passed
             if not passed:
-                yield from self._one_by_one(block, min(stop, with_data, max(self._retry_at, self._at + 1)))
+                yield from self._play_one_by_one(
+                    block, min(stop, with_data, max(self._retry_at, self._at + 1))
+                )
 
     def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
-        """Return the next tick of the plan, at the timeline's request."""
+        """Return the planned tick of this index and end; None if no block is being played or its plan has
+        none."""
         return None if self._playback is None else self._playback.planned_tick(index, end_s, self._at)
 
-    def covers(self, time_s: float) -> bool:
-        """Return whether the decoder is ahead of a host time, so that no message can be overdue then."""
+    def continues_at(self, time_s: float) -> bool:
+        """Return whether frames are decoded ahead of a host time, so that no message can be overdue then; the
+        look-ahead ends where the time lies behind the next frame."""
         if self._playback is not None and not time_s <= self._playback.time_s(self._at):
-            self.leave()
+            self.end_look_ahead()
         return self._playback is not None
 
-    def leave(self) -> None:
-        """Make the decoder one that has taken the frames that were played, and none of those ahead."""
+    def end_look_ahead(self) -> None:
+        """Bring the decoder into the state after the frames played so far, dropping those decoded ahead."""
         playback, self._playback = self._playback, None
         if playback is not None:
             playback.hand_on(self._at)
@@ -192,7 +197,8 @@ class BlockSource:
                 # What they hold was handed on already.
                 decoder.decode(frame.time_s, frame.arbitration_id, frame.is_extended, frame.data, bus)
 
-    def _one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
+    def _play_one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
+        """Take the frames up to `stop` through `TickSource.on_frame`; yield the ticks that they complete."""
         source, first = self._source, self._at
         # As a rule it is one: frames between it and the next carry nothing.
         frames = (block.frame(first),) if stop == first + 1 else block.frames(first, stop)
@@ -203,8 +209,8 @@ class BlockSource:
             yield from source.on_frame(time_s, identifier, is_extended, data, bus)
 
     def _look_ahead(self, block: FrameBlock, with_data: int) -> _Playback | None:
-        """Decode a range from the next frame to before `with_data`, if it is time to try and there is
-        one."""
+        """Return the playback of a range decoded from the next frame on, to before `with_data`; None where
+        none can be decoded or it is too early to try again."""
         source, start = self._source, self._at
         if start < self._retry_at or not source.may_look_ahead:
             return None
@@ -225,17 +231,17 @@ class BlockSource:
         self._playback = _Playback(block, decoded, source.timeline)
         return self._playback
 
-    def _serve(self, playback: _Playback, stop: int) -> Iterator[Tick]:
-        """Yield the samples up to a frame, and the ticks that its stamps complete."""
+    def _play(self, playback: _Playback, stop: int) -> Iterator[Tick]:
+        """Play a decoded block up to the frame `stop`; yield the ticks that its stamps complete."""
         source, timeline = self._source, self._source.timeline
-        flows = playback.flows and timeline.continues(playback.time_s(self._at))
+        flows = playback.flows and timeline.follows_without_pause(playback.time_s(self._at))
         if not flows and not timeline.is_continuous(playback.block.time_s[self._at : stop]):
-            self.leave()
+            self.end_look_ahead()
             self._retry_at = stop
             return
         while self._at < stop:
             due_s, deadline_s = timeline.due_s, source.assembler.deadline_s
-            frame_index = playback.next_due(due_s, deadline_s, self._at, stop)
+            frame_index = playback.next_due_frame(due_s, deadline_s, self._at, stop)
             if frame_index > self._at:
                 timeline.advance_clock(playback.latest_s(frame_index))
                 self._at = frame_index

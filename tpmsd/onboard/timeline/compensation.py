@@ -5,7 +5,7 @@ made them if its wheels rolled on constant radii and its sensors were as configu
 hooks are used, so simulator, diagnosis and compensation cannot disagree on what an effect does.
 
 An effect says itself whether it stays: the fault that is to be found does, and so does what belongs to one
-drive alone. `left_alone` says all this of a model, one line each.
+drive alone. `uncompensated_effects` says all this of a model, one line each.
 """
 
 from __future__ import annotations
@@ -29,25 +29,24 @@ RATE_SMOOTHING_S = 0.3
 """Time constant of the smoothing of the steering wheel's rate, s."""
 
 
-def left_alone(config: Config, model: ExtendedModel) -> list[str]:
-    """Return the effects of the model that are not compensated, with the reason: one line each, for the
-    user."""
+def uncompensated_effects(config: Config, model: ExtendedModel) -> list[str]:
+    """Return one line for each effect of the model that is not compensated, with the reason, for the user."""
     notes = []
     for effect in model:
-        if (why := _why_not(config, effect)) is not None:
+        if (why := _reason_not_compensated(config, effect)) is not None:
             notes.append(f"{effect.name} is not compensated: {why}")
         elif (note := effect.left_in()) is not None:
             notes.append(note)
     return notes
 
 
-def _why_not(config: Config, effect: Effect) -> str | None:
-    """Return the reason for which an effect must stay in the ticks; None if it is taken out."""
+def _reason_not_compensated(config: Config, effect: Effect) -> str | None:
+    """Return the reason for which an effect must stay in the ticks; None if it is compensated."""
     return effect.not_compensated(frozenset(config.can.signals))
 
 
-def adjusted(config: Config, model: ExtendedModel) -> Config:
-    """Return the configuration with the model's constants in it: tracks, antenna position and latency."""
+def with_model_constants(config: Config, model: ExtendedModel) -> Config:
+    """Return the configuration with the model's tracks, antenna position and latency added to its own."""
     front, rear = model.track_error_m()
     forward, left = model.antenna_offset_m()
     vehicle = dataclasses.replace(
@@ -65,13 +64,13 @@ def adjusted(config: Config, model: ExtendedModel) -> Config:
 
 
 class Compensation:
-    """Keeps just enough of the motion to know what the effects do now."""
+    """Removes the effects of a model from ticks; keeps the motion that they depend on."""
 
     def __init__(self, config: Config, model: ExtendedModel) -> None:
         kept = [
             (effect, std)
             for effect, std in zip(model.effects, model.stds, strict=True)
-            if _why_not(config, effect) is None
+            if _reason_not_compensated(config, effect) is None
         ]
         self._model = ExtendedModel(tuple(e for e, _ in kept), tuple(s for _, s in kept))
         vehicle = config.vehicle
@@ -95,11 +94,11 @@ class Compensation:
         self._steering_rate_radps = 0.0
 
     def apply(self, tick: Tick) -> Tick:
-        """Return the tick without the model's effects."""
+        """Return the tick with the model's effects on rotations, yaw rate and fixes removed."""
         yaw_rate = (tick.yaw_rate_radps - self._gyro_bias) / self._gyro_scale
         rotation = tick.rotation_rad * self._tooth_factor
-        self._follow(tick, rotation, yaw_rate - self._yaw_error_radps)
-        self._steer(tick)
+        self._update_motion(tick, rotation, yaw_rate - self._yaw_error_radps)
+        self._update_steering_rate(tick)
         for fix in tick.fixes:
             self._grade.update(fix.up_m)
         motion = self._motion(tick)
@@ -116,11 +115,12 @@ class Compensation:
             rotation_rad=rotation * factor,
             rotation_std_rad=tick.rotation_std_rad * self._tooth_factor,
             yaw_rate_radps=yaw_rate - self._yaw_error_radps,
-            fixes=tuple(_put_right(fix, course, faster) for fix in tick.fixes),
+            fixes=tuple(_without_errors(fix, course, faster) for fix in tick.fixes),
         )
 
-    def _follow(self, tick: Tick, rotation: FloatArray, yaw_rate: float) -> None:
-        """Smooth speed, acceleration and yaw rate; NaN leaves them as they were."""
+    def _update_motion(self, tick: Tick, rotation: FloatArray, yaw_rate: float) -> None:
+        """Update the smoothed speed, acceleration and yaw rate, the distance and the heading; NaN changes
+        none."""
         if self._start_s is None:
             self._start_s = tick.time_s - tick.dt_s
         if tick.gap_s > 0.0:
@@ -143,8 +143,8 @@ class Compensation:
         self._heading_rad += turning * tick.dt_s
         self._grade.move(rolled_m)
 
-    def _steer(self, tick: Tick) -> None:
-        """Smooth the rate of the steering wheel; NaN leaves it as it was."""
+    def _update_steering_rate(self, tick: Tick) -> None:
+        """Update the smoothed rate of the steering wheel; NaN leaves it as it was."""
         angle = tick.steering_wheel_angle_rad
         if not math.isfinite(angle):
             return
@@ -155,7 +155,7 @@ class Compensation:
         self._steering_rad = angle
 
     def _motion(self, tick: Tick) -> Motion:
-        """Return the present moment as the catalogue takes it."""
+        """Return the present motion as arrays of one sample, the argument of the catalogue's effects."""
         speed = 0.0 if math.isnan(self._speed_mps) else self._speed_mps
         grade = math.asin(self._grade.sine)
         accel = self._accel_mps2
@@ -182,8 +182,8 @@ class Compensation:
         return Motion(measured=measured, **{name: np.array([value]) for name, value in values.items()})
 
 
-def _put_right(fix: Fix, course_error_rad: float, speed_error_mps: float) -> Fix:
-    """Return the fix without these errors; quantities that it lacks stay NaN."""
+def _without_errors(fix: Fix, course_error_rad: float, speed_error_mps: float) -> Fix:
+    """Return the fix less these errors of course and speed; quantities that it lacks stay NaN."""
     if course_error_rad == 0.0 and speed_error_mps == 0.0:
         return fix
     return dataclasses.replace(

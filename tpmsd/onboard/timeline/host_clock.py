@@ -24,8 +24,9 @@ class HostClock:
         """The greatest logical time so far."""
         self.steps = 0
 
-    def logical(self, host_s: float) -> float:
-        """Return the logical time of a stamp; notices a backward step."""
+    def advance(self, host_s: float) -> float:
+        """Return the logical time of a new stamp, from now on the latest unless an earlier one is later; a
+        backward step of the host clock changes the shift so that time goes on."""
         logical = host_s + self._shift_s
         if logical > self.latest_s:
             self.latest_s = logical
@@ -36,10 +37,10 @@ class HostClock:
             self.latest_s = max(logical, self.latest_s)
         return logical
 
-    def placed(self, host_s: float) -> float:
-        """Return the logical time of an older stamp of the present stretch; looks for no step."""
+    def to_logical(self, host_s: float) -> float:
+        """Return the logical time of a host time by the present shift; the clock is left as it is."""
         return host_s + self._shift_s
 
-    def host(self, logical_s: float) -> float:
-        """Return the host clock's time at a logical time of the present stretch."""
+    def to_host(self, logical_s: float) -> float:
+        """Return the host clock's time at a logical time by the present shift."""
         return logical_s - self._shift_s

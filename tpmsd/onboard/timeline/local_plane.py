@@ -42,7 +42,7 @@ class _Horizon(NamedTuple):
     up: Vector
 
     def earth_centred(self, height_m: float) -> Vector:
-        """Return the point itself (m) at a height above the ellipsoid."""
+        """Return the earth-centred coordinates (m) of the point at a height above the ellipsoid."""
         normal = WGS84_A_M / math.sqrt(1.0 - WGS84_E2 * self.sin_latitude**2)
         across = normal + height_m
         return (
@@ -87,8 +87,8 @@ class LocalPlane:
         anchor, here = self._anchor, self._here
         if anchor is None or here is None:
             return math.nan
-        east = _carry(anchor.point.east, anchor.point.up, here.up)
-        north = _carry(anchor.point.north, anchor.point.up, here.up)
+        east = _rotate_to_vertical(anchor.point.east, anchor.point.up, here.up)
+        north = _rotate_to_vertical(anchor.point.north, anchor.point.up, here.up)
         return anchor.rotation_rad + math.atan2(_dot(here.east, north), _dot(here.east, east))
 
     def to_plane(self, latitude_deg: float, longitude_deg: float, altitude_m: float) -> tuple[float, float]:
@@ -102,7 +102,7 @@ class LocalPlane:
         here = _horizon(math.radians(latitude_deg), math.radians(longitude_deg))
         known_height = _MIN_HEIGHT_M < altitude_m < _MAX_HEIGHT_M
         if self._anchor is None:
-            self._lay(here, altitude_m if known_height else 0.0, 0.0, 0.0, 0.0)
+            self._set_anchor(here, altitude_m if known_height else 0.0, 0.0, 0.0, 0.0)
         anchor = self._anchor
         assert anchor is not None
         # At the anchor's height, not its own: seen from the anchor, a climb would tilt into the plane as
@@ -120,7 +120,7 @@ class LocalPlane:
         self._here = here
         height = altitude_m if known_height else anchor.height_m
         if square_m2 > self._radius_m**2 or abs(height - anchor.height_m) > self._climb_m:
-            self._lay(here, height, plane_east, plane_north, self.rotation_rad)
+            self._set_anchor(here, height, plane_east, plane_north, self.rotation_rad)
         return plane_east, plane_north
 
     def to_plane_array(
@@ -143,15 +143,17 @@ class LocalPlane:
         heading = math.pi / 2 - course_rad + self.rotation_rad
         return math.pi - (math.pi - heading) % (2 * math.pi) if math.isfinite(heading) else math.nan
 
-    def _lay(
+    def _set_anchor(
         self, here: _Horizon, height_m: float, east_m: float, north_m: float, rotation_rad: float
     ) -> None:
+        """Make this point the anchor, with these coordinates in the plane, and the present position."""
         self._anchor = _Anchor(here, height_m, here.earth_centred(height_m), east_m, north_m, rotation_rad)
         self._here = here
         self.anchors += 1
 
 
 def _horizon(latitude_rad: float, longitude_rad: float) -> _Horizon:
+    """Return the horizon of a point: unit vectors east, north and up, earth-centred."""
     sin_lat, cos_lat = math.sin(latitude_rad), math.cos(latitude_rad)
     sin_lon, cos_lon = math.sin(longitude_rad), math.cos(longitude_rad)
     return _Horizon(
@@ -172,8 +174,8 @@ def _arc_per_projection(flat: float, chord: float, height_m: float) -> float:
     return 2.0 * radius * math.asin(min(chord / (2.0 * radius), 1.0)) / max(flat, 1.0)
 
 
-def _carry(vector: Vector, from_up: Vector, to_up: Vector) -> Vector:
-    """Turn a vector by the smallest rotation that takes one vertical to the other (Rodrigues)."""
+def _rotate_to_vertical(vector: Vector, from_up: Vector, to_up: Vector) -> Vector:
+    """Return a vector turned by the smallest rotation that takes one vertical to the other (Rodrigues)."""
     axis, cos = _cross(from_up, to_up), _dot(from_up, to_up)
     if cos < -0.999999:
         return vector  # the other side of the earth: any way is as short as any other

@@ -16,7 +16,7 @@ rule."""
 
 
 def implausible_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
-    """Return wheels whose readings cannot be the rotation of a wheel of this car."""
+    """Return the indices of the wheels that turn too unlike the median of all; all of two that disagree."""
     valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
     if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:
         return []

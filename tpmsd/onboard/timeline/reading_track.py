@@ -16,7 +16,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 class Means(NamedTuple):
-    """Means of one signal in n ticks; as `mean_to` gives them one by one."""
+    """Means of one signal in n ticks; as `take_mean` gives them one by one."""
 
     value: FloatArray
     """(n,)"""
@@ -50,13 +50,13 @@ class ReadingTrack:
             self._values += values
 
     def clear(self) -> None:
-        """Drop what no tick has used."""
+        """Drop the readings that no tick has used."""
         self._times.clear()
         self._values.clear()
 
-    def mean_to(self, end_s: float) -> float:
-        """Return the mean of the readings up to a tick's end, which are used up; NaN where there are none to
-        be had."""
+    def take_mean(self, end_s: float) -> float:
+        """Return the mean of the readings up to a tick's end and drop them; without any the last one while it
+        is held, then NaN."""
         count = bisect_right(self._times, end_s)
         if count:
             values, total = self._values[:count], 0.0
@@ -67,9 +67,9 @@ class ReadingTrack:
             return total / count
         return self._held if end_s - self._held_s <= self._hold_s else math.nan
 
-    def ahead(self, time_s: FloatArray, values: FloatArray, ends_s: FloatArray) -> Means | None:
-        """Return the means that `mean_to` will give with these further readings (m,) at the ends (n,) of the
-        next ticks; None where they are not in the order of their times."""
+    def means_ahead(self, time_s: FloatArray, values: FloatArray, ends_s: FloatArray) -> Means | None:
+        """Return the means that `take_mean` will return for the next ticks, of ends (n,), once these further
+        readings (m,) are added; None where they are not in the order of their times."""
         times = np.concatenate([self._times, time_s])
         if not (times[1:] >= times[:-1]).all():
             return None
@@ -85,8 +85,9 @@ class ReadingTrack:
         mean = np.where(count > 0, total / np.maximum(count, 1), held)
         return Means(mean, np.maximum(used - len(self._times), 0))
 
-    def pass_ticks(self, ends_s: list[float]) -> None:
-        """Use up what ticks have taken that were made `ahead`; their ends, in order."""
+    def drop_used(self, ends_s: list[float]) -> None:
+        """Drop the readings of ticks, given by their ends in order, that were planned by `means_ahead`; hold
+        the last."""
         count = bisect_right(self._times, ends_s[-1])
         if count:
             self._held_s = ends_s[bisect_left(ends_s, self._times[count - 1])]

@@ -49,7 +49,7 @@ class RotationTrack:
         """Rotation at the instant that was last asked for: a tick begins where the one before ended."""
 
     def add(self, sample: RotationSample) -> None:
-        """Take a reading; readings that are not newer than the last are left out."""
+        """Add a reading; one that is not newer than the last is left out."""
         self._add(sample.time_s, sample.angle_rad, (sample.segment, sample.quantum_rad))
 
     def _add(self, time_s: float, angle_rad: float, mark: tuple[int, float]) -> None:
@@ -60,7 +60,7 @@ class RotationTrack:
         self._marks.append(mark)
 
     def extend(self, run: RotationRun) -> None:
-        """Take many readings."""
+        """Add readings of one run; those that are not newer than the last are left out."""
         mark = (run.segment, run.quantum_rad)
         if run.time_s and self._times and run.time_s[0] <= self._times[-1]:
             for time_s, angle_rad in zip(run.time_s, run.angle_rad, strict=True):
@@ -77,14 +77,15 @@ class RotationTrack:
             del self._times[:older], self._angles[:older], self._marks[:older]
 
     def clear(self) -> None:
-        """Drop all."""
+        """Drop all readings."""
         self._times.clear()
         self._angles.clear()
         self._marks.clear()
         self._found = None
 
-    def at(self, time_s: float) -> Instant | None:
-        """Return the rotation at an instant, or None where no two readings of one segment enclose it."""
+    def angle_at(self, time_s: float) -> Instant | None:
+        """Return angle, segment and quantum at an instant; None where no two readings of one segment enclose
+        it closely."""
         if self._found is not None and self._found[0] == time_s:
             return self._found[1]
         after = bisect_left(self._times, time_s)
@@ -110,12 +111,12 @@ class RotationTrack:
         """True if there is no reading."""
         return not self._times
 
-    def ahead(
+    def rotations_ahead(
         self, time_s: FloatArray, angle_rad: FloatArray, segment: int, quantum_rad: float, edges_s: FloatArray
     ) -> Rotations | None:
-        """Return the rotations that `rotation_between` will give with these further readings (m,) of one
-        segment, between rising instants (n + 1,); of fewer intervals where no reading comes behind them. None
-        where some of the readings would be left out."""
+        """Return the rotations that `rotation_between` will return between rising instants (n + 1,) once
+        these further readings (m,) of one segment are added; fewer where readings end before, None where it
+        would be none or some readings would be left out."""
         times = np.concatenate([self._times, time_s])
         if not (times[1:] > times[:-1]).all():
             return None
@@ -147,7 +148,7 @@ def rotation_between(track: RotationTrack, begin_s: float, end_s: float) -> tupl
 
     A count is uniform within its quantum at both ends: variance 2 * q^2 / 12.
     """
-    begin, end = track.at(begin_s), track.at(end_s)
+    begin, end = track.angle_at(begin_s), track.angle_at(end_s)
     if begin is None or end is None or begin[1] != end[1]:
         return math.nan, math.nan
     return end[0] - begin[0], end[2] / math.sqrt(6.0)

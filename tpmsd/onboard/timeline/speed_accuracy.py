@@ -29,7 +29,7 @@ MOST = 30.0
 
 
 class SpeedAccuracy:
-    """One receiver."""
+    """Memory of the accuracies that one receiver stated."""
 
     def __init__(self) -> None:
         self._stated: deque[float] = deque(maxlen=MEMORY)
@@ -37,7 +37,8 @@ class SpeedAccuracy:
         self._since = 0
 
     def factor(self, stated_mps: float) -> float:
-        """Return the factor for a fix with this statement; 1 where there is none."""
+        """Record a stated standard deviation (m/s); return the factor, 1 to `MOST`, by which the fix's speed
+        is less accurate than usual. 1 where none is stated."""
         if not (math.isfinite(stated_mps) and stated_mps > 0.0):
             return 1.0
         self._stated.append(stated_mps)

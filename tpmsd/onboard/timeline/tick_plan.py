@@ -55,7 +55,8 @@ class TickPlan:
         self._needs: list[int] = needs.tolist()
 
     def tick(self, index: int, end_s: float, frame: int) -> PlannedTick | None:
-        """Return the tick of this index and end, if it is in the plan and needs no frame from `frame` on."""
+        """Return the tick of this index and end; None if it is not in the plan or needs the frame `frame` or
+        later ones."""
         row = index - self._first
         if not (0 <= row < len(self._needs) and self._needs[row] <= frame and self._ends_s[row] == end_s):
             return None
@@ -63,7 +64,7 @@ class TickPlan:
         return PlannedTick(self._rotation[row], self._std[row], means)
 
 
-def planned(
+def plan_ticks(
     decoded: DecodedBlock,
     shift_s: float,
     tracks: Sequence[RotationTrack],
@@ -71,7 +72,7 @@ def planned(
     first: int,
     edges_s: FloatArray,
 ) -> TickPlan | None:
-    """Return a plan of as many ticks as a decoded block covers.
+    """Return the plan of the ticks that a decoded block covers.
 
     `shift_s`: logical time minus the host's; `tracks` of the four wheels; `readings`: role and track by field
     of `Tick`, of all roles that are in a track or in the block; `first`: index of the tick between the
@@ -89,7 +90,7 @@ def planned(
     if any(wheel not in decoded_wheels and not track.is_empty for wheel, track in enumerate(tracks)):
         return None
     for angles in decoded.wheels:
-        found = tracks[angles.wheel].ahead(
+        found = tracks[angles.wheel].rotations_ahead(
             *(times_s[angles.group], angles.angle_rad, angles.segment, angles.quantum_rad, edges_s)
         )
         if found is None:
@@ -97,7 +98,7 @@ def planned(
         ticks = min(ticks, len(found.needs))
         rotation[:ticks, angles.wheel] = found.rotation_rad[:ticks]
         std[:ticks, angles.wheel] = found.std_rad[:ticks]
-        needs[:ticks] = np.maximum(needs[:ticks], _behind(decoded, angles.group, found.needs[:ticks]))
+        needs[:ticks] = np.maximum(needs[:ticks], _frames_needed(decoded, angles.group, found.needs[:ticks]))
     if not ticks:
         return None
     means: dict[str, FloatArray] = {}
@@ -105,15 +106,16 @@ def planned(
     for field, (role, track) in readings.items():
         values = further.get(role)
         new = (nothing, nothing) if values is None else (times_s[values.group], values.value)
-        mean = track.ahead(*new, edges_s[1 : ticks + 1])
+        mean = track.means_ahead(*new, edges_s[1 : ticks + 1])
         if mean is None:
             return None
         means[field] = mean.value
         if values is not None:
-            needs[:ticks] = np.maximum(needs[:ticks], _behind(decoded, values.group, mean.needs))
+            needs[:ticks] = np.maximum(needs[:ticks], _frames_needed(decoded, values.group, mean.needs))
     return TickPlan(first, edges_s[1 : ticks + 1], rotation[:ticks], std[:ticks], means, needs[:ticks])
 
 
-def _behind(decoded: DecodedBlock, group: int, readings: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the index behind the given number of a group's frames; 0 for none."""
+def _frames_needed(decoded: DecodedBlock, group: int, readings: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return the (n,) index in the block before which all frames must have been played for so many readings
+    (n,) of a group; 0 for none."""
     return np.append(0, decoded.groups[group].indices + 1)[np.maximum(readings, 0)]

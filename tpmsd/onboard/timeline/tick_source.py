@@ -26,17 +26,18 @@ from tpmsd.onboard.timeline.timeline import TickPlanner, Timeline
 class LookAhead(TickPlanner, Protocol):
     """Decodes frames of a block before their time has come, and plans the ticks that they make."""
 
-    def covers(self, time_s: float) -> bool:
-        """Return whether the decoder is ahead of a host time, so that no message can be overdue then."""
+    def continues_at(self, time_s: float) -> bool:
+        """Return whether frames are decoded ahead of a host time, so that no message can be overdue then; the
+        look-ahead ends where the time lies behind the next frame."""
         ...
 
-    def leave(self) -> None:
-        """Make the decoder one that has taken the frames that were played, and no more."""
+    def end_look_ahead(self) -> None:
+        """Bring the decoder into the state after the frames played so far, dropping those decoded ahead."""
         ...
 
 
 class TickSource:
-    """Everything left of the estimator."""
+    """Decoder, assembler of fixes and timeline of one car: inputs in, ticks out."""
 
     def __init__(self, config: Config, database: Database, rate_hz: float | None = None) -> None:
         """`rate_hz`: ticks per second instead of the configured ones."""
@@ -51,82 +52,91 @@ class TickSource:
         self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s, on_utc)
         self._look_ahead: LookAhead | None = None
 
-    def follow(self, look_ahead: LookAhead) -> None:
-        """Let `look_ahead` decode frames before their time; a live run has none."""
+    def use_look_ahead(self, look_ahead: LookAhead) -> None:
+        """Set the source that decodes frames ahead of time and plans ticks; a live run has none."""
         self._look_ahead = look_ahead
-        self.timeline.plan_with(look_ahead)
+        self.timeline.set_planner(look_ahead)
 
     @property
     def may_look_ahead(self) -> bool:
-        """True if nothing stands against decoding frames before their time: fixes are not made of them, there
-        is a time, and the wheels roll or stand together."""
+        """True if frames may be decoded ahead of time: fixes are not made of them, the first event has come,
+        and the wheels roll or stand together."""
         decoder = self.decoder
         return self._on_bus is None and self.timeline.due_s > -math.inf and (decoder.rolls or decoder.rests)
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
-        """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
+        """Take one CAN data frame; return the ticks that it completes. `bus` as in `CanDecoder.decode`."""
         # Most frames of a bus carry nothing and meet nothing that is due: as below, only quicker.
-        if self.decoder.ignores(arbitration_id, is_extended, bus) and self.pass_by((time_s,)):
+        if self.decoder.ignores(arbitration_id, is_extended, bus) and self.pass_empty_frames((time_s,)):
             return []
         ticks = self.advance(time_s)
         add = self.timeline.add
         for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, bus):
             if isinstance(event, InertialSample) and event.role in GNSS_ROLES:
                 if self._on_bus is not None:
-                    ticks += self._take(self._on_bus.take(event))
+                    ticks += self._add_events(self._on_bus.take(event))
                 continue
             ticks += add(event)
         return ticks
 
-    def pass_by(self, times_s: Iterable[float]) -> int:
-        """Take frames that carry nothing, up to the first that meets something due; return their number."""
-        decoder, pass_by, deadline_s = self.decoder, self.timeline.pass_by, self.assembler.deadline_s
+    def pass_empty_frames(self, times_s: Iterable[float]) -> int:
+        """Advance time over frames that carry nothing, up to the first at which something is due; return
+        their number."""
+        decoder, advance, deadline_s = (
+            self.decoder,
+            self.timeline.advance_if_nothing_due,
+            self.assembler.deadline_s,
+        )
         frames = 0
         for time_s in times_s:
-            if not (time_s <= deadline_s and decoder.none_overdue(time_s) and pass_by(time_s)):
+            if not (time_s <= deadline_s and decoder.none_overdue(time_s) and advance(time_s)):
                 break
             frames += 1
         decoder.count_ignored(frames)
         return frames
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
-        """Take one NMEA line; it counts for nothing where the receiver is on the bus."""
+        """Take one NMEA line; return the ticks that it completes. Where the receiver is on the bus, only its
+        time counts."""
         ticks = self.advance(time_s)
         if isinstance(self.assembler, NmeaAssembler):
-            ticks += self._take(self.assembler.feed(time_s, line))
+            ticks += self._add_events(self.assembler.feed(time_s, line))
         return ticks
 
     def on_event(self, event: Event) -> list[Tick]:
-        """Take a source's own event (an interface that went down, a receiver unplugged)."""
-        return self._take([event])
+        """Take a source's own event (interface down, receiver unplugged); return the ticks that it
+        completes."""
+        return self._add_events([event])
 
     def advance(self, time_s: float) -> list[Tick]:
-        """Let time pass: ends epochs, finds time-outs, completes ticks."""
+        """Advance to a host time: close epochs, find overdue messages; return the ticks that are complete by
+        then."""
         # Ticks that were due while the receiver's epoch was still open come before its fix, whether or not
         # anybody told the time in between: else a run that is told it more often would make other ticks.
         timeline, ticks = self.timeline, []
         steps = timeline.counts["clock_steps"]
         deadline_s = self.assembler.deadline_s
         if deadline_s < time_s:
-            ticks = timeline.advance(deadline_s) + self._take(self.assembler.advance(time_s))
-        covered = self._look_ahead is not None and self._look_ahead.covers(time_s)
+            ticks = timeline.advance(deadline_s) + self._add_events(self.assembler.advance(time_s))
+        covered = self._look_ahead is not None and self._look_ahead.continues_at(time_s)
         if not covered and (overdue := self.decoder.poll(time_s)):
-            ticks += self._take(overdue)
+            ticks += self._add_events(overdue)
         ticks += timeline.advance(time_s)
         if timeline.counts["clock_steps"] != steps:
             if self._look_ahead is not None:
-                self._look_ahead.leave()
+                self._look_ahead.end_look_ahead()
             # A message by itself would need a second of late frames to tell a step from a late frame.
             self.decoder.clock_stepped()
         return ticks
 
     def finish(self) -> list[Tick]:
         """Return the ticks that the end of a recording completes."""
-        return self._take(self.assembler.flush()) + self.timeline.finish()
+        return self._add_events(self.assembler.flush()) + self.timeline.finish()
 
-    def _take(self, events: Iterable[Event]) -> list[Tick]:
+    def _add_events(self, events: Iterable[Event]) -> list[Tick]:
+        """Add events to the timeline; return the ticks that they complete."""
         ticks: list[Tick] = []
         for event in events:
             ticks += self.timeline.add(event)

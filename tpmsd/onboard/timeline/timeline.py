@@ -33,7 +33,7 @@ from tpmsd.onboard.timeline.reading_track import ReadingTrack
 from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.onboard.timeline.speed_accuracy import SpeedAccuracy
 from tpmsd.onboard.timeline.tick import Fix, Tick
-from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, planned
+from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, plan_ticks
 from tpmsd.onboard.timeline.utc_offset import UtcOffsetTracker
 
 HOLDBACK_S = 0.45
@@ -83,19 +83,20 @@ class TickPlanner(Protocol):
 
     def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
         """Return rotations and readings of the tick that is about to be made; None if it is not planned, and
-        then the timeline has been given all samples up to there (`Timeline.take`)."""
+        then the timeline has been given all samples up to there (`Timeline.add_samples`)."""
         ...
 
 
 class RotationObserver(Protocol):
-    """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
+    """Receives every rotation sample at its own stamp, for quantities that ticks are too slow for."""
 
     def add(self, sample: RotationSample) -> None:
         """Take one sample."""
         ...
 
     def extend(self, run: RotationRun) -> bool:
-        """Take many samples of one wheel at once; return False to be given them one by one."""
+        """Take many samples of one wheel at once and return True; return False to be given them one by
+        one."""
         ...
 
 
@@ -134,8 +135,8 @@ class Timeline:
             "implausible": 0,
         }
 
-    def plan_with(self, planner: TickPlanner) -> None:
-        """Ask `planner` for each tick before it is made of samples."""
+    def set_planner(self, planner: TickPlanner) -> None:
+        """Set the planner that is asked for each tick before it is interpolated from samples."""
         self._planner = planner
 
     def observe_rotations(self, observer: RotationObserver, delay_s: float = 0.0) -> None:
@@ -147,8 +148,8 @@ class Timeline:
         self._on_fix = on_fix
 
     def observer_needs(self, end_s: float, shown_s: float) -> bool:
-        """Return whether an observer has to be shown the samples before a tick's end, those before `shown_s`
-        having been shown."""
+        """Return whether the observer must be shown the samples before a tick's end, having been shown those
+        before `shown_s`."""
         return self._observer is not None and end_s >= shown_s + self._observer_delay_s
 
     def add(self, event: Event) -> list[Tick]:
@@ -156,11 +157,11 @@ class Timeline:
         if isinstance(event, GnssFix):
             return self._add_fix(event)
         clock = self._clock
-        now = clock.placed(event.time_s)
+        now = clock.to_logical(event.time_s)
         ticks: list[Tick] = []
         if now != clock.latest_s:  # as a rule the frame that brought the event let time pass already
             ticks = self.advance(event.time_s)
-            now = clock.placed(event.time_s)
+            now = clock.to_logical(event.time_s)
         if isinstance(event, RotationSample):
             if now != event.time_s:
                 event = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
@@ -169,7 +170,7 @@ class Timeline:
                 self._observer.add(event)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value) and event.role in FIELDS:
-                self._readings(event.role).add(now, event.value)
+                self._reading_track(event.role).add(now, event.value)
         else:
             self._faults.append(event)
         return ticks
@@ -183,37 +184,37 @@ class Timeline:
         """
         if self._on_fix is not None:
             self._on_fix(fix)
-        arrival = self._clock.placed(fix.arrival_s)
+        arrival = self._clock.to_logical(fix.arrival_s)
         ticks = self.advance(fix.arrival_s) if arrival > self._clock.latest_s else []
-        arrival = self._clock.placed(fix.arrival_s)
-        valid = self._valid_s(fix, arrival)
+        arrival = self._clock.to_logical(fix.arrival_s)
+        valid = self._queue_fix(fix, arrival)
         needed = self._clock.latest_s - valid + HOLDBACK_MARGIN_S
         if self._holdback_s < needed < MAX_HOLDBACK_S:
             self._holdback_s = needed
-            self._due_s = self._end(self._index + 1) + needed
+            self._due_s = self._tick_end_s(self._index + 1) + needed
         return ticks
 
     def advance(self, host_time_s: float) -> list[Tick]:
-        """Let time pass to a host stamp; return the ticks that are complete by then."""
+        """Advance to a host stamp; return the ticks that are complete by then."""
         clock = self._clock
         before, steps = clock.latest_s, clock.steps
-        now = clock.logical(host_time_s)
+        now = clock.advance(host_time_s)
         if clock.steps != steps:
             self.counts["clock_steps"] += 1
             self._faults.append(SourceFault(host_time_s, "clock", "step_back", "the host clock stepped back"))
         if before == -math.inf:
-            self._start(now)
+            self._start_ticks(now)
         elif now - before > MAX_PAUSE_S:
-            ticks = self._emit(before + self._holdback_s)
-            self._skip(now)
+            ticks = self._make_due_ticks(before + self._holdback_s)
+            self._restart_after_gap(now)
             return ticks
-        return self._emit(clock.latest_s) if clock.latest_s >= self._due_s else []
+        return self._make_due_ticks(clock.latest_s) if clock.latest_s >= self._due_s else []
 
-    def pass_by(self, host_time_s: float) -> bool:
-        """Let time pass to a host stamp, if nothing comes of it: no tick is due, no step of the clock, no
-        pause. As `advance`, which is for all else (False)."""
+    def advance_if_nothing_due(self, host_time_s: float) -> bool:
+        """Advance to a host stamp and return True; return False and change nothing where a tick is due, the
+        clock steps or there was a pause, which is for `advance`."""
         clock = self._clock
-        now = clock.placed(host_time_s)
+        now = clock.to_logical(host_time_s)
         if not clock.latest_s <= now < self._due_s:
             return False
         clock.latest_s = now
@@ -229,14 +230,14 @@ class Timeline:
     @property
     def shift_s(self) -> float:
         """Logical time minus the host's."""
-        return self._clock.placed(0.0)
+        return self._clock.to_logical(0.0)
 
-    def continues(self, host_time_s: float) -> bool:
-        """Return whether a stamp is not before the latest, and there was no pause."""
-        return 0.0 <= self._clock.placed(host_time_s) - self._clock.latest_s <= MAX_PAUSE_S
+    def follows_without_pause(self, host_time_s: float) -> bool:
+        """Return whether a host stamp is not before the latest one and no pause behind it."""
+        return 0.0 <= self._clock.to_logical(host_time_s) - self._clock.latest_s <= MAX_PAUSE_S
 
     def is_continuous(self, time_s: FloatArray) -> bool:
-        """Return whether host times (n,) let time pass with no step of the clock and no pause."""
+        """Return whether host stamps (n,) follow the latest one with no step of the clock and no pause."""
         before = self._clock.latest_s
         now = np.append(before, time_s + self.shift_s)
         latest = np.maximum.accumulate(now)
@@ -249,25 +250,25 @@ class Timeline:
     def advance_clock(self, host_time_s: float) -> None:
         """Advance the latest stamp to one at which no tick is due; never backward."""
         clock = self._clock
-        clock.latest_s = max(clock.latest_s, clock.placed(host_time_s))
+        clock.latest_s = max(clock.latest_s, clock.to_logical(host_time_s))
 
     def plan(self, decoded: DecodedBlock) -> TickPlan | None:
-        """Compute rotations and readings of the next ticks that a decoded block covers; None if of none."""
-        groups, shift_s, begin_s = decoded.groups, self.shift_s, self._end(self._index)
+        """Return the plan of the next ticks that a decoded block covers; None if it covers none."""
+        groups, shift_s, begin_s = decoded.groups, self.shift_s, self._tick_end_s(self._index)
         last_s = max((float(group.time_s[-1]) for group in groups), default=-math.inf) + shift_s
         ticks = math.floor((last_s - begin_s) / self._dt_s) if last_s > begin_s else 0
         edges_s = self._origin_s + (np.arange(ticks + 1) + (self._index - self._index_base)) * self._dt_s
         roles = {*self._inertial, *(one.role for one in decoded.readings)} & FIELDS.keys()
-        readings = {FIELDS[role]: (role, self._readings(role)) for role in sorted(roles)}
-        return planned(decoded, shift_s, self._tracks, readings, self._index + 1, np.asarray(edges_s))
+        readings = {FIELDS[role]: (role, self._reading_track(role)) for role in sorted(roles)}
+        return plan_ticks(decoded, shift_s, self._tracks, readings, self._index + 1, np.asarray(edges_s))
 
-    def take(
+    def add_samples(
         self,
         rotations: Sequence[RotationRun],
         readings: Sequence[tuple[str, list[float], list[float]]],
         shift_s: float,
     ) -> None:
-        """Add samples, as `add` of each, at stamps to which time has passed; of each wheel and each role
+        """Add samples, as `add` of each, at stamps to which time has advanced; of each wheel and each role
         (with times and values, all finite) one at least. `shift_s`: logical time minus the host's then."""
         if shift_s:
             rotations = [run._replace(time_s=[at_s + shift_s for at_s in run.time_s]) for run in rotations]
@@ -276,16 +277,18 @@ class Timeline:
         for role, times_s, values in readings:
             if role in FIELDS:
                 logical_s = [time_s + shift_s for time_s in times_s] if shift_s else times_s
-                self._readings(role).extend(logical_s, values)
-        self._show(rotations)
+                self._reading_track(role).extend(logical_s, values)
+        self._show_observer(rotations)
         if ends_s := self._planned_ends_s:
             for track in self._tracks:
                 track.forget_before(ends_s[-1])
             for inertial in self._inertial.values():
-                inertial.pass_ticks(ends_s)
+                inertial.drop_used(ends_s)
             ends_s.clear()
 
-    def _show(self, rotations: Sequence[RotationRun]) -> None:
+    def _show_observer(self, rotations: Sequence[RotationRun]) -> None:
+        """Give rotation samples to the observer: whole runs where it takes them, else one by one in the order
+        of the frames."""
         observer = self._observer
         if observer is None:
             return
@@ -297,7 +300,8 @@ class Timeline:
             sample = run.time_s[row], run.wheel, run.angle_rad[row], run.quantum_rad, run.segment
             observer.add(RotationSample(*sample))
 
-    def _readings(self, role: str) -> ReadingTrack:
+    def _reading_track(self, role: str) -> ReadingTrack:
+        """Return the track of a role's readings, made on first use."""
         if role not in self._inertial:
             self._inertial[role] = ReadingTrack(HOLD_S.get(role, HOLD_DEFAULT_S))
         return self._inertial[role]
@@ -305,16 +309,18 @@ class Timeline:
     def finish(self) -> list[Tick]:
         """Return the ticks that the end of a recording completes."""
         latest_s = self._clock.latest_s
-        return [] if latest_s == -math.inf else self._emit(latest_s + self._holdback_s)
+        return [] if latest_s == -math.inf else self._make_due_ticks(latest_s + self._holdback_s)
 
-    def _start(self, now: float) -> None:
+    def _start_ticks(self, now: float) -> None:
+        """Begin the grid of ticks at a logical time, rounded down to the tick length."""
         self._origin_s = math.floor(now / self._dt_s) * self._dt_s
         self._index_base = self._index
-        self._due_s = self._end(self._index + 1) + self._holdback_s
+        self._due_s = self._tick_end_s(self._index + 1) + self._holdback_s
 
-    def _skip(self, now: float) -> None:
-        """Begin again behind a pause of all sources, or a forward step of the clock."""
-        end = self._end(self._index)
+    def _restart_after_gap(self, now: float) -> None:
+        """Drop all samples and begin the ticks again behind a pause of all sources, or a forward step of the
+        clock."""
+        end = self._tick_end_s(self._index)
         self.counts["gaps"] += 1
         self._gap_s += max(now - end, 0.0)
         for track in self._tracks:
@@ -322,32 +328,34 @@ class Timeline:
         for readings in self._inertial.values():
             readings.clear()
         self._fixes.clear()
-        self._start(now)
+        self._start_ticks(now)
 
-    def _end(self, index: int) -> float:
+    def _tick_end_s(self, index: int) -> float:
+        """Return the logical time at which a tick ends."""
         return self._origin_s + (index - self._index_base) * self._dt_s
 
-    def _emit(self, now: float) -> list[Tick]:
+    def _make_due_ticks(self, now: float) -> list[Tick]:
+        """Return all ticks that are due at a logical time, made now."""
         ticks: list[Tick] = []
         while self._due_s <= now:
             self._index += 1
-            self._due_s = self._end(self._index + 1) + self._holdback_s
+            self._due_s = self._tick_end_s(self._index + 1) + self._holdback_s
             # The very number at which the tick before ended: rotations then add up without a seam.
-            ticks.append(self._make_tick(self._end(self._index - 1), self._end(self._index)))
+            ticks.append(self._make_tick(self._tick_end_s(self._index - 1), self._tick_end_s(self._index)))
         return ticks
 
     def _make_tick(self, begin: float, end: float) -> Tick:
         """Return the tick of a span; its fixes and faults leave their buffers."""
         plan = None if self._planner is None else self._planner.planned_tick(self._index, end)
         if plan is None:
-            plan = self._from_tracks(begin, end)
+            plan = self._interpolate_tick(begin, end)
         else:
             self._planned_ends_s.append(end)
         rotation, std, means = plan
         for wheel in implausible_wheels(rotation.tolist(), self._dt_s):
             rotation[wheel] = std[wheel] = math.nan
             self.counts["implausible"] += 1
-            at_s = self._clock.host(end)
+            at_s = self._clock.to_host(end)
             self._faults.append(SourceFault(at_s, "can", "implausible", "turns unlike the others", wheel))
         fixes = tuple(self._take_fixes(begin, end))
         faults, self._faults = tuple(self._faults), []
@@ -360,22 +368,24 @@ class Timeline:
             rotation_rad=rotation,
             rotation_std_rad=std,
             fixes=fixes,
-            host_time_s=self._clock.host(end),
+            host_time_s=self._clock.to_host(end),
             gap_s=gap,
             faults=faults,
             **means,
         )
 
-    def _from_tracks(self, begin: float, end: float) -> PlannedTick:
+    def _interpolate_tick(self, begin: float, end: float) -> PlannedTick:
+        """Return rotations and means of a span by the tracks, whose used readings are dropped."""
         found = [rotation_between(track, begin, end) for track in self._tracks]
         for track in self._tracks:
             track.forget_before(end)
         rotation, std = np.array(found).T.copy()
-        means = {FIELDS[role]: track.mean_to(end) for role, track in self._inertial.items()}
+        means = {FIELDS[role]: track.take_mean(end) for role, track in self._inertial.items()}
         return PlannedTick(rotation, std, means)
 
-    def _valid_s(self, fix: GnssFix, arrival: float) -> float:
-        """Put a fix into the plane and onto the time line; return its time of validity."""
+    def _queue_fix(self, fix: GnssFix, arrival: float) -> float:
+        """Return a fix's logical time of validity; queue it, in the plane, for the tick of that time unless
+        it is unusable, too early or too late."""
         valid = self._offset.update(arrival, fix.utc_s)
         self.counts["off_utc"] += self._offset.off_utc
         if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
@@ -388,7 +398,7 @@ class Timeline:
             ahead_s = valid - arrival
             self._faults.append(SourceFault(fix.arrival_s, "gnss", "early", f"fix is {ahead_s:.2f} s ahead"))
             return arrival
-        last_end = self._end(self._index)
+        last_end = self._tick_end_s(self._index)
         if valid <= last_end:
             if valid < last_end - MAX_MOVE_S:
                 self.counts["late_fixes"] += 1

@@ -71,7 +71,7 @@ class UtcOffsetTracker:
         """
         self.step_s = 0.0
         if not (math.isfinite(utc_s) and math.isfinite(arrival_s)):
-            return self._without_utc(arrival_s)
+            return self._valid_by_usual_lag(arrival_s)
         if self._host_on_utc:
             self.off_utc = not -EARLIEST_S <= arrival_s - utc_s <= LATEST_S
             if not self.off_utc:
@@ -85,31 +85,34 @@ class UtcOffsetTracker:
         else:
             if utc_s < before:
                 self.status = "backwards"
-            self._follow(utc_s, arrival_s - utc_s, math.inf if math.isnan(before) else utc_s - before)
+            self._update_offset(utc_s, arrival_s - utc_s, math.inf if math.isnan(before) else utc_s - before)
         valid_s = utc_s + self.offset_s - self._latency_s
         self.lag_s = arrival_s - valid_s
         if self.status in ("ok", "step"):
             self._lags.append(self.lag_s)
         return valid_s
 
-    def _without_utc(self, arrival_s: float) -> float:
+    def _valid_by_usual_lag(self, arrival_s: float) -> float:
+        """Return the time of validity of a fix without UTC: its arrival less the median lag."""
         self.status = "no_utc"
         self.lag_s = float(median(np.array(self._lags))) if self._lags else self._latency_s
         return arrival_s - self.lag_s
 
-    def _follow(self, utc_s: float, offset_s: float, since_s: float) -> None:
+    def _update_offset(self, utc_s: float, offset_s: float, since_s: float) -> None:
+        """Update the offset by that of one fix, `since_s` of UTC after the one before."""
         if math.isnan(self.offset_s):
-            self._keep(utc_s, offset_s)
+            self._store(utc_s, offset_s)
             self.offset_s = offset_s
         elif abs(offset_s - self.offset_s) > STEP_S:
-            self._doubt(utc_s, offset_s)
+            self._consider_step(utc_s, offset_s)
         elif since_s > 0.0:
             self._candidates.clear()
-            self._keep(utc_s, offset_s)
-            self._smooth(utc_s, since_s)
+            self._store(utc_s, offset_s)
+            self._smooth_offset(utc_s, since_s)
 
-    def _doubt(self, utc_s: float, offset_s: float) -> None:
-        """Accept a level far away when several fixes in a row agree on it.
+    def _consider_step(self, utc_s: float, offset_s: float) -> None:
+        """Record an offset far off the present one; take a step to it when several fixes in a row agree on
+        it.
 
         A line that was stalled and then delivers all at once does not agree: there UTC goes on while arrival
         stands.
@@ -125,18 +128,20 @@ class UtcOffsetTracker:
         self._times_s.clear()
         self._offsets.clear()
         for candidate in self._candidates:
-            self._keep(*candidate)
+            self._store(*candidate)
         self._candidates.clear()
         self.status = "step"
 
-    def _keep(self, utc_s: float, offset_s: float) -> None:
+    def _store(self, utc_s: float, offset_s: float) -> None:
+        """Add an offset to the window, in the order of UTC."""
         at = bisect_right(self._times_s, utc_s)  # as a rule the last: a receiver's time seldom goes back
         self._times_s.insert(at, utc_s)
         self._offsets.insert(at, offset_s)
         if len(self._times_s) > _MAX_FIXES:
             del self._times_s[0], self._offsets[0]
 
-    def _smooth(self, now_s: float, since_s: float) -> None:
+    def _smooth_offset(self, now_s: float, since_s: float) -> None:
+        """Move `offset_s` toward the present envelope, with the time constant `SMOOTHING_S`."""
         warming = len(self._times_s) <= _WARM_FIXES
         if warming or not 0.0 <= now_s - self._judged_s < JUDGE_S:
             self._target_s, self._judged_s = self._present_envelope(now_s), now_s
@@ -144,28 +149,29 @@ class UtcOffsetTracker:
         self.offset_s += (self._target_s - self.offset_s) * gain
 
     def _present_envelope(self, now_s: float) -> float:
+        """Return the lower envelope of the window's offsets now, drift included; older ones are dropped."""
         # A hundred numbers or two: plain lists take half the time of arrays.
         times_s, offsets = self._times_s, self._offsets
         stale = bisect_left(times_s, True, key=lambda utc_s: now_s - utc_s <= 2.0 * WINDOW_S)
         del times_s[:stale], offsets[:stale]
         half = bisect_left(times_s, True, key=lambda utc_s: now_s - utc_s <= WINDOW_S)
         late = offsets[half:]
-        target_s = _envelope(late)
+        target_s = _lower_quantile(late)
         if half >= _WARM_FIXES and now_s - times_s[0] > _TREND_SPAN * WINDOW_S:
             # The two halves of the window tell the drift; without it the envelope is half a window old.
             early_ages, late_ages = (
                 [now_s - utc_s for utc_s in one] for one in (times_s[:half], times_s[half:])
             )
             apart_s = sum(early_ages) / half - sum(late_ages) / len(late_ages)
-            drift = (target_s - _envelope(offsets[:half])) / apart_s
+            drift = (target_s - _lower_quantile(offsets[:half])) / apart_s
             drift = min(max(drift, -MAX_DRIFT), MAX_DRIFT)
             ageing = zip(late_ages, late, strict=True)
-            target_s = _envelope([offset_s + drift * age_s for age_s, offset_s in ageing])
+            target_s = _lower_quantile([offset_s + drift * age_s for age_s, offset_s in ageing])
         return target_s
 
 
-def _envelope(offsets: list[float]) -> float:
-    """Return the low quantile, interpolated between order statistics."""
+def _lower_quantile(offsets: list[float]) -> float:
+    """Return the `QUANTILE` of offsets, interpolated between order statistics."""
     at = QUANTILE * (len(offsets) - 1)
     below, lowest = int(at), sorted(offsets)
     above = lowest[min(below + 1, len(offsets) - 1)]
