@@ -16,7 +16,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.car_library import load_cars
 from tpmsd.interfaces.cli.main import main
-from tpmsd.offline.discovery.car_start import found_of
+from tpmsd.offline.discovery.car_start import discovery_of_car
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.library import CarPlatform, car_from, field_of, match_car
@@ -84,7 +84,7 @@ def test_a_drive_on_every_bus(name: str, tmp_path: Path) -> None:
     """A drive on the entry's bus gives its wheels, its modulus, and its name."""
     car = CARS[name]
     file = tmp_path / "bus.dbc"
-    file.write_text(dbc_text(found_of(car)))
+    file.write_text(dbc_text(discovery_of_car(car)))
     found = discover(log_of(car), gnss_fixes(drive()), load_dbc(file), cars=list(CARS.values()))
 
     expected = car.signal_names()
@@ -143,7 +143,7 @@ def test_a_layout_is_a_weak_prior(tmp_path: Path) -> None:
     """Wheels in a known platform's places in other roles are told by the drive; the platform is not named."""
     car = exchanged(CARS["toyota"])
     file = tmp_path / "bus.dbc"
-    file.write_text(dbc_text(found_of(car)))
+    file.write_text(dbc_text(discovery_of_car(car)))
     found = discover(log_of(car), gnss_fixes(drive()), load_dbc(file), cars=[CARS["toyota"]])
 
     expected = car.signal_names()

@@ -113,7 +113,7 @@ def write_files(found: BusDiscovery, dbc: Path | None, target: Path) -> list[Pat
     Returns:
         The files that were written, the configuration first.
     """
-    from tpmsd.offline.discovery.result_files import dbc_of_bus, dbc_text, further_buses, vehicle_text
+    from tpmsd.offline.discovery.result_files import dbc_name_of_bus, dbc_text, further_buses, vehicle_text
 
     written = [target]
     own_dbc = target.with_suffix(".dbc")
@@ -121,7 +121,7 @@ def write_files(found: BusDiscovery, dbc: Path | None, target: Path) -> list[Pat
         replace_file(own_dbc, dbc_text(found))
         written.append(own_dbc)
         for bus in further_buses(found):
-            of_bus = own_dbc.with_name(dbc_of_bus(own_dbc.name, found.channel(bus)))
+            of_bus = own_dbc.with_name(dbc_name_of_bus(own_dbc.name, found.channel(bus)))
             replace_file(of_bus, dbc_text(found, bus))
             written.append(of_bus)
     elif _lies_elsewhere(dbc, target):

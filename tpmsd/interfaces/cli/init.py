@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.car.config.suggest import nearest
     from tpmsd.interfaces.api.car_library import load_cars
     from tpmsd.interfaces.cli.discover import refuse, write_files
-    from tpmsd.offline.discovery.car_start import found_of
+    from tpmsd.offline.discovery.car_start import discovery_of_car
     from tpmsd.offline.discovery.result_files import vehicle_text
 
     cars = {car.name: car for car in load_cars()}
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         near = nearest(args.car, cars)
         hint = f"did you mean {near}?" if near else "'tpmsd init' lists those that are"
         raise ConfigError(f"--car {args.car}: not in the car library; {hint}")
-    found = found_of(cars[args.car])
+    found = discovery_of_car(cars[args.car])
     if args.write is None:
         print(vehicle_text(found, f"{args.car}.dbc"), end="")
         return 0

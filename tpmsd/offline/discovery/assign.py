@@ -59,17 +59,20 @@ def assign(
     `receiver_position`: the receiver's own place against the common speed, as `_position_fit` has it.
     `match`: the platform whose bus this one looks like, as prior.
     """
-    members = _likely(group, settings)
+    members = _outermost_members(group, settings)
     if len(members) < 2:
         return None
-    scores = _scores(members, receiver_position, settings, match)
-    four = _best_four(members, scores, settings) if len(members) >= 4 else None
+    scores = _role_log_likelihood_ratios(members, receiver_position, settings, match)
+    four = _best_four_wheels(members, scores, settings) if len(members) >= 4 else None
     if four is not None:
         return four
-    return _best_pair(members, scores, settings)
+    return _best_rear_pair(members, scores, settings)
 
 
-def _likely(group: Sequence[Follower], settings: Settings) -> list[Follower]:
+def _outermost_members(group: Sequence[Follower], settings: Settings) -> list[Follower]:
+    """Return at most `max_in_cluster` members, those farthest from the centre line first, the less late of
+    equals.
+    """
     return sorted(group, key=lambda m: (-abs(m.lateral_m), m.lag_s))[: settings.max_in_cluster]
 
 
@@ -77,7 +80,7 @@ def _log_normal(x: float, mean: float, std: float) -> float:
     return -0.5 * ((x - mean) / std) ** 2 - float(np.log(std))
 
 
-def _scores(
+def _role_log_likelihood_ratios(
     members: Sequence[Follower],
     receiver_position: RegressionFit | None,
     settings: Settings,
@@ -119,8 +122,12 @@ def _scores(
     return out
 
 
-def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """Return marginals over all assignments of the four roles to four members."""
+def _best_four_wheels(
+    members: Sequence[Follower], scores: FloatArray, settings: Settings
+) -> Assignment | None:
+    """Return the likeliest assignment of the four roles to four members, with marginal probabilities over all
+    assignments; None where it is less likely than no wheels and its sides are not apart.
+    """
     top = [list(np.argsort(-scores[:, k])[:6]) for k in range(4)]
     orders, weights = [], []
     for order in itertools.product(*top):
@@ -128,9 +135,9 @@ def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settin
             orders.append(order)
             weights.append(
                 sum(scores[i, k] for k, i in enumerate(order))
-                + _coherence(members, order)
-                + _named(members, order)
-                + _axles(members, order, settings)
+                + _similarity_evidence(members, order)
+                + _name_evidence(members, order)
+                + _axle_evidence(members, order, settings)
             )
     if not orders:
         return None
@@ -152,20 +159,24 @@ def _best_four(members: Sequence[Follower], scores: FloatArray, settings: Settin
         for w, order in zip(weight, orders, strict=True):
             share[order[k]] = share.get(order[k], 0.0) + float(w)
         roles.append(_wheel_role(wheel, members, best[k], share, settings))
-    return Assignment(_kind(members[best[0]]), tuple(roles), False, float(sides), float(axles))
+    return Assignment(_assignment_kind(members[best[0]]), tuple(roles), False, float(sides), float(axles))
 
 
-def _named(members: Sequence[Follower], order: Sequence[int], wheels: Sequence[str] = WHEELS) -> float:
-    """Return the evidence of names, once for all wheels: a DBC that has the sides wrong has them wrong
-    throughout."""
+def _name_evidence(
+    members: Sequence[Follower], order: Sequence[int], wheels: Sequence[str] = WHEELS
+) -> float:
+    """Return the evidence of the names, nats: `CLEAR` if all names that state a wheel agree with the order,
+    else 0. It counts once for all wheels: a DBC that has the sides wrong has them wrong throughout.
+    """
     named = [named_wheel(members[i].series.field.signal) for i in order]
     named_wheels = [(name, wheel) for name, wheel in zip(named, wheels, strict=True) if name is not None]
     return CLEAR if named_wheels and all(name == wheel for name, wheel in named_wheels) else 0.0
 
 
-def _axles(members: Sequence[Follower], order: Sequence[int], settings: Settings) -> float:
-    """Return the evidence of the axles: front wheels roll farther in a bend, by half the square of the
-    wheelbase."""
+def _axle_evidence(members: Sequence[Follower], order: Sequence[int], settings: Settings) -> float:
+    """Return the log-likelihood (nats) of front and rear: front wheels roll farther in a bend, by half the
+    square of the wheelbase.
+    """
     q = [members[i].curve_m2 for i in order]
     stds = [float(np.hypot(members[i].curve_std_m2, settings.curvature_floor_m2)) for i in order]
     front, spread = 0.5 * settings.wheelbase_m**2, settings.wheelbase_m * settings.wheelbase_std_m
@@ -177,9 +188,10 @@ def _axles(members: Sequence[Follower], order: Sequence[int], settings: Settings
     return score
 
 
-def _coherence(members: Sequence[Follower], order: Sequence[int]) -> float:
-    """Return the evidence of the pairs: wheels of an axle come in one message, of one width, and equally
-    late."""
+def _similarity_evidence(members: Sequence[Follower], order: Sequence[int]) -> float:
+    """Return the evidence (nats) of what wheels have in common: those of an axle come in one message, have
+    one width and slip alike; all are equally late.
+    """
     score = 0.0
     for left, right in ((0, 1), (2, 3)):
         one, other = members[order[left]].series.field, members[order[right]].series.field
@@ -197,13 +209,15 @@ def _coherence(members: Sequence[Follower], order: Sequence[int]) -> float:
     )
 
 
-def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
-    """Return the rear pair alone: the only pair that can be monitored."""
+def _best_rear_pair(members: Sequence[Follower], scores: FloatArray, settings: Settings) -> Assignment | None:
+    """Return the likeliest rear left and right, for wheels of one axle alone (only the rear pair can be
+    monitored); None where they are less likely than no wheels and not apart.
+    """
     orders, weights = [], []
     side = np.logaddexp(scores[:, (0, 1)], scores[:, (2, 3)]) - np.log(2.0)
     for order in itertools.permutations(range(len(members)), 2):
         orders.append(order)
-        weights.append(side[order[0], 0] + side[order[1], 1] + _named(members, order, ("rl", "rr")))
+        weights.append(side[order[0], 0] + side[order[1], 1] + _name_evidence(members, order, ("rl", "rr")))
     weight = np.exp(np.array(weights) - max(weights))
     weight /= weight.sum()
     best = orders[int(np.argmax(weight))]
@@ -218,12 +232,15 @@ def _best_pair(members: Sequence[Follower], scores: FloatArray, settings: Settin
             share[order[k]] = share.get(order[k], 0.0) + float(w)
         roles.append(_wheel_role(wheel, members, best[k], share, settings))
     sides = float(sum(w for w, order in zip(weight, orders, strict=True) if order == best))
-    return Assignment(_kind(left), tuple(roles), True, sides, 1.0)
+    return Assignment(_assignment_kind(left), tuple(roles), True, sides, 1.0)
 
 
 def _wheel_role(
     wheel: str, members: Sequence[Follower], best: int, share: dict[int, float], settings: Settings
 ) -> Role:
+    """Return the role of a wheel with its probability, `share` by member, and the next three members as
+    alternatives.
+    """
     alternatives = sorted(
         ((members[i].series.field.signal, p) for i, p in share.items() if i != best and p > 1e-4),
         key=lambda alternative: -alternative[1],
@@ -232,5 +249,5 @@ def _wheel_role(
     return Role(wheel, members[best], probability, tuple(alternatives[:3]))
 
 
-def _kind(member: Follower) -> str:
+def _assignment_kind(member: Follower) -> str:
     return "counts" if member.series.kind == "count" else "speeds"

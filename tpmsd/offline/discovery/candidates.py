@@ -64,26 +64,31 @@ def candidates(
     reference: ReceiverMotion,
     settings: Settings = SETTINGS,
 ) -> tuple[Candidate, ...]:
-    """Candidates of the cluster of equal scale in which four wheels are most probable; none without such."""
+    """Return candidates of the cluster of equal scale in which four wheels are most probable; empty where no
+    cluster has four members.
+    """
     best: tuple[Candidate, ...] = ()
     for group in clusters(found, settings):
         if len(group) < len(WHEELS):
             continue
         members = sorted(group, key=lambda one: -one.r2)[: settings.max_in_cluster]
-        made = _weighed(members, reference, settings)
-        if made and (not best or _of_wheels(made) > _of_wheels(best)):
+        made = _candidates_of_cluster(members, reference, settings)
+        if made and (not best or _expected_wheels(made) > _expected_wheels(best)):
             best = made
     return best
 
 
-def _of_wheels(made: Sequence[Candidate]) -> float:
+def _expected_wheels(made: Sequence[Candidate]) -> float:
+    """Return the expected number of wheels among candidates: the sum of their probabilities."""
     return sum(one.any_wheel for one in made)
 
 
-def _weighed(
+def _candidates_of_cluster(
     members: Sequence[Follower], reference: ReceiverMotion, settings: Settings
 ) -> tuple[Candidate, ...]:
-    """Marginal probabilities over all orders; beforehand `no wheel` is as probable as all of them."""
+    """Return the members with marginal probabilities over all orders, the prior of `no wheel` being a half;
+    empty where no order can be judged.
+    """
     slopes: dict[Order, float | None] = {}
     orders, scores = [], []
     for order in itertools.permutations(range(len(members)), len(WHEELS)):
@@ -91,11 +96,11 @@ def _weighed(
             order if order[0] < order[2] else (order[2], order[3], order[0], order[1])
         )  # front and rear for each other
         if similar not in slopes:
-            slopes[similar] = _by_yaw(members, similar, reference, settings)
+            slopes[similar] = _yaw_log_likelihood_ratio(members, similar, reference, settings)
         by_yaw = slopes[similar]
         if by_yaw is not None:
             orders.append(order)
-            scores.append(by_yaw + _shared(members, order))
+            scores.append(by_yaw + _message_evidence(members, order))
     if not orders:
         return ()
     logs = np.append(np.array(scores) - np.log(len(orders)), 0.0)
@@ -116,10 +121,11 @@ def _weighed(
     return tuple(sorted(made, key=lambda one: (-one.any_wheel, one.field.signal)))
 
 
-def _by_yaw(
+def _yaw_log_likelihood_ratio(
     members: Sequence[Follower], order: Order, reference: ReceiverMotion, settings: Settings
 ) -> float | None:
-    """Log-likelihood ratio of four signals as fl, fr, rl and rr against no wheel at all.
+    """Return the log-likelihood ratio of four signals as fl, fr, rl and rr against no wheels; None where it
+    cannot be computed.
 
     By two slopes: that of the receiver's yaw rate on the mean difference of the axles, and that of the
     difference between front and rear on it, which is zero for wheels and 2/3 with the speed of the car itself
@@ -147,8 +153,10 @@ def _by_yaw(
     return score + _log_normal(unlike, similar) - _log_normal(unlike, float(np.hypot(stds[1], 1.0)))
 
 
-def _shared(members: Sequence[Follower], order: Order) -> float:
-    """Wheels of an axle come in one message and have one width, as in `assign`; a nat each."""
+def _message_evidence(members: Sequence[Follower], order: Order) -> float:
+    """Return a nat for each axle whose wheels come in one message, and one for each whose wheels have one
+    width.
+    """
     fields = [members[k].series.field for k in order]
     axles = ((fields[0], fields[1]), (fields[2], fields[3]))
     return float(

@@ -15,9 +15,11 @@ from tpmsd.offline.discovery.settings import SETTINGS
 _MEASURE = "tpmsd discover on ten minutes of mixed driving"
 
 
-def found_of(car: CarPlatform) -> BusDiscovery:
-    """Return the entry as if it had been found; measures that no library knows are listed as undecided."""
-    roles = {role: _role(role, entry) for role, entry in car.signals.items()}
+def discovery_of_car(car: CarPlatform) -> BusDiscovery:
+    """Return the car library's entry in the form of a discovery; measures that no library knows are listed as
+    undecided.
+    """
+    roles = {role: _role_of_entry(role, entry) for role, entry in car.signals.items()}
     counts = any(role.startswith("wheel_count_") for role in roles)
     keys = ["wheel_radius_m", "track_rear_m", "wheelbase_m", "driven_axle"]
     if counts and car.teeth_per_rev is None:
@@ -35,5 +37,5 @@ def found_of(car: CarPlatform) -> BusDiscovery:
     )
 
 
-def _role(role: str, entry: Mapping[str, Any]) -> FoundRole:
+def _role_of_entry(role: str, entry: Mapping[str, Any]) -> FoundRole:
     return FoundRole(role, field_of(entry), SETTINGS.max_probability, modulus=int(entry.get("modulus", 0)))

@@ -41,17 +41,18 @@ def course_fit(
     latency: Estimate | None,
     settings: Settings = SETTINGS,
 ) -> RegressionFit | None:
-    """Return coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
+    """Regress the receiver's course on the rear wheels' heading: 1 / track, unequal tyres per metre,
+    -latency, antenna ahead, -side slip, -load.
 
     `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if unknown.
     """
-    made = _with_track(settings.track_m, speed, difference, reference, latency, settings)
+    made = _course_fit_at_track(settings.track_m, speed, difference, reference, latency, settings)
     if made is None or made.value[0] <= 0.0:
         return made
-    return _with_track(1.0 / float(made.value[0]), speed, difference, reference, latency, settings)
+    return _course_fit_at_track(1.0 / float(made.value[0]), speed, difference, reference, latency, settings)
 
 
-def _with_track(
+def _course_fit_at_track(
     track_m: float,
     speed: FloatArray,
     difference: FloatArray,
@@ -59,19 +60,19 @@ def _with_track(
     latency: Estimate | None,
     settings: Settings,
 ) -> RegressionFit | None:
-    """Return the fit with yaw rates by this track."""
+    """Return the fit of `course_fit` with yaw rates by this track; None where too little is known."""
     yaw = difference / track_m
     with np.errstate(divide="ignore", invalid="ignore"):
         per_speed = yaw / speed
     course = bin_means(reference.fix_s, reference.fix_course_rad, reference.edge_s)
     design = np.column_stack(
         [
-            _integral(difference, settings),
-            _integral(speed, settings),
+            _integral_to_cell_centres(difference, settings),
+            _integral_to_cell_centres(speed, settings),
             yaw,
             per_speed,
             yaw * speed,
-            _integral(yaw * speed**2, settings),
+            _integral_to_cell_centres(yaw * speed**2, settings),
         ]
     )
     seen = np.where(np.isfinite(reference.yaw_radps), reference.yaw_radps, yaw)
@@ -82,17 +83,17 @@ def _with_track(
     count = design.shape[1]
     table = np.column_stack([design, by_receiver, course])
     within = np.full(table.shape, np.nan)
-    for cells in _stretches(usable, block):
+    for cells in _gapless_runs(usable, block):
         weight = speed[cells]
         share = weight**2 / (weight @ weight)
         within[cells] = (table[cells] - share @ table[cells]) * weight[:, None]
     target = within[:, -1]
-    rows = _instrumented(within[:, :count], within[:, count:-1], block)
+    rows = _instrumented_design(within[:, :count], within[:, count:-1], block)
     estimate = None if rows is None else fit(rows, target, block)
     if rows is None or estimate is None or not np.isfinite(estimate.cov).all():
         return None
     cov = estimate.cov.copy()
-    cov[0, 0] += (estimate.value[0] * _unexplained(rows, target, estimate)) ** 2 / 3.0
+    cov[0, 0] += (estimate.value[0] * _unexplained_fraction(rows, target, estimate)) ** 2 / 3.0
     estimate = replace(estimate, cov=cov)
     mean, std = np.zeros(len(estimate.value)), np.full(len(estimate.value), np.inf)
     mean[0], std[0] = 1.0 / settings.track_m, settings.track_std_m / settings.track_m**2
@@ -104,7 +105,7 @@ def _with_track(
     return with_prior(estimate, mean, std)
 
 
-def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
+def _instrumented_design(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
     """Return the design with the columns of the yaw rate regressed on the receiver's yaw rate (instrumental
     variables).
 
@@ -122,8 +123,9 @@ def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) 
     return instrumented
 
 
-def _unexplained(rows: FloatArray, target: FloatArray, estimate: RegressionFit) -> float:
-    """Return the share of the course that the heading leaves, the other columns taken out of both.
+def _unexplained_fraction(rows: FloatArray, target: FloatArray, estimate: RegressionFit) -> float:
+    """Return the fraction of the course's variance that the heading does not explain, the other columns
+    regressed out of both.
 
     Noise of the heading makes the slope too small by at most this share: between the regression and the
     reverse one lies the truth (Frisch 1934).
@@ -136,14 +138,14 @@ def _unexplained(rows: FloatArray, target: FloatArray, estimate: RegressionFit) 
     return 1.0 - float(np.corrcoef(both.T)[0, 1]) ** 2
 
 
-def _integral(value: FloatArray, settings: Settings) -> FloatArray:
-    """Return (n,) integral up to the middle of each cell; unknown values (NaN) count as zero."""
+def _integral_to_cell_centres(value: FloatArray, settings: Settings) -> FloatArray:
+    """Return the (n,) integral over time up to the middle of each cell; unknown values (NaN) count as 0."""
     known = np.where(np.isfinite(value), value, 0.0)
     return settings.cell_s * (np.cumsum(known) - 0.5 * known)
 
 
-def _stretches(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.int64]]:
-    """Return cells of each run without a gap within a block."""
+def _gapless_runs(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.int64]]:
+    """Return the cells of each run without a gap within a block; runs below `min_cells` are left out."""
     begins = np.concatenate([[True], ~usable[:-1] | (np.diff(block) != 0)])
     number = np.cumsum(begins)
     cells = np.flatnonzero(usable)

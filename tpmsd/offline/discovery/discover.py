@@ -25,12 +25,12 @@ from tpmsd.offline.discovery.series import MessageField, unwrap
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import (
     Follower,
-    anchor_of,
-    by_lag,
     clusters,
     followers,
+    groups_by_lag,
     physical_scale,
-    placed,
+    receiver_position_fit,
+    with_positions,
 )
 from tpmsd.offline.rings.counter import Counter
 from tpmsd.offline.rings.tooth_count import ToothCount, count_prior, tooth_count, tyre_radius_m
@@ -64,17 +64,17 @@ def discover(
     settings: Settings = SETTINGS,
 ) -> BusDiscovery:
     """Find the wheels and all that goes with them. `cars`: the car library, as prior."""
-    return decide(prepare(log, fixes, database, settings), tyre, cars, database, settings)
+    return discover_prepared(prepare(log, fixes, database, settings), tyre, cars, database, settings)
 
 
-def decide(
+def discover_prepared(
     material: PreparedLog,
     tyre: str | None = None,
     cars: Sequence[CarPlatform] = (),
     database: Database | None = None,
     settings: Settings = SETTINGS,
 ) -> BusDiscovery:
-    """Return the result of the prepared drive."""
+    """Return the discovery of a prepared drive; what cannot be decided is listed in `undecided`."""
     reference = material.reference
     nothing = BusDiscovery(
         None,
@@ -85,13 +85,15 @@ def decide(
     )
     if reference.duration_s < settings.min_drive_s:
         why = f"only {reference.duration_s:.0f} s of driving above 2 m/s with fixes"
-        return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with the sky in view"))
+        return replace(
+            nothing, undecided=_undecided_wheels(why, "10 min of mixed driving with the sky in view")
+        )
     match = None if database is None else match_car(cars, dbc_fields(database, material.logs))
     best = _best_assignment(material, match, settings)
     if best is None:
-        return _with_candidates(nothing, material, settings)
+        return _without_wheels(nothing, material, settings)
     assignment = best
-    car = None if match is None or not _as_matched(assignment, match) else match.car
+    car = None if match is None or not _agrees_with_match(assignment, match) else match.car
     undecided: list[Undecided] = []
     roles = _wheel_roles(assignment, undecided, settings)
     name = None if car is None else car.name
@@ -105,7 +107,7 @@ def decide(
         undecided.append(
             Undecided("vehicle.driven_axle", why, "brisk acceleration on a straight road, ten times")
         )
-    undecided += _unknown_measures(measures, geometry.gnss, assignment)
+    undecided += _undecided_measures(measures, geometry.gnss, assignment)
     if material.has_dbc:
         wheels = {role.follower.series.field.signal for role in assignment.roles}
         speed, yaw = geometry.motion()
@@ -137,20 +139,20 @@ def _ring_and_radius(
     if assignment.kind != "counts":
         radius = (tyre_radius_m(tyre, settings) if tyre else None) or settings.radius_m
         return found, Estimate(radius, radius * settings.tyre_radius_std if tyre else settings.radius_std_m)
-    teeth = _teeth(assignment, material, tyre, car, settings)
+    teeth = _counts_per_revolution(assignment, material, tyre, car, settings)
     if teeth.probability < settings.decided:
-        undecided.append(_unknown_teeth(teeth, tyre))
+        undecided.append(_undecided_counts(teeth, tyre))
     counted = replace(
         found,
         counts_per_rev=Estimate(teeth.value, teeth.std),
         counts_probability=teeth.probability,
         counts_alternatives=teeth.alternatives,
-        contradictions=_against_size(teeth, tyre, car),
+        contradictions=_tyre_size_warning(teeth, tyre, car),
     )
     return counted, Estimate(teeth.radius_m, teeth.std / max(teeth.value, 1.0) * teeth.radius_m)
 
 
-def _teeth(
+def _counts_per_revolution(
     assignment: Assignment,
     material: PreparedLog,
     tyre: str | None,
@@ -174,14 +176,16 @@ def _teeth(
     return tooth_count(counted, counted_std, tyre, wheels, settings)
 
 
-def _against_size(teeth: ToothCount, tyre: str | None, car: CarPlatform | None) -> tuple[str, ...]:
-    """Return the sentence on a tyre's size that the counts contradict, where they do."""
+def _tyre_size_warning(teeth: ToothCount, tyre: str | None, car: CarPlatform | None) -> tuple[str, ...]:
+    """Return one sentence if the counts contradict the tyre's size; else an empty tuple."""
     if teeth.by_size is None or teeth.probability < SETTINGS.decided:
         return ()
     needed, std = teeth.by_size
     known = car is not None and car.teeth_per_rev is not None
     shown = (
-        f"the car library has {teeth.value:g}" if known else f"the ripple of the rings shows {_counts(teeth)}"
+        f"the car library has {teeth.value:g}"
+        if known
+        else f"the ripple of the rings shows {_counts_text(teeth)}"
     )
     return (
         f"the tyre size {tyre} needs {needed:.0f} +- {std:.0f} counts per revolution, {shown}, "
@@ -189,7 +193,7 @@ def _against_size(teeth: ToothCount, tyre: str | None, car: CarPlatform | None) 
     )
 
 
-def _counts(teeth: ToothCount) -> str:
+def _counts_text(teeth: ToothCount) -> str:
     return (
         f"{teeth.value:.1f} +- {teeth.std:.1f}"
         if teeth.value > SETTINGS.max_ring_teeth
@@ -197,7 +201,7 @@ def _counts(teeth: ToothCount) -> str:
     )
 
 
-def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
+def _undecided_counts(teeth: ToothCount, tyre: str | None) -> Undecided:
     alternatives = ", ".join(f"{value:g} {p:.2f}" for value, p in teeth.alternatives)
     if teeth.probability > 0.0:
         why = f"{teeth.value:g} {teeth.probability:.2f}" + (f", {alternatives}" if alternatives else "")
@@ -215,17 +219,17 @@ def _best_assignment(material: PreparedLog, match: Match | None, settings: Setti
     """Return the assignment of the best cluster: one with four wheels, counts before speeds, then the most
     probable."""
     reference = material.reference
-    found = _followers(material, settings)
+    found = _disjoint_followers(material, settings)
     ranked = []
     for group in clusters(found, settings):
         if len(group) < 2:
             continue
-        late = by_lag(placed(group, reference, material.gyro, settings), settings)
+        late = groups_by_lag(with_positions(group, reference, material.gyro, settings), settings)
         for order, part in enumerate(late):
             if len(part) < 2:
                 continue
-            members = part if len(late) == 1 else placed(part, reference, material.gyro, settings)
-            made = assign(members, anchor_of(members, reference, settings), settings, match)
+            members = part if len(late) == 1 else with_positions(part, reference, material.gyro, settings)
+            made = assign(members, receiver_position_fit(members, reference, settings), settings, match)
             if made is None:
                 continue
             least = min(role.probability for role in made.roles)
@@ -235,29 +239,35 @@ def _best_assignment(material: PreparedLog, match: Match | None, settings: Setti
     return max(ranked, key=lambda entry: entry[0])[1]
 
 
-def _with_candidates(nothing: BusDiscovery, material: PreparedLog, settings: Settings) -> BusDiscovery:
-    """Return what is left where no wheels were found: signals that may be one."""
+def _without_wheels(nothing: BusDiscovery, material: PreparedLog, settings: Settings) -> BusDiscovery:
+    """Return the discovery of a drive in which no wheels were found: `nothing` with the signals that may be
+    one.
+    """
     why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
-    likely = candidates(_followers(material, settings), material.reference, settings)
+    likely = candidates(_disjoint_followers(material, settings), material.reference, settings)
     kind = likely[0].kind if likely else "count"
-    undecided = _no_wheels(why, "10 min of mixed driving with many bends", kind)
+    undecided = _undecided_wheels(why, "10 min of mixed driving with many bends", kind)
     return replace(nothing, undecided=undecided, candidates=likely)
 
 
-def _followers(material: PreparedLog, settings: Settings) -> list[Follower]:
-    """Signals that follow the receiver's speed; of readings of raw frames that share bits the best one."""
+def _disjoint_followers(material: PreparedLog, settings: Settings) -> list[Follower]:
+    """Return the plausible signals that follow the receiver's speed; of readings of raw frames that share
+    bits the best one.
+    """
     reference = material.reference
-    found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
-    return found if material.has_dbc else _disjoint(found)
+    found = [
+        one for one in followers(material.series, reference, settings) if _is_plausible_wheel(one, settings)
+    ]
+    return found if material.has_dbc else _without_overlaps(found)
 
 
-def _as_matched(assignment: Assignment, match: Match) -> bool:
+def _agrees_with_match(assignment: Assignment, match: Match) -> bool:
     """Return whether the drive puts the wheels where the platform has them."""
     found = {role.wheel: role.follower.series.field.signal for role in assignment.roles}
     return all(found.get(wheel) == signal for wheel, signal in match.wheels.items())
 
 
-def _plausible(one: Follower, settings: Settings) -> bool:
+def _is_plausible_wheel(one: Follower, settings: Settings) -> bool:
     """Return whether a wheel counts between four and two hundred thousand times a turn, or its speed has
     steps below 1 m/s."""
     if one.series.kind == "count":
@@ -266,14 +276,14 @@ def _plausible(one: Follower, settings: Settings) -> bool:
     return one.per_mps > 0.9
 
 
-def _disjoint(found: Sequence[Follower]) -> list[Follower]:
+def _without_overlaps(found: Sequence[Follower]) -> list[Follower]:
     """Return readings that share no bits: of those that do, the one that follows best, then the smoothest and
     widest."""
     kept: list[Follower] = []
     used: dict[int, list[set[int]]] = {}
     for first in sorted(found, key=lambda f: -f.r2):
         others = used.setdefault(first.series.field.key, [])
-        if any(_bits_of(first.series.field) & other for other in others):
+        if any(_occupied_bits(first.series.field) & other for other in others):
             continue
         equals = [
             one
@@ -281,12 +291,12 @@ def _disjoint(found: Sequence[Follower]) -> list[Follower]:
             if one.series.field.key == first.series.field.key
             and one.series.kind == first.series.kind
             and one.r2 > first.r2 - SETTINGS.equal_r2
-            and not any(_bits_of(one.series.field) & other for other in others)
+            and not any(_occupied_bits(one.series.field) & other for other in others)
         ]
         best = _smoothest(first, equals)
-        one, bits = best, _bits_of(best.series.field)
+        one, bits = best, _occupied_bits(best.series.field)
         for wider in equals:
-            wide = _bits_of(wider.series.field)
+            wide = _occupied_bits(wider.series.field)
             order = wider.series.field.layout.big_endian == best.series.field.layout.big_endian
             as_smooth = _step_mps(wider) <= (1.0 + 1e-9) * _step_mps(best)
             if len(wide) > len(bits) and wide > bits and as_smooth and (order or len(bits) <= 8):
@@ -302,8 +312,8 @@ def _smoothest(first: Follower, equals: Sequence[Follower]) -> Follower:
     The high byte of one wheel's speed and the low byte of its neighbour's make a number that follows the
     car's speed as well as either wheel: it jumps wherever one of them carries and the other does not yet.
     """
-    bits = _bits_of(first.series.field)
-    alternatives = [one for one in equals if bits & _bits_of(one.series.field)]
+    bits = _occupied_bits(first.series.field)
+    alternatives = [one for one in equals if bits & _occupied_bits(one.series.field)]
     return min(alternatives, key=lambda one: (_step_mps(one), -one.r2))
 
 
@@ -312,7 +322,8 @@ def _step_mps(one: Follower) -> float:
     return one.series.step_rms / one.per_mps
 
 
-def _bits_of(one: MessageField) -> set[int]:
+def _occupied_bits(one: MessageField) -> set[int]:
+    """Return the positions of a field's bits in the payload."""
     layout = one.layout
     if not layout.big_endian:
         return set(range(layout.shift, layout.shift + layout.length))
@@ -327,6 +338,7 @@ def _bits_of(one: MessageField) -> set[int]:
 def _wheel_roles(
     assignment: Assignment, undecided: list[Undecided], settings: Settings
 ) -> dict[str, FoundRole]:
+    """Return the wheels' signals by role; those that are not decided are appended to `undecided`."""
     roles = {}
     what = "count" if assignment.kind == "counts" else "speed"
     for role in assignment.roles:
@@ -342,11 +354,12 @@ def _wheel_roles(
                 ", ".join(f"{name} {p:.2f}" for name, p in role.alternatives) or "none of them a wheel"
             )
             why = f"{one.signal} {role.probability:.2f}, {alternatives}"
-            undecided.append(Undecided(f"can.signals.{key}", why, _drive_for(assignment)))
+            undecided.append(Undecided(f"can.signals.{key}", why, _recommended_manoeuvre(assignment)))
     return roles
 
 
-def _drive_for(assignment: Assignment) -> str:
+def _recommended_manoeuvre(assignment: Assignment) -> str:
+    """Return in words the driving that decides the sides, or the axles where those are less sure."""
     if assignment.left_right < assignment.front_rear:
         return "ten bends to either side: the sides do not differ on straight roads"
     return "ten tight bends at walking to town speed: the front wheels' longer way shows there"
@@ -397,13 +410,14 @@ def _with_inferred_unit(
     return FoundRole(key, known, probability, alternatives, unit="km/h", scale=scale, offset=base)
 
 
-def _no_wheels(why: str, drive: str, kind: str = "count") -> tuple[Undecided, ...]:
+def _undecided_wheels(why: str, drive: str, kind: str = "count") -> tuple[Undecided, ...]:
     return (Undecided(f"can.signals.wheel_{kind}_rl", why, drive),)
 
 
-def _unknown_measures(
+def _undecided_measures(
     geometry: Mapping[str, Estimate], gnss: Mapping[str, Estimate], assignment: Assignment
 ) -> list[Undecided]:
+    """Return an entry for each track, wheelbase or antenna coordinate that is not known well enough."""
     wanted = ["track_rear_m"] + ([] if assignment.pair_only else ["track_front_m", "wheelbase_m"])
     bends = "ten bends to either side, some of them tight"
     lines = [

@@ -41,7 +41,9 @@ class MessageLog:
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 2 else float("inf")
 
     def selected(self, selectors: Sequence[tuple[BitField, frozenset[int]]]) -> MessageLog:
-        """Return the frames of one branch of the multiplexers; all where there are none."""
+        """Return the frames in which each multiplexer field has one of its numbers; all frames where there
+        are no selectors.
+        """
         if not selectors:
             return self
         kept = np.ones(len(self.time_s), dtype=np.bool_)
@@ -72,10 +74,10 @@ class BusLog:
         """Frames of more identifiers than a bus has."""
 
     def add(self, block: FrameBlock) -> None:
-        """Take the frames of a block."""
+        """Append the data frames of a block."""
         data_frames = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
         self.frames += len(data_frames)
-        numbers = np.array([self._number(name) for name in block.channels], dtype=np.int64)
+        numbers = np.array([self._bus_number(name) for name in block.channels], dtype=np.int64)
         bus = numbers[block.channel[data_frames]]
         kinds = (bus << BUS_SHIFT | block.identifier[data_frames]) << 8 | block.size[data_frames]
         order = np.argsort(kinds, kind="stable")
@@ -92,7 +94,8 @@ class BusLog:
             kept[0].frombytes(block.time_s[these].tobytes())
             kept[1].extend(block.data[these, :size].tobytes())
 
-    def _number(self, channel: str) -> int:
+    def _bus_number(self, channel: str) -> int:
+        """Return the number of a channel's bus, a new one for a new channel."""
         if channel not in self.channels:
             self.channels.append(channel)
         return self.channels.index(channel)
@@ -115,13 +118,13 @@ class BusLog:
             order = np.argsort(time_s, kind="stable")
             message = MessageLog(key, time_s[order], rows[order])
             before = (logs.get(bus << BUS_SHIFT | key & _IDENTIFIER) for bus in range(key >> BUS_SHIFT))
-            if copies or not any(other is not None and _copies(message, other) for other in before):
+            if copies or not any(other is not None and _is_copy(message, other) for other in before):
                 logs[key] = message
         return logs
 
 
-def _copies(one: MessageLog, other: MessageLog) -> bool:
-    """Return whether a message of another bus says the same."""
+def _is_copy(one: MessageLog, other: MessageLog) -> bool:
+    """Return whether a message of another bus carries the same payloads, by a sample of them."""
     if one.data.shape[1] != other.data.shape[1]:
         return False
     sample = one.data[:: 1 + len(one.data) // SETTINGS.compared_payloads]

@@ -80,7 +80,7 @@ class CarGeometry:
             self.gnss["antenna_left_m"] = Estimate(antenna.value * share, antenna.std * share)
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
-        """Return the speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
+        """Return the speed (m/s) and yaw rate (rad/s) by the rear wheels, (n,) over the cells."""
         track = self.geometry.get("track_rear_m")
         difference = self._difference
         if self._course is not None and track is not None:
@@ -89,6 +89,7 @@ class CarGeometry:
         return self._speed, difference / (track.value if track else self._settings.track_m)
 
     def _add_track_widths(self, gyro: FloatArray | None) -> None:
+        """Add the rear track by the course, and front track and wheelbase where the front wheels are read."""
         course, geometry = self._course, self.geometry
         if course is not None and course.value[0] > 0:
             track = 1.0 / float(course.value[0])
@@ -96,9 +97,9 @@ class CarGeometry:
             if std < 0.5:
                 geometry["track_rear_m"] = Estimate(track, std)
         if "fl" in self._by_wheel and "track_rear_m" in geometry:
-            self._front(geometry["track_rear_m"])
+            self._fit_front_axle(geometry["track_rear_m"])
 
-    def _front(self, rear: Estimate) -> None:
+    def _fit_front_axle(self, rear: Estimate) -> None:
         """Fit front track and wheelbase, exact for rolling wheels.
 
         With u^2 = (v -+ r T / 2)^2 + (r x)^2 the difference of an axle's squares is 2 v r T, and the sum

@@ -31,13 +31,13 @@ class CarPlatform:
 
     def signal_names(self) -> dict[str, str]:
         """Return a mapping role -> 'Message.Signal', wheels only."""
-        return {role: str(entry["signal"]) for role, entry in self._wheels().items()}
+        return {role: str(entry["signal"]) for role, entry in self._wheel_entries().items()}
 
     def fields_by_wheel(self) -> dict[str, MessageField]:
         """Return a mapping wheel (`fl fr rl rr`) -> field of its signal."""
-        return {role[-2:]: field_of(entry) for role, entry in self._wheels().items()}
+        return {role[-2:]: field_of(entry) for role, entry in self._wheel_entries().items()}
 
-    def _wheels(self) -> dict[str, Mapping[str, Any]]:
+    def _wheel_entries(self) -> dict[str, Mapping[str, Any]]:
         return {role: entry for role, entry in self.signals.items() if role.startswith("wheel_")}
 
 
@@ -90,21 +90,22 @@ def match_car(cars: Sequence[CarPlatform], fields: Sequence[MessageField]) -> Ma
 
 
 def _match_platform(car: CarPlatform, fields: Sequence[MessageField]) -> Match | None:
+    """Return the match of a platform; None where one of its wheel signals is not on the bus."""
     names = {role[-2:]: name for role, name in car.signal_names().items()}
     wheels = {}
     for wheel, expected in car.fields_by_wheel().items():
-        here = [one.signal for one in fields if _similar(one, expected)]
+        here = [one.signal for one in fields if _same_bits(one, expected)]
         if not here:
             return None
         wheels[wheel] = here[0]
     return Match(car, wheels, wheels == names)
 
 
-def _similar(one: MessageField, other: MessageField) -> bool:
+def _same_bits(one: MessageField, other: MessageField) -> bool:
     """Return whether two fields lie in the same bits of the same message."""
     same = (one.key ^ other.key) & (1 << BUS_SHIFT) - 1 == 0
-    return same and _bits(one) == _bits(other)
+    return same and _bit_position(one) == _bit_position(other)
 
 
-def _bits(one: MessageField) -> tuple[bool, int, int]:
+def _bit_position(one: MessageField) -> tuple[bool, int, int]:
     return one.layout.big_endian, one.layout.length, dbc_start(one)

@@ -33,7 +33,7 @@ ROLE_WORDS: dict[str, str] = {
 
 
 def named_wheel(signal: str) -> str | None:
-    """Return the wheel that a name speaks of; None if it speaks of none, or of two."""
+    """Return the wheel that a name states; None if it states none, or two."""
     name = signal.partition(".")[2] or signal
     found = {wheel for wheel, pattern in _PATTERNS.items() if pattern.search(name)}
     if not found:
@@ -42,5 +42,5 @@ def named_wheel(signal: str) -> str | None:
 
 
 def role_evidence(signal: str, role: str) -> float:
-    """Return nats for another role by its signal's name."""
+    """Return the evidence (nats) of a signal's name for a role that is no wheel's."""
     return CLEAR if re.search(ROLE_WORDS[role], signal.partition(".")[2], re.IGNORECASE) else 0.0

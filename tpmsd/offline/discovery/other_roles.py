@@ -51,7 +51,7 @@ def find_gyro(
     best: tuple[float, FloatArray] | None = None
     course = smooth(reference.yaw_radps)
     for one in series:
-        if one.kind != "value" or _unit_kind(one.field.unit, "yaw_rate") is not True:
+        if one.kind != "value" or _unit_fits_role(one.field.unit, "yaw_rate") is not True:
             continue
         factor, _ = to_si("yaw_rate", one.field.unit)
         value = physical(one) * factor
@@ -97,14 +97,14 @@ def other_roles(
         if ranked:
             found[role] = ranked
             taken = taken | {ranked.field.signal}
-    ambient = _ambient(series, taken)
+    ambient = _find_ambient_temperature(series, taken)
     if ambient is not None:
         found["ambient_temp"] = ambient
     return found
 
 
-def _unit_kind(unit: str, role: str) -> bool | None:
-    """Return whether a unit is of the role's kind; None where it says nothing."""
+def _unit_fits_role(unit: str, role: str) -> bool | None:
+    """Return whether a unit is one that the role can have; None for an unknown unit."""
     known = canonical_unit(unit)
     if known is None:
         return None
@@ -118,10 +118,11 @@ def _unit_kind(unit: str, role: str) -> bool | None:
 def _best_series(
     series: Sequence[Series], role: str, target: FloatArray, speed: FloatArray, taken: set[str]
 ) -> FoundRole | None:
+    """Return the signal that fits a role best, its probability and alternatives; None where none fits."""
     moving = np.isfinite(target) & (speed > 2.0)
     aim = smooth(target)
     free = [one for one in series if one.kind == "value" and one.field.signal not in taken]
-    judged = ((one, _scored(one, role, aim, moving)) for one in free)
+    judged = ((one, _role_evidence(one, role, aim, moving)) for one in free)
     scored = [(*score, one) for one, score in judged if score is not None]
     if not scored:
         return None
@@ -138,14 +139,14 @@ def _best_series(
     sign = -1.0 if r < 0 and role in ("yaw_rate", "accel_lat", "accel_long", "steering_wheel_angle") else 1.0
     if r < 0 and sign > 0:
         return None
-    unit = None if _unit_kind(one.field.unit, role) else assumed_unit(role)
+    unit = None if _unit_fits_role(one.field.unit, role) else assumed_unit(role)
     return FoundRole(role, one.field, min(float(share[0]), 0.999), alternatives, unit=unit, sign=sign)
 
 
-def _scored(one: Series, role: str, aim: FloatArray, moving: np.ndarray) -> tuple[float, float] | None:
+def _role_evidence(one: Series, role: str, aim: FloatArray, moving: np.ndarray) -> tuple[float, float] | None:
     """Return the evidence (nats) for a signal in a role and its correlation with the role's target `aim`;
     None where neither unit nor name fits, or it does not follow."""
-    fits = _unit_kind(one.field.unit, role)
+    fits = _unit_fits_role(one.field.unit, role)
     word = role_evidence(one.field.signal, role)
     if fits is False or (fits is None and word == 0.0):  # a correlation alone names nothing
         return None
@@ -175,14 +176,14 @@ def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows:
     return 0.0 if SETTINGS.steering_ratios[0] < ratio < SETTINGS.steering_ratios[1] else -6.0
 
 
-def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
+def _find_ambient_temperature(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
     """Return the signal of an ambient temperature, which hardly changes, is one of weather, and is called so;
     None if there is none."""
     ranked = []
     for one in series:
         if one.kind != "value" or one.field.signal in taken:
             continue
-        if _unit_kind(one.field.unit, "ambient_temp") is not True:
+        if _unit_fits_role(one.field.unit, "ambient_temp") is not True:
             continue
         value = physical(one)
         known = value[np.isfinite(value)]

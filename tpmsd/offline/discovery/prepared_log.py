@@ -43,11 +43,13 @@ class PreparedLog:
 def prepare(
     log: BusLog, fixes: Sequence[GnssFix], database: Database | None, settings: Settings = SETTINGS
 ) -> PreparedLog:
-    """Read every field as it could be meant."""
+    """Compute the receiver's reference, and read every field both as a value and, where it counts, as a
+    counter.
+    """
     reference = make_reference(fixes, settings)
     logs = log.messages()
     edges = reference.edge_s
-    fields = dbc_fields(database, logs) if database is not None else _raw_fields(logs, settings)
+    fields = dbc_fields(database, logs) if database is not None else _raw_wheel_fields(logs, settings)
     series: list[Series] = []
     for one in fields:
         try:
@@ -57,7 +59,7 @@ def prepare(
             continue
         if len(raw) < 10 or raw.min() == raw.max() or len(edges) < 3:
             continue
-        if database is None and not _may_follow(message, raw, reference):
+        if database is None and not _may_be_wheel(message, raw, reference):
             continue
         series.append(as_value(one, message, raw, edges))
         if not one.layout.is_float and message.period_s * settings.min_rate_hz <= 1.0:
@@ -68,8 +70,10 @@ def prepare(
     return PreparedLog(reference, logs, series, log.frames, database is not None, gyro, tuple(log.channels))
 
 
-def _may_follow(log: MessageLog, raw: RawArray, reference: ReceiverMotion) -> bool:
-    """Return whether the number of a field of raw frames follows the speed, or counts, by a quick check."""
+def _may_be_wheel(log: MessageLog, raw: RawArray, reference: ReceiverMotion) -> bool:
+    """Return whether the number of a field of raw frames correlates with the speed, or counts up, by a quick
+    check.
+    """
     at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
     at = at[(at > 0) & (at < len(raw))]
     speed = np.interp(log.time_s[at], reference.edge_s[:-1], np.nan_to_num(reference.speed_mps))
@@ -116,7 +120,7 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Messa
     return found
 
 
-def _raw_fields(logs: Mapping[int, MessageLog], settings: Settings) -> list[MessageField]:
+def _raw_wheel_fields(logs: Mapping[int, MessageLog], settings: Settings) -> list[MessageField]:
     """Return the runs of bits of the messages that come often enough to carry wheels."""
     return [
         one for log in logs.values() if log.period_s * settings.min_rate_hz <= 1.0 for one in raw_fields(log)

@@ -37,7 +37,9 @@ def flip_rates(log: MessageLog) -> FloatArray:
 
 
 def raw_fields(log: MessageLog) -> list[MessageField]:
-    """Return candidates for numbers in one message."""
+    """Return the fields of one message that may be numbers, by the flip rates of its bits, in both byte
+    orders.
+    """
     if len(log.data) < 50:
         return []
     rates = flip_rates(log)
@@ -48,8 +50,8 @@ def raw_fields(log: MessageLog) -> list[MessageField]:
         order = range(count - 1, -1, -1) if big else range(count)
         positions = [(byte, bit) for byte in order for bit in range(8)]
         line = np.array([rates[byte, bit] for byte, bit in positions])
-        for start, length in _runs(line):
-            parts = _parts(start, length, _alive_bits(line[start : start + length]))
+        for start, length in _falling_runs(line):
+            parts = _subfields(start, length, _count_alive_bits(line[start : start + length]))
             # Top bits that did not change on this drive: a number ends with a byte more often than not.
             room = -(start + length) % 8
             if room and not line[start + length : start + length + room].any():
@@ -57,11 +59,13 @@ def raw_fields(log: MessageLog) -> list[MessageField]:
             for first, bits in parts:
                 field = _field_of_bits(log, positions[first], bits, big)
                 if field is not None:
-                    fields.setdefault((big and _spans(positions[first], bits), *_layout_key(field)), field)
+                    fields.setdefault(
+                        (big and _spans_bytes(positions[first], bits), *_layout_identity(field)), field
+                    )
     return list(fields.values())
 
 
-def _runs(line: FloatArray) -> list[tuple[int, int]]:
+def _falling_runs(line: FloatArray) -> list[tuple[int, int]]:
     """Return start and length of stretches in which flip rates fall, never-flipping bits on top left out."""
     runs = []
     start = 0
@@ -86,14 +90,15 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
     return runs
 
 
-def _alive_bits(rates: FloatArray) -> int:
-    """Return bits of an alive counter at the low end of a run: they flip in every frame, every second one,
-    ..."""
+def _count_alive_bits(rates: FloatArray) -> int:
+    """Return the number of alive-counter bits at the low end of a run: they flip in every frame, every second
+    one, ...
+    """
     halving = np.abs(rates * 2.0 ** np.arange(len(rates)) - 1.0) < SETTINGS.flip_halving
     return len(rates) if halving.all() else int(np.argmin(halving))
 
 
-def _parts(start: int, length: int, alive: int) -> list[tuple[int, int]]:
+def _subfields(start: int, length: int, alive: int) -> list[tuple[int, int]]:
     """Return fields to try: the whole run, what stands above an alive counter of so many bits, and parts that
     begin or end at bytes, where fast top bits hide the end."""
     end = start + length
@@ -102,15 +107,19 @@ def _parts(start: int, length: int, alive: int) -> list[tuple[int, int]]:
     return sorted((a, b - a) for a in starts for b in ends if MIN_BITS <= b - a <= MAX_BITS)
 
 
-def _spans(position: tuple[int, int], bits: int) -> bool:
+def _spans_bytes(position: tuple[int, int], bits: int) -> bool:
+    """Return whether a field of so many bits from (byte, bit) on crosses a byte boundary."""
     return position[1] + bits > 8
 
 
-def _layout_key(field: MessageField) -> tuple[int, int]:
+def _layout_identity(field: MessageField) -> tuple[int, int]:
     return field.layout.shift + 1000 * field.layout.word_bytes, field.layout.length
 
 
 def _field_of_bits(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> MessageField | None:
+    """Return the field of so many bits from the lowest (byte, bit) up; None where the message is too short
+    for it.
+    """
     byte, bit = lowest
     mask = (1 << bits) - 1
     if big:
@@ -130,7 +139,7 @@ def _field_of_bits(log: MessageLog, lowest: tuple[int, int], bits: int, big: boo
 
 
 def _motorola_start(byte: int, bit: int, bits: int) -> int:
-    """Return DBC number of the highest bit of a big-endian field by its lowest."""
+    """Return the DBC number of a big-endian field's highest bit, from its lowest byte and bit."""
     layout = 8 * byte + bit
     for _ in range(bits - 1):
         layout = layout + 1 if layout % 8 < 7 else layout - 15

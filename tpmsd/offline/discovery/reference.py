@@ -43,18 +43,18 @@ class ReceiverMotion:
 
     @property
     def moving(self) -> NDArray[np.bool_]:
-        """(n,) cells in which speed and yaw rate are known and the car drives."""
+        """(n,) True for cells in which speed and yaw rate are known and the speed is above 2 m/s."""
         return np.isfinite(self.speed_mps) & np.isfinite(self.yaw_radps) & (self.speed_mps > 2.0)
 
     @property
     def duration_s(self) -> float:
-        """Driving time with a reference."""
+        """Total time of the moving cells, s."""
         return float(self.moving.sum() * (self.edge_s[1] - self.edge_s[0])) if len(self.edge_s) > 1 else 0.0
 
 
 def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> ReceiverMotion:
     """Return the reference of a drive; empty arrays where there is no usable fix."""
-    time_s = _fix_times(fixes)
+    time_s = _fix_times_on_host_clock(fixes)
     good = np.isfinite(time_s)
     order = np.flatnonzero(good)[np.argsort(time_s[good], kind="stable")]
     order = order[np.concatenate([[True], np.diff(time_s[order]) > 1e-3])] if len(order) else order
@@ -67,7 +67,7 @@ def make_reference(fixes: Sequence[GnssFix], settings: Settings = SETTINGS) -> R
     cell = settings.cell_s
     edges = np.arange(math.ceil(time_s[0] / cell) * cell, time_s[-1], cell)
     mean_speed = bin_means(time_s, speed, edges)
-    yaw = _yaw(time_s, course, edges)
+    yaw = _mean_yaw_rate(time_s, course, edges)
     accel = np.full(len(mean_speed), np.nan)
     accel[1:-1] = (mean_speed[2:] - mean_speed[:-2]) / (2 * cell)
     return ReceiverMotion(edges, mean_speed, yaw, accel, time_s, speed, course, by_position)
@@ -85,13 +85,13 @@ def bin_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> Float
     since = edges - t[before]
     slope = np.diff(x)[before] / np.diff(t)[before]
     means = np.diff(travel[before] + since * (x[before] + 0.5 * slope * since)) / np.diff(edges)
-    return np.where(_covered(t, edges), means, np.nan)
+    return np.where(_cells_without_gap(t, edges), means, np.nan)
 
 
-def _covered(
+def _cells_without_gap(
     time_s: FloatArray, edges: FloatArray, longest_s: float = SETTINGS.longest_gap_s
 ) -> NDArray[np.bool_]:
-    """Return cells that no gap between two samples reaches into."""
+    """Return (n,) True for cells that no gap between two samples reaches into."""
     after = np.clip(np.searchsorted(time_s, edges, side="right"), 1, len(time_s) - 1)
     fine = time_s[after] - time_s[after - 1] <= longest_s
     inside = (edges >= time_s[0]) & (edges <= time_s[-1])
@@ -99,7 +99,10 @@ def _covered(
     return np.asarray(edge_fine[1:] & edge_fine[:-1])
 
 
-def _fix_times(fixes: Sequence[GnssFix]) -> FloatArray:
+def _fix_times_on_host_clock(fixes: Sequence[GnssFix]) -> FloatArray:
+    """Return the (m,) times of the fixes, s: their UTC shifted to the host's clock (NaN without UTC), or
+    their arrival where hardly a fix has UTC.
+    """
     arrival = np.array([fix.arrival_s for fix in fixes], dtype=np.float64)
     utc = np.array([fix.utc_s for fix in fixes], dtype=np.float64)
     known = np.isfinite(utc)
@@ -127,7 +130,7 @@ def _motion(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArray, F
     speed = np.array([fix.speed_mps for fix in fixes], dtype=np.float64)
     course = np.array([-fix.course_rad for fix in fixes], dtype=np.float64)
     if np.isfinite(speed).sum() < 0.5 * len(fixes) or np.isfinite(course).sum() < 0.2 * len(fixes):
-        speed_by_position, heading = _by_position(fixes, time_s)
+        speed_by_position, heading = _motion_by_positions(fixes, time_s)
         if np.isfinite(speed).sum() < 0.5 * len(fixes):
             speed = speed_by_position
         if np.isfinite(course).sum() < 0.2 * len(fixes):
@@ -139,7 +142,10 @@ def _motion(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArray, F
     return speed, out
 
 
-def _by_position(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _motion_by_positions(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the (m,) speed and course at the fixes by differences of positions; NaN where they are too
+    sparse.
+    """
     latitude = np.radians([fix.latitude_deg for fix in fixes])
     longitude = np.radians([fix.longitude_deg for fix in fixes])
     speed, course = np.full(len(fixes), np.nan), np.full(len(fixes), np.nan)
@@ -163,11 +169,11 @@ def _by_position(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArr
     return speed, course
 
 
-def _yaw(time_s: FloatArray, course: FloatArray, edges: FloatArray) -> FloatArray:
+def _mean_yaw_rate(time_s: FloatArray, course: FloatArray, edges: FloatArray) -> FloatArray:
     """Return the mean yaw rate over each cell: the course's change from edge to edge."""
     known = np.isfinite(course)
     if known.sum() < 2:
         return np.full(len(edges) - 1, np.nan)
     t = time_s[known]
     at = np.interp(edges, t, course[known])
-    return np.where(_covered(t, edges), np.diff(at) / np.diff(edges), np.nan)
+    return np.where(_cells_without_gap(t, edges), np.diff(at) / np.diff(edges), np.nan)

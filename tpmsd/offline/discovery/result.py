@@ -53,8 +53,10 @@ class FoundRole:
         return self.field.key >> BUS_SHIFT
 
     @property
-    def plain(self) -> bool:
-        """True if the name says all."""
+    def is_plain(self) -> bool:
+        """True if the DBC's entry is used as it is: no modulus, unit, scale, sign or invalid number of its
+        own.
+        """
         return (
             not self.modulus
             and self.unit is None
@@ -114,7 +116,7 @@ class BusDiscovery:
         return max(sorted(set(buses)), key=buses.count, default=0)
 
     def channel(self, bus: int) -> str:
-        """Return the name of a bus, as the log has it."""
+        """Return the log's name of a bus, by its number."""
         return self.channels[bus] if bus < len(self.channels) else f"can{bus}"
 
     @property
@@ -132,7 +134,7 @@ class BusDiscovery:
                 role: {
                     "signal": found.field.signal,
                     "probability": found.probability,
-                    **_under_both_names(
+                    **_alternatives_document(
                         [{"signal": name, "probability": p} for name, p in found.alternatives]
                     ),
                     **({"bus": self.channel(found.bus)} if len(self.channels) > 1 else {}),
@@ -150,7 +152,7 @@ class BusDiscovery:
             else {
                 **self.counts_per_rev.document(),
                 "probability": self.counts_probability,
-                **_under_both_names(
+                **_alternatives_document(
                     [{"value": value, "probability": p} for value, p in self.counts_alternatives]
                 ),
             },
@@ -166,6 +168,6 @@ class BusDiscovery:
         }
 
 
-def _under_both_names(entries: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+def _alternatives_document(entries: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     """Return the alternatives under their key, and under `rivals`, which readers of schema 1 know."""
     return {"alternatives": entries, "rivals": entries}

@@ -65,11 +65,11 @@ def _can_tables(found: BusDiscovery, dbc: str) -> list[str]:
     for bus in further_buses(found):
         name = json.dumps(found.channel(bus))
         lines += ["", f"[can.buses.{name}]", f"channel = {name}"]
-        lines += [f"dbc = {json.dumps(dbc if found.has_dbc else dbc_of_bus(dbc, found.channel(bus)))}"]
+        lines += [f"dbc = {json.dumps(dbc if found.has_dbc else dbc_name_of_bus(dbc, found.channel(bus)))}"]
     lines += ["", "[can.signals]"]
     for role, one in found.roles.items():
         bus_name = "" if one.bus == main else found.channel(one.bus)
-        lines.append(f"{role} = {_signal(one, bus_name)}   # {one.probability:.3f}")
+        lines.append(f"{role} = {_signal_entry(one, bus_name)}   # {one.probability:.3f}")
     return lines
 
 
@@ -87,19 +87,19 @@ def _gnss_table(found: BusDiscovery) -> list[str]:
 
 
 def further_buses(found: BusDiscovery) -> list[int]:
-    """Return numbers of the buses beside the main one that carry a signal."""
+    """Return the numbers of the buses other than the main one that carry a signal."""
     return sorted({one.bus for one in found.roles.values()} - {found.main_bus})
 
 
-def dbc_of_bus(dbc: str, channel: str) -> str:
+def dbc_name_of_bus(dbc: str, channel: str) -> str:
     """Return the name of the DBC of a further bus, beside that of the main one: `bus.can1.dbc`."""
     return f"{dbc.removesuffix('.dbc')}.{channel}.dbc"
 
 
-def _signal(one: FoundRole, bus: str = "") -> str:
-    """Return the entry of a role; `bus`: name of the further bus that carries it."""
+def _signal_entry(one: FoundRole, bus: str = "") -> str:
+    """Return the value of a role in `[can.signals]`; `bus`: name of the further bus that carries it."""
     name = json.dumps(one.field.signal)
-    as_named = one.plain or _written_in_dbc(one)
+    as_named = one.is_plain or _is_described_by_dbc(one)
     if as_named and not bus:
         return name
     parts = [f"signal = {name}"] + ([f"bus = {json.dumps(bus)}"] if bus else [])
@@ -120,8 +120,8 @@ def _signal(one: FoundRole, bus: str = "") -> str:
     return "{ " + ", ".join(parts) + " }"
 
 
-def _written_in_dbc(one: FoundRole) -> bool:
-    """Return whether the DBC is our own and says it all."""
+def _is_described_by_dbc(one: FoundRole) -> bool:
+    """Return whether the field was found in raw frames and our own DBC describes it completely."""
     return one.field.message.startswith("ID_") and not one.modulus and not one.invalid
 
 
@@ -137,13 +137,14 @@ def dbc_text(found: BusDiscovery, bus: int | None = None) -> str:
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     for key, roles in sorted(by_key.items()):
         number = (key & ~EXTENDED) | (1 << 31 if key & EXTENDED else 0)
-        lines.append(f"BO_ {number} {roles[0].field.message}: {_length(roles)} CAR")
+        lines.append(f"BO_ {number} {roles[0].field.message}: {_message_length(roles)} CAR")
         lines += [_dbc_signal_line(one) for one in roles]
         lines.append("")
     return "\n".join(lines)
 
 
-def _length(roles: Sequence[FoundRole]) -> int:
+def _message_length(roles: Sequence[FoundRole]) -> int:
+    """Return the smallest CAN payload length, bytes, that holds the fields of all roles."""
     return next(size for size in _LENGTHS if size >= max(one.field.layout.min_bytes for one in roles))
 
 

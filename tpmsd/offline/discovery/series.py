@@ -73,7 +73,7 @@ def as_value(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatAr
     are left out."""
     layout = field.layout
     plain = not layout.is_float and not layout.signed and not field.invalid
-    no_value = _no_value(raw) if plain else frozenset()
+    no_value = _no_value_number(raw) if plain else frozenset()
     if layout.is_float:
         width = {16: np.float16, 32: np.float32, 64: np.float64}[layout.length]
         unsigned = {16: np.uint16, 32: np.uint32, 64: np.uint64}[layout.length]
@@ -91,9 +91,10 @@ def as_value(field: MessageField, log: MessageLog, raw: RawArray, edges: FloatAr
     return Series(field, "value", means, period_s=log.period_s, no_value=no_value, step_rms=rms)
 
 
-def _no_value(raw: RawArray) -> frozenset[int]:
+def _no_value_number(raw: RawArray) -> frozenset[int]:
     """Return the greatest number if it is all ones and far above all others: by custom it means that there is
-    no value."""
+    no value. Else an empty set.
+    """
     greatest = int(raw.max()) if len(raw) else 0
     if greatest < SETTINGS.min_reserved_value or greatest & (greatest + 1):
         return frozenset()
@@ -128,10 +129,10 @@ def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | Non
         return None
     time_s, number = log.time_s, raw
     if field.invalid:
-        time_s, number = _without(field.invalid, time_s, number)
-    reserved = _reserved(number)
+        time_s, number = _without_numbers(field.invalid, time_s, number)
+    reserved = _reserved_numbers(number)
     if reserved:
-        time_s, number = _without(reserved, time_s, number)
+        time_s, number = _without_numbers(reserved, time_s, number)
     if len(number) < 20:
         return None
     whole = 2.0 ** min(field.layout.length, 62)
@@ -141,9 +142,9 @@ def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | Non
     wrapped = step < -0.5 * span
     if not counts_up(step[~wrapped]):
         return None
-    jitter = _jitter(step[~wrapped])
-    modulus, seen = _modulus(step, wrapped, wrapped | (step > span - 1.0 - jitter), span, whole)
-    if (wrong := _corrupt(step, modulus)).any():
+    jitter = _encoder_jitter(step[~wrapped])
+    modulus, seen = _estimated_modulus(step, wrapped, wrapped | (step > span - 1.0 - jitter), span, whole)
+    if (wrong := _corrupt_frames(step, modulus)).any():
         time_s, value = time_s[~wrong], value[~wrong]
         step = np.diff(value)
     step = np.where(step < -0.5 * modulus, step + modulus, step)
@@ -159,13 +160,15 @@ def unwrap(field: MessageField, log: MessageLog, raw: RawArray) -> Counter | Non
     return Counter(time_s, counts, round(modulus), seen, often)
 
 
-def _without(numbers: Iterable[int], time_s: FloatArray, raw: RawArray) -> tuple[FloatArray, RawArray]:
+def _without_numbers(
+    numbers: Iterable[int], time_s: FloatArray, raw: RawArray
+) -> tuple[FloatArray, RawArray]:
     """Return stamps and raw numbers of the frames that carry none of `numbers`."""
     kept = ~np.isin(raw, np.array(sorted(numbers), dtype=np.uint64))
     return time_s[kept], raw[kept]
 
 
-def _reserved(raw: RawArray) -> dict[int, int]:
+def _reserved_numbers(raw: RawArray) -> dict[int, int]:
     """Return the greatest numbers of a counter that are none of its counts, and how often each comes.
 
     A count is reached from the counts just below it, and left for those just above it or past the roll-over;
@@ -190,18 +193,18 @@ def _reserved(raw: RawArray) -> dict[int, int]:
 
 
 def counts_up(step: FloatArray) -> bool:
-    """Return whether steps without roll-overs are a counter's: some forward, hardly one back."""
-    return (step > 0).sum() >= 20 and bool((step < -_jitter(step)).mean() <= SETTINGS.backward_steps)
+    """Return whether steps, roll-overs left out, are a counter's: some forward, hardly one back."""
+    return (step > 0).sum() >= 20 and bool((step < -_encoder_jitter(step)).mean() <= SETTINGS.backward_steps)
 
 
-def _jitter(step: FloatArray) -> float:
+def _encoder_jitter(step: FloatArray) -> float:
     """Return the largest step back of an encoder at rest, in counts; 0 to 1 for toothed rings, which cannot
     go back."""
     return SETTINGS.encoder_jitter * float(np.median(step[step > 0]))
 
 
-def _corrupt(step: FloatArray, modulus: float) -> NDArray[np.bool_]:
-    """Return (n,) single frames far off the counts of both their neighbours, which follow each other well."""
+def _corrupt_frames(step: FloatArray, modulus: float) -> NDArray[np.bool_]:
+    """Return (n,) True for single frames far off the counts of both neighbours, which themselves agree."""
     around = (step + 0.5 * modulus) % modulus - 0.5 * modulus
     wrong = np.zeros(len(step) + 1, dtype=np.bool_)
     limit = SETTINGS.corrupt_steps * float(np.percentile(np.abs(around), 99.0))
@@ -212,14 +215,15 @@ def _corrupt(step: FloatArray, modulus: float) -> NDArray[np.bool_]:
     return wrong
 
 
-def _modulus(
+def _estimated_modulus(
     step: FloatArray,
     wrapped: NDArray[np.bool_],
     both_directions: NDArray[np.bool_],
     span: float,
     whole: float,
 ) -> tuple[float, bool]:
-    """Return the number of values: a roll-over's step falls short of its neighbours' by just that.
+    """Return the modulus of a counter, and True if it is certain: a roll-over's step falls short of its
+    neighbours' by just that.
 
     `both_directions` (n,): roll-overs, and those back through zero.
     """

@@ -97,14 +97,14 @@ def followers(
 
 
 def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
-    """Return Spearman's, on at most 500 of the cells; single wild cells do not matter."""
+    """Return Spearman's rank correlation over at most 500 cells; single wild cells do not matter."""
     every = max(1, len(x) // 500)
     ranks = [np.argsort(np.argsort(values[::every])) for values in (x, y)]
     return float(np.corrcoef(ranks[0], ranks[1])[0, 1])
 
 
 def clusters(found: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
-    """Return followers of one kind whose scales agree, the largest first."""
+    """Return groups of followers of one kind whose scales agree, the largest group first."""
     groups: list[list[Follower]] = []
     for one in sorted(found, key=lambda f: (f.series.kind, physical_scale(f))):
         last = groups[-1] if groups else None
@@ -124,22 +124,24 @@ def physical_scale(one: Follower) -> float:
     return one.per_mps * abs(one.series.field.scale)
 
 
-def placed(
+def with_positions(
     group: Sequence[Follower],
     reference: ReceiverMotion,
     gyro: FloatArray | None = None,
     settings: Settings = SETTINGS,
 ) -> list[Follower]:
-    """Return the cluster with places and delays of its members; `gyro`: a better yaw rate than the
-    receiver's."""
+    """Return the cluster's members with their lateral and curvature positions, slips and delays; `gyro`: a
+    better yaw rate than the receiver's.
+    """
     # Not the wheels' own difference: its rounding is in the contrasts, too, and would favour its own pair.
     yaw = reference.yaw_radps if gyro is None else gyro
     return [_with_position(one, group, reference, yaw, settings) for one in group]
 
 
-def by_lag(members: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
-    """Return members that are equally late, the earliest first: a copy by another unit comes later as a
-    whole."""
+def groups_by_lag(members: Sequence[Follower], settings: Settings = SETTINGS) -> list[list[Follower]]:
+    """Return groups of members that are equally late, the earliest group first: a copy by another unit comes
+    later as a whole.
+    """
     groups: list[list[Follower]] = []
     for one in sorted(members, key=lambda m: m.lag_s):
         last = groups[-1][-1] if groups else None
@@ -152,7 +154,8 @@ def by_lag(members: Sequence[Follower], settings: Settings = SETTINGS) -> list[l
     return groups
 
 
-def _common(group: Sequence[Follower]) -> FloatArray:
+def _common_speed(group: Sequence[Follower]) -> FloatArray:
+    """Return the (n,) mean speed of the members."""
     # The mean, not the median: contrasts against it are linear, and add up to nothing.
     return np.asarray(np.mean(np.vstack([one.speed for one in group]), axis=0))
 
@@ -164,7 +167,8 @@ def _with_position(
     yaw: FloatArray,
     settings: Settings,
 ) -> Follower:
-    common = _common(group) if len(group) > 2 else reference.speed_mps
+    """Return the member with its position, slip and delay; unchanged where they cannot be estimated."""
+    common = _common_speed(group) if len(group) > 2 else reference.speed_mps
     fitted = _position_fit(one.speed, common, yaw, reference, settings)
     if fitted is None:
         return one
@@ -189,6 +193,9 @@ def _with_position(
 def _position_fit(
     speed: FloatArray, common: FloatArray, yaw: FloatArray, reference: ReceiverMotion, settings: Settings
 ) -> RegressionFit | None:
+    """Regress a speed less the common one on yaw rate, its square over speed, acceleration, and slip; None
+    where too few cells are known.
+    """
     cell = settings.cell_s
     accel = np.full(len(common), np.nan)
     accel[1:-1] = (common[2:] - common[:-2]) / (2 * cell)
@@ -208,11 +215,12 @@ def _position_fit(
     return with_prior(made, np.zeros(len(columns)), std)
 
 
-def anchor_of(
+def receiver_position_fit(
     group: Sequence[Follower], reference: ReceiverMotion, settings: Settings = SETTINGS
 ) -> RegressionFit | None:
-    """Return the receiver's place against the cluster's common speed; None where the cluster's speed is the
-    receiver's."""
+    """Return the regression of the receiver's speed on the cluster's, whose first value is minus the
+    antenna's lateral position; None for at most two members, whose common speed is the receiver's.
+    """
     if len(group) <= 2:
         return None
-    return _position_fit(reference.speed_mps, _common(group), reference.yaw_radps, reference, settings)
+    return _position_fit(reference.speed_mps, _common_speed(group), reference.yaw_radps, reference, settings)

@@ -18,7 +18,7 @@ from tpmsd.offline.discovery.frames import BusLog, MessageLog
 from tpmsd.offline.discovery.prepared_log import PreparedLog, prepare
 from tpmsd.offline.discovery.series import MessageField, Series, as_count, as_value
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
-from tpmsd.offline.discovery.wheels import followers, placed
+from tpmsd.offline.discovery.wheels import followers, with_positions
 from tpmsd.offline.drive_checks.clock import aligned
 from tpmsd.offline.drive_checks.configured import configured_fields, configured_frames
 from tpmsd.offline.drive_checks.scales import wrong_moduli, wrong_scale
@@ -87,7 +87,7 @@ def _wheel_suspicions(
         if wrong is not None:
             found.append(wrong)
     by_wheel = {role[-2:]: role for role in following}
-    members = placed(list(following.values()), material.reference, material.gyro, settings)
+    members = with_positions(list(following.values()), material.reference, material.gyro, settings)
     by_position = {role[-2:]: one for role, one in zip(following, members, strict=True)}
     found += wrong_sides(by_wheel, by_position)
     if {"rl", "rr"} <= by_position.keys():
