@@ -17,10 +17,10 @@ from pathlib import Path
 import pytest
 
 from tpmsd.offline.fleet.find_drives import find_drives
-from tpmsd.offline.fleet.run import missing
+from tpmsd.offline.fleet.run import missing_drives
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables
-from tpmsd.offline.fleet.work import work_on
+from tpmsd.offline.fleet.work import work_on_drive
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 
@@ -95,8 +95,8 @@ def test_a_worker_on_another_machine_makes_the_same_tables(machines: None, tmp_p
     for one in (loop, store):
         for entry in find_drives([str(tmp_path / "vans")]):
             one.add(entry)
-    for key in missing(loop, STAGES):
-        work_on(str(loop.path), key, STAGES, "loop")
+    for key in missing_drives(loop, STAGES):
+        work_on_drive(str(loop.path), key, STAGES, "loop")
 
     address = f"tcp://{NEAR_ADDRESS}:{PORT}"
     scheduler = ("-m", "distributed.cli.dask_scheduler", "--host", NEAR_ADDRESS, "--port", str(PORT))
@@ -112,5 +112,5 @@ def test_a_worker_on_another_machine_makes_the_same_tables(machines: None, tmp_p
         stack.enter_context(started(FAR, *worker))
         run = stack.enter_context(started(NEAR, *client))
         assert 0 == run.wait(PATIENCE_S)
-    assert [] == missing(store, STAGES)
+    assert [] == missing_drives(store, STAGES)
     assert tables(loop) == tables(store)

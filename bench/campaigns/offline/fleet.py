@@ -28,10 +28,10 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model
 from tpmsd.offline.fleet.parameters import NAMES
-from tpmsd.offline.fleet.run import missing, run
+from tpmsd.offline.fleet.run import missing_drives, run
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables
-from tpmsd.offline.fleet.work import STAGES, work_on
+from tpmsd.offline.fleet.work import STAGES, work_on_drive
 from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE, DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.offline.simulator.faults import Fault
@@ -99,8 +99,8 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
 
 def plain_loop(store: Store) -> None:
     """One drive after the other in this process."""
-    for key in missing(store):
-        work_on(str(store.path), key, STAGES, "loop")
+    for key in missing_drives(store):
+        work_on_drive(str(store.path), key, STAGES, "loop")
 
 
 def timed(work: Callable[[], object]) -> dict[str, float]:

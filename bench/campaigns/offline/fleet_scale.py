@@ -32,7 +32,7 @@ from tpmsd.offline.fleet.report import report_document
 from tpmsd.offline.fleet.report_page import report_page
 from tpmsd.offline.fleet.sql_query import ask
 from tpmsd.offline.fleet.store import DriveEntry, Store
-from tpmsd.offline.fleet.tables import kept_rows, rows_of, write_tables
+from tpmsd.offline.fleet.tables import rows_of, rows_of_files, write_tables
 from tpmsd.offline.fleet.work import SCHEMA, STAGES, program
 
 BARS_S = {"joint": 60.0, "report": 30.0, "sql": 2.0}
@@ -151,7 +151,7 @@ def joint(store: Store) -> None:
 
 def report(store: Store) -> None:
     """The report's document and page."""
-    tables = kept_rows(store) or rows_of(store)
+    tables = rows_of_files(store) or rows_of(store)
     document = report_document(tables)
     report_page({**document, "schema": "tpmsd.fleet.report/1"}, tables)
 

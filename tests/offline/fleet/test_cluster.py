@@ -21,11 +21,11 @@ import pytest
 
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.fleet.find_drives import find_drives
-from tpmsd.offline.fleet.run import missing
+from tpmsd.offline.fleet.run import missing_drives
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables
-from tpmsd.offline.fleet.work import work_on
+from tpmsd.offline.fleet.work import work_on_drive
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 
@@ -51,8 +51,8 @@ def vans(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def undisturbed(vans: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The tables that a plain loop makes."""
     store = added(vans, tmp_path_factory.mktemp("plain") / "store")
-    for key in missing(store, STAGES):
-        work_on(str(store.path), key, STAGES, "loop")
+    for key in missing_drives(store, STAGES):
+        work_on_drive(str(store.path), key, STAGES, "loop")
     return tables(store)
 
 
@@ -124,7 +124,7 @@ def test_kills_leave_the_same_tables(vans: Path, undisturbed: dict[str, bytes], 
         second = stack.enter_context(started(*client))
         assert 0 == second.wait(PATIENCE_S)
 
-    assert [] == missing(store, STAGES)
+    assert [] == missing_drives(store, STAGES)
     assert DRIVES == results()
     written = {name: (store.tables / f"{name}.parquet").read_bytes() for name in COLUMNS}
     assert undisturbed == written

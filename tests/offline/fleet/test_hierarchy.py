@@ -14,13 +14,21 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.fleet.discoveries import (
     FleetHypothesis,
     cars_that_differ,
-    controlled,
+    control_false_discoveries,
     model_effects,
+    radius_trends,
     robust_fit,
-    trends,
 )
-from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model, fit_with, shrunken
-from tpmsd.offline.fleet.parameters import BACK, CONTRASTS, NAMES, PARAMETERS_OF_FLEET, RADII, SCALES, aligned
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, fit_model, fit_with, integrate_out_random_effect
+from tpmsd.offline.fleet.parameters import (
+    BACK,
+    CONTRASTS,
+    NAMES,
+    PARAMETERS_OF_FLEET,
+    RADII,
+    SCALES,
+    aligned_statistics,
+)
 
 P = len(NAMES)
 
@@ -71,14 +79,16 @@ def test_integrating_a_random_effect_out_is_adding_its_variance(seed: int) -> No
     root = rng.standard_normal((1, 6, 4))
     J, variance = np.swapaxes(root, 1, 2) @ root, rng.gamma(1.0, 1.0, 4)
     h = rng.standard_normal((1, 4))
-    K, k = shrunken(J, h, variance)
+    K, k = integrate_out_random_effect(J, h, variance)
     covariance = np.linalg.inv(J[0]) + np.diag(variance)
 
     np.testing.assert_allclose(K[0], np.linalg.inv(covariance), rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(
         k[0], np.linalg.solve(covariance, np.linalg.solve(J[0], h[0])), rtol=1e-5, atol=1e-8
     )
-    assert 0.0 == np.abs(shrunken(np.zeros((1, 4, 4)), np.zeros((1, 4)), variance)[0]).max()
+    assert (
+        0.0 == np.abs(integrate_out_random_effect(np.zeros((1, 4, 4)), np.zeros((1, 4)), variance)[0]).max()
+    )
 
 
 def test_drawn_fleets_are_covered() -> None:
@@ -101,7 +111,7 @@ def test_drawn_fleets_are_covered() -> None:
 
 def found_effects(stack: FleetStatistics) -> set[str]:
     fit, _ = robust_fit(stack)
-    kept = [one for one in controlled(model_effects("m", fit)) if one.kept]
+    kept = [one for one in control_false_discoveries(model_effects("m", fit)) if one.kept]
     return {f"{one.effect}.{one.parameter}" for one in kept}
 
 
@@ -140,7 +150,7 @@ def test_a_car_that_differs_is_reported_and_no_other() -> None:
     stack = FleetStatistics(stack.information, vector, stack.car)
     cars = [f"car-{number}" for number in range(40)]
     fit, similar = robust_fit(stack)
-    kept = [one for one in controlled(cars_that_differ("m", cars, fit, similar)) if one.kept]
+    kept = [one for one in control_false_discoveries(cars_that_differ("m", cars, fit, similar)) if one.kept]
 
     assert [("car-17", "track_width_error", "rear_relative")] == [
         (one.car, one.effect, one.parameter) for one in kept
@@ -164,7 +174,7 @@ def test_a_slow_leak_is_reported_with_its_wheel_and_rate() -> None:
     moved = FleetStatistics(stack.information, vector, stack.car)
     names = [f"car-{number}" for number in range(cars)]
     fit, _ = robust_fit(moved)
-    tested = controlled(trends("m", names, moved, days, np.square(fit.drive_spread)))
+    tested = control_false_discoveries(radius_trends("m", names, moved, days, np.square(fit.drive_spread)))
     kept = [one for one in tested if one.kept and one.kind == "leak"]
 
     assert [("car-4", "slow_leak", "rr", "%/week")] == [(o.car, o.effect, o.parameter, o.unit) for o in kept]
@@ -177,7 +187,7 @@ def test_contrasts_are_the_radii() -> None:
     names = [*RADII, "growth"]
     root = rng.standard_normal((5, 9))
     information, vector = root @ root.T, rng.standard_normal(5)
-    J, h = aligned(names, information, vector)
+    J, h = aligned_statistics(names, information, vector)
     theta = rng.standard_normal(P)
     radii = BACK @ (theta * SCALES)[:4]
     own = np.concatenate([radii, [(theta * SCALES)[NAMES.index("growth")]]])
@@ -196,7 +206,7 @@ def test_false_discoveries_are_controlled_as_published(p_values: list[float]) ->
     ]
     expected = (stats.false_discovery_control(p_values) <= 0.01 + 1e-15).tolist()
 
-    assert expected == [one.kept for one in controlled(tested, 0.01)]
+    assert expected == [one.kept for one in control_false_discoveries(tested, 0.01)]
 
 
 def test_many_drives_reduce_fast() -> None:

@@ -8,9 +8,9 @@ from scipy import stats
 
 from tests.offline.fleet.test_hierarchy import P, drawn
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.fleet.discoveries import FleetHypothesis, controlled
+from tpmsd.offline.fleet.discoveries import FleetHypothesis, control_false_discoveries
 from tpmsd.offline.fleet.hierarchy import FleetStatistics
-from tpmsd.offline.fleet.losses import losses, step_changes
+from tpmsd.offline.fleet.losses import radius_losses, step_changes
 from tpmsd.offline.fleet.parameters import BACK, SCALES
 
 CARS = [f"car-{k}" for k in range(6)]
@@ -38,8 +38,8 @@ def changed(
 
 def kept(stack: FleetStatistics, days: FloatArray) -> list[FleetHypothesis]:
     """What is reported; cars are those that the stack has."""
-    found = losses("m", CARS[: stack.cars], stack, days, np.square(USUAL))
-    return [one for one in controlled(found) if one.kept]
+    found = radius_losses("m", CARS[: stack.cars], stack, days, np.square(USUAL))
+    return [one for one in control_false_discoveries(found) if one.kept]
 
 
 @pytest.mark.parametrize("wheel", range(4))
@@ -66,7 +66,7 @@ def test_the_best_of_several_moments_pays_for_all(per_car: int, moments: int) ->
     step = changed(stack, days, 3, days.max(), np.array([0.0, -2e-3, 0.0, 0.0]))
     [found] = [
         one
-        for one in losses("m", CARS, step, days, np.square(USUAL))
+        for one in radius_losses("m", CARS, step, days, np.square(USUAL))
         if (one.car, one.parameter) == ("car-3", "fr")
     ]
 
@@ -76,7 +76,7 @@ def test_the_best_of_several_moments_pays_for_all(per_car: int, moments: int) ->
 def test_a_single_car_with_two_drives_is_enough() -> None:
     """The first fleet of a user: one car, two drives, a soft tyre on the second."""
     stack, days = fleet(9, 2)
-    one = stack.of(np.arange(len(CARS)) == 0)
+    one = stack.of_cars(np.arange(len(CARS)) == 0)
     [found] = kept(changed(one, days[:2], 0, 20_001.0, np.array([0.0, 0.0, 0.0, -5e-3])), days[:2])
 
     assert "rr" == found.parameter
@@ -109,12 +109,12 @@ def test_a_tyre_that_was_inflated_is_no_loss() -> None:
 def test_steps_are_the_generalised_least_squares_of_each_moment() -> None:
     """The change from each drive on equals that of a design with one more column, solved whole."""
     stack, days = fleet(7, 5)
-    part = stack.parts()[2]
+    part = stack.car_slices()[2]
     K, k = stack.information[part], stack.vector[part]
     value, std = step_changes(K, k)
 
     assert (4, 4) == value.shape
-    assert len(days) == sum(one.stop - one.start for one in stack.parts())
+    assert len(days) == sum(one.stop - one.start for one in stack.car_slices())
     for moment in range(1, 5):
         for wheel in range(4):
             step = np.zeros(P)

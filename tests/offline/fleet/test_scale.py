@@ -13,7 +13,7 @@ from bench.campaigns.offline.fleet_scale import MEMORY_MB, QUERY, draw_store, me
 from tpmsd.offline.fleet.report import report_document
 from tpmsd.offline.fleet.sql_query import ask
 from tpmsd.offline.fleet.store import Store
-from tpmsd.offline.fleet.tables import COLUMNS, kept_rows, rows_of, write_tables
+from tpmsd.offline.fleet.tables import COLUMNS, rows_of, rows_of_files, write_tables
 
 DRIVES, CARS, MODELS = 5_000, 250, 4
 
@@ -40,25 +40,25 @@ def test_five_thousand_drives(store: Store) -> None:
 def test_kept_tables_stand_for_the_results_until_those_change(tmp_path: Path) -> None:
     """The files give the rows of the results; with a newer result or a damaged table they do not."""
     store = draw_store(tmp_path / "store", 40, 4, 1, seed=3)
-    assert kept_rows(store) is None
+    assert rows_of_files(store) is None
     write_tables(store)
     made = rows_of(store)
-    for name, rows in (kept_rows(store) or {}).items():
+    for name, rows in (rows_of_files(store) or {}).items():
         whole = [dict.fromkeys(COLUMNS[name]) | row for row in made[name]]
         assert whole == [dict.fromkeys(COLUMNS[name]) | row for row in rows], name
-    assert report_document(made) == report_document(kept_rows(store) or {})
+    assert report_document(made) == report_document(rows_of_files(store) or {})
 
     newer = next(store.results.glob("*.json"))
     later_ns = (store.tables / "drives.parquet").stat().st_mtime_ns + 10**9
     os.utime(newer, ns=(later_ns, later_ns))
-    assert kept_rows(store) is None
+    assert rows_of_files(store) is None
     write_tables(store)
     for file in store.tables.iterdir():
         os.utime(file, ns=(later_ns + 10**9, later_ns + 10**9))
-    assert kept_rows(store) is not None
+    assert rows_of_files(store) is not None
     (store.tables / "wheels.parquet").write_bytes(b"PAR1 no more")
     os.utime(store.tables / "wheels.parquet", ns=(later_ns + 10**9, later_ns + 10**9))
-    assert kept_rows(store) is None
+    assert rows_of_files(store) is None
 
 
 def test_one_car_with_many_drives_takes_time_in_proportion(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store, write_atomic
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables
-from tpmsd.offline.fleet.work import STAGES, is_missing, make_result, program, work_on
+from tpmsd.offline.fleet.work import STAGES, is_missing, make_result, program, work_on_drive
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 
@@ -99,7 +99,7 @@ def test_a_drive_that_fails_is_a_row(van: Path, tmp_path: Path) -> None:
     store = Store.create(tmp_path / "store")
     for entry in find_drives([str(van), str(broken)]):
         store.add(entry)
-        work_on(str(store.path), entry.key, ("replay",), "run")
+        work_on_drive(str(store.path), entry.key, ("replay",), "run")
     counts = write_tables(store)
 
     import pyarrow.parquet as parquet
@@ -120,7 +120,7 @@ def test_a_poison_drive_is_set_aside(van: Path, tmp_path: Path) -> None:
     for number in range(1, SETTINGS.tries + 1):
         assert number == store.begin_try(entry.key, "run")
 
-    assert "set_aside" == work_on(str(store.path), entry.key, STAGES, "run")
+    assert "set_aside" == work_on_drive(str(store.path), entry.key, STAGES, "run")
     result = store.result(entry.key)
     assert result is not None
     assert "its worker died 2 times" == result["reason"]
@@ -128,7 +128,7 @@ def test_a_poison_drive_is_set_aside(van: Path, tmp_path: Path) -> None:
     assert not is_missing(result, STAGES, recompute=True)
     for number in range(SETTINGS.tries_in_all):
         store.begin_try(entry.key, f"run-{number}")
-    assert "set_aside" == work_on(str(store.path), entry.key, STAGES, "another")
+    assert "set_aside" == work_on_drive(str(store.path), entry.key, STAGES, "another")
 
 
 def test_other_versions_are_recomputed_on_demand(van: Path) -> None:

@@ -17,7 +17,7 @@ from tpmsd.offline.fleet.find_drives import find_drives
 from tpmsd.offline.fleet.parameters import NAMES
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import write_tables
-from tpmsd.offline.fleet.work import STAGES, make_result, work_on
+from tpmsd.offline.fleet.work import STAGES, make_result, work_on_drive
 from tpmsd.onboard.sources.drive import FolderStream
 from tpmsd.onboard.timeline.tick import Tick
 
@@ -30,7 +30,7 @@ def test_a_drive_through_all_stages(tmp_path: Path) -> None:
     (entry,) = find_drives([str(folder)])
     store.add(entry)
 
-    assert "done" == work_on(str(store.path), entry.key, STAGES, "run")
+    assert "done" == work_on_drive(str(store.path), entry.key, STAGES, "run")
     assert next(store.bytes_per_result()) < 200_000
     result = store.result(entry.key)
     assert result is not None

@@ -229,7 +229,7 @@ def _run_report(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet.report import report_document, report_text
     from tpmsd.offline.fleet.report_page import report_page
     from tpmsd.offline.fleet.store import Store
-    from tpmsd.offline.fleet.tables import kept_rows, rows_of
+    from tpmsd.offline.fleet.tables import rows_of, rows_of_files
     from tpmsd.offline.report.page import check_report_packages
 
     outputs = Outputs(("--html", args.html), ("--json", args.json))
@@ -238,7 +238,7 @@ def _run_report(args: argparse.Namespace) -> int:
     if args.html is not None:
         check_report_packages()
     store = Store.open(args.store)
-    tables = kept_rows(store) or rows_of(store)
+    tables = rows_of_files(store) or rows_of(store)
     _say_damaged(store)
     document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:

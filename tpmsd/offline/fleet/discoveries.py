@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from scipy import special, stats
 
 from tpmsd.foundation.wheels import WHEELS, FloatArray
-from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit, fit_with, sample_cars, shrunken, spreads
+from tpmsd.offline.fleet.hierarchy import (
+    FleetStatistics,
+    ModelFit,
+    fit_with,
+    integrate_out_random_effect,
+    sample_cars,
+    variance_components,
+)
 from tpmsd.offline.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
@@ -46,7 +53,7 @@ class FleetHypothesis:
 
 
 def model_effects(model: str, fit: ModelFit) -> list[FleetHypothesis]:
-    """Tests of every parameter's population mean against what the rolling model says: zero."""
+    """Test every parameter's population mean against zero, the value of the baseline model."""
     found = []
     for k, parameter in enumerate(PARAMETERS_OF_FLEET):
         if not parameter.null or fit.std[k] > SETTINGS.well_known_scales:
@@ -57,15 +64,15 @@ def model_effects(model: str, fit: ModelFit) -> list[FleetHypothesis]:
 
 
 def robust_fit(stack: FleetStatistics) -> tuple[ModelFit, NDArray[np.bool_]]:
-    """Return the fit of a model by the cars that are alike, and (m,) which cars those are.
+    """Return the fit of a model to the cars that are alike, and (m,) True for those cars.
 
     Cars that differ at `outlier_p` are taken out of mean and spread, and judged again in the next round.
     """
     similar = np.ones(stack.cars, dtype=np.bool_)
     for _ in range(SETTINGS.outlier_rounds):
-        cars, drives = spreads(sample_cars(stack.of(similar)))
-        fit = _with_population(stack, similar, cars, drives)
-        p_values = differences(fit, similar)[2]
+        cars, drives = variance_components(sample_cars(stack.of_cars(similar)))
+        fit = _fit_with_similar_population(stack, similar, cars, drives)
+        p_values = differences_from_other_cars(fit, similar)[2]
         level = SETTINGS.outlier_p / max(p_values.shape[1], 1)
         now = ~np.any(p_values < level, axis=1)
         if now.sum() < max(2, stack.cars // 2) or np.array_equal(now, similar):
@@ -74,20 +81,23 @@ def robust_fit(stack: FleetStatistics) -> tuple[ModelFit, NDArray[np.bool_]]:
     return fit, similar
 
 
-def _with_population(
+def _fit_with_similar_population(
     stack: FleetStatistics, similar: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
 ) -> ModelFit:
-    """Return all cars, shrunk to the population of those that are alike."""
+    """Return the fit of all cars, shrunk to the population of those that are alike."""
     whole = fit_with(stack, cars, drives)
     if similar.all():
         return whole
-    population = fit_with(stack.of(similar), cars, drives)
+    population = fit_with(stack.of_cars(similar), cars, drives)
     names = ("mean", "covariance", "freedom")
     return replace(whole, **{name: getattr(population, name) for name in names})
 
 
-def differences(fit: ModelFit, similar: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(m, p) each car's own value less the other cars' mean, its standard deviation, and its p-value.
+def differences_from_other_cars(
+    fit: ModelFit, similar: NDArray[np.bool_]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return, (m, p) each, the car's own value less the other cars' mean, its standard deviation, and its
+    p-value.
 
     The mean is taken without the car itself: with weights 1/(spread^2 + std^2), parameter by parameter.
     """
@@ -109,7 +119,7 @@ def cars_that_differ(
     """Test each parameter of each car against the other cars of its model."""
     if len(cars) < 3:
         return []
-    value, std, p_value = differences(fit, similar)
+    value, std, p_value = differences_from_other_cars(fit, similar)
     return [
         _parameter_hypothesis("car", model, car, "differs", k, value[c, k], std[c, k], float(p_value[c, k]))
         for c, car in enumerate(cars)
@@ -118,7 +128,7 @@ def cars_that_differ(
     ]
 
 
-def trends(
+def radius_trends(
     model: str,
     cars: Sequence[str],
     stack: FleetStatistics,
@@ -126,15 +136,16 @@ def trends(
     drive_variance: FloatArray,
     settings: FleetSettings = SETTINGS,
 ) -> list[FleetHypothesis]:
-    """Slopes of radii over the days (n,): each wheel against the other of its axle, and all together.
+    """Test the slopes of radii over the days (n,): each wheel against the other of its axle, and all
+    together.
 
     Generalised least squares with a line per radius and constants for all else; drives differ by
     `drive_variance`. One-sided: tyres leak and wear, they do not grow.
     """
     found: list[FleetHypothesis] = []
-    K, k = shrunken(stack.information, stack.vector, drive_variance)
+    K, k = integrate_out_random_effect(stack.information, stack.vector, drive_variance)
     p = k.shape[1]
-    for car, mine in zip(cars, stack.parts(), strict=True):
+    for car, mine in zip(cars, stack.car_slices(), strict=True):
         t = days[mine]
         known = np.isfinite(t)
         if known.sum() < settings.min_drives_trend or np.ptp(t[known]) < settings.min_span_days:
@@ -167,6 +178,9 @@ def _trend_hypothesis(
     covariance: FloatArray,
     freedom: int,
 ) -> FleetHypothesis:
+    """Return the hypothesis on the slope of one contrast of radii, % a week; one-sided, for a falling
+    radius.
+    """
     row = contrast * SCALES[:4]
     per_week = 100.0 * DAYS_PER_WEEK
     value, std = float(row @ slope) * per_week, float(np.sqrt(row @ covariance @ row)) * per_week
@@ -193,10 +207,10 @@ def _parameter_hypothesis(
     )
 
 
-def controlled(
+def control_false_discoveries(
     found: Sequence[FleetHypothesis], rate: float = SETTINGS.false_discovery_rate
 ) -> list[FleetHypothesis]:
-    """Return the same with `kept` set: Benjamini and Hochberg at `rate` within each kind of question.
+    """Return the hypotheses with `kept` set by Benjamini and Hochberg at `rate` within each kind of question.
 
     Kinds are families of their own, so that a model with many effects does not make its cars look faulty.
     """

@@ -31,7 +31,8 @@ _MODEL_KEYS = (*_GEOMETRY, "driven_axle", "teeth_per_rev")
 def find_drives(
     names: Iterable[str], car: str | None = None, model: str | None = None
 ) -> Iterator[DriveEntry]:
-    """Yield the drives that are meant: a folder with a vehicle.toml, or all such below a folder.
+    """Yield the drives in a folder with a vehicle.toml, in all such folders below a folder, or behind a glob
+    or URL.
 
     The car is `car`, or the name of the folder that holds the drive's; the model is `model`, or what the
     table [vehicle] says. InputError where a name leads to no drive.
@@ -43,18 +44,19 @@ def find_drives(
             with local_copy(path) as folder:
                 key = content_hash([folder]).removeprefix("sha256:")[:40]
                 kind = model or model_of(folder / VEHICLE)
-            yield DriveEntry(key, path, car or _parent(path), kind)
+            yield DriveEntry(key, path, car or _parent_name(path), kind)
         if not found:
             raise InputError(name, "no drive folder (with a vehicle.toml) there or below")
 
 
 def _drive_folders(name: str) -> Iterator[str]:
+    """Yield each drive folder at or below a path, glob or URL, once."""
     if "://" in name:
-        yield from _remote_folders(name)
+        yield from _remote_drive_folders(name)
         return
     matches = [name]
     if glob.has_magic(name) and not Path(name).exists():
-        matches = _matches(name)
+        matches = _glob_paths(name)
     met: set[str] = set()
     for match in matches:
         for here, below, files in os.walk(match):
@@ -67,8 +69,8 @@ def _drive_folders(name: str) -> Iterator[str]:
                     yield folder
 
 
-def _matches(pattern: str) -> list[str]:
-    """Return what a pattern matches, in order.
+def _glob_paths(pattern: str) -> list[str]:
+    """Return the paths that match a pattern, sorted.
 
     A part `**` follows no link (pathlib's way, unlike glob's): links that lead upwards would be followed in
     every order, without end. Within a longer part it is one asterisk, as it is for glob.
@@ -81,7 +83,7 @@ def _matches(pattern: str) -> list[str]:
     return sorted(map(str, Path(whole.anchor).glob("/".join(single))))
 
 
-def _remote_folders(url: str) -> Iterator[str]:
+def _remote_drive_folders(url: str) -> Iterator[str]:
     fsspec = need("fsspec", "fleet", "URLs")
     try:
         system, root = fsspec.core.url_to_fs(url)
@@ -122,6 +124,7 @@ def model_of(vehicle_file: Path) -> str:
     return f"{geometry['wheelbase_m']}m-{geometry['driven_axle'] or 'front'}-{mark}"
 
 
-def _parent(path: str) -> str:
+def _parent_name(path: str) -> str:
+    """Return the name of the folder that holds a drive, which names the car; `unnamed` without one."""
     parent = PurePosixPath(path.partition("://")[2] or path).parent.name
     return parent or "unnamed"

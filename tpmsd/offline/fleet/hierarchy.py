@@ -40,16 +40,16 @@ class FleetStatistics:
 
     @property
     def cars(self) -> int:
-        """m."""
+        """Number m of cars."""
         return int(self.car[-1]) + 1 if len(self.car) else 0
 
-    def parts(self) -> list[slice]:
-        """Slice of each car's drives, which are sorted by car."""
+    def car_slices(self) -> list[slice]:
+        """Return the slice of each car's drives, which are sorted by car."""
         ends = np.searchsorted(self.car, np.arange(self.cars + 1))
         return [slice(int(first), int(end)) for first, end in itertools.pairwise(ends)]
 
-    def of(self, cars: NDArray[np.bool_]) -> FleetStatistics:
-        """Return the drives of some cars, renumbered."""
+    def of_cars(self, cars: NDArray[np.bool_]) -> FleetStatistics:
+        """Return the statistics of the drives of some cars, (m,) True for those; the cars are renumbered."""
         kept = cars[self.car]
         number = np.cumsum(cars) - 1
         return FleetStatistics(self.information[kept], self.vector[kept], number[self.car[kept]])
@@ -82,34 +82,34 @@ class ModelFit:
 
     @property
     def std(self) -> FloatArray:
-        """(p,) of the mean."""
+        """(p,) standard deviation of the population's mean."""
         return np.sqrt(np.diag(self.covariance))
 
 
 def fit_model(stack: FleetStatistics) -> ModelFit:
-    """Fit one model; ValueError if there is no drive."""
+    """Fit the population and cars of one model by empirical Bayes; ValueError if there is no drive."""
     if not len(stack.car):
         raise ValueError("no drive")
-    cars, drives = spreads(sample_cars(stack))
+    cars, drives = variance_components(sample_cars(stack))
     return fit_with(stack, cars, drives)
 
 
 def fit_with(stack: FleetStatistics, car_variance: FloatArray, drive_variance: FloatArray) -> ModelFit:
     """Return the population and the cars for given variances (p,) from car to car and from drive to drive."""
     p = stack.vector.shape[1]
-    K, k = by_car(stack, drive_variance)
-    M, m = shrunken(K, k, car_variance)
+    K, k = car_information(stack, drive_variance)
+    M, m = integrate_out_random_effect(K, k, car_variance)
     total = M.sum(axis=0) + SETTINGS.ridge * np.eye(p)
-    V = _symmetric(np.linalg.inv(total))
+    V = _symmetric_part(np.linalg.inv(total))
     mu = V @ m.sum(axis=0)
     G = np.diag(car_variance)
     gain = np.eye(p) - G @ M
     shrunk = mu + np.einsum("ij,cj->ci", G, m - M @ mu)
-    own_covariance = _symmetric(np.linalg.inv(K + SETTINGS.ridge * np.eye(p)))
+    own_covariance = _symmetric_part(np.linalg.inv(K + SETTINGS.ridge * np.eye(p)))
     return ModelFit(
         mean=mu,
         covariance=V,
-        freedom=_freedom(M, V, car_variance),
+        freedom=_degrees_of_freedom(M, V, car_variance),
         car_spread=np.sqrt(car_variance),
         drive_spread=np.sqrt(drive_variance),
         shrunk=shrunk,
@@ -120,8 +120,8 @@ def fit_with(stack: FleetStatistics, car_variance: FloatArray, drive_variance: F
     )
 
 
-def spreads(stack: FleetStatistics) -> tuple[FloatArray, FloatArray]:
-    """(p,) variances from car to car and from drive to drive, by restricted maximum likelihood.
+def variance_components(stack: FleetStatistics) -> tuple[FloatArray, FloatArray]:
+    """Return the (p,) variances from car to car and from drive to drive, by restricted maximum likelihood.
 
     A level that the data cannot show (one car; one drive per car) has the variance zero.
     """
@@ -130,7 +130,7 @@ def spreads(stack: FleetStatistics) -> tuple[FloatArray, FloatArray]:
     drives = np.full(p, SETTINGS.first_scales**2 if len(stack.car) > stack.cars else 0.0)
     for _ in range(SETTINGS.max_iterations):
         before = np.sqrt(np.concatenate([cars, drives]))
-        cars, drives = _improved(stack, cars, drives)
+        cars, drives = _next_variances(stack, cars, drives)
         after = np.sqrt(np.concatenate([cars, drives]))
         if np.all(
             np.abs(after - before) < SETTINGS.converged_share * np.maximum(after, SETTINGS.small_scales)
@@ -139,12 +139,14 @@ def spreads(stack: FleetStatistics) -> tuple[FloatArray, FloatArray]:
     return cars, drives
 
 
-def _improved(stack: FleetStatistics, cars: FloatArray, drives: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return one step of the fixed point for both variances."""
+def _next_variances(
+    stack: FleetStatistics, cars: FloatArray, drives: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return both variances (p,) after one step of the fixed-point iteration."""
     p = stack.vector.shape[1]
-    Kd, kd = shrunken(stack.information, stack.vector, drives)
-    K, k = _summed(stack, Kd), _summed(stack, kd)
-    M, m = shrunken(K, k, cars)
+    Kd, kd = integrate_out_random_effect(stack.information, stack.vector, drives)
+    K, k = _sum_by_car(stack, Kd), _sum_by_car(stack, kd)
+    M, m = integrate_out_random_effect(K, k, cars)
     V = np.linalg.inv(M.sum(axis=0) + SETTINGS.ridge * np.eye(p))
     mu = V @ m.sum(axis=0)
     score = m - M @ mu
@@ -156,48 +158,54 @@ def _improved(stack: FleetStatistics, cars: FloatArray, drives: FloatArray) -> t
     score_d = kd - np.einsum("dij,dj->di", Kd, theta[stack.car])
     # The diagonal of K P K, of which K is symmetric.
     information_d = np.einsum("dii->di", Kd) - np.einsum("dij,dij->di", Kd @ P[stack.car], Kd)
-    return _step(cars, score, information), _step(drives, score_d, information_d)
+    return _scaled_variance(cars, score, information), _scaled_variance(drives, score_d, information_d)
 
 
-def _step(variance: FloatArray, score: FloatArray, information: FloatArray) -> FloatArray:
+def _scaled_variance(variance: FloatArray, score: FloatArray, information: FloatArray) -> FloatArray:
+    """Return the (p,) variance times its squared score over its information, within 0.05 to 20 times."""
     squares, total = np.square(score).sum(axis=0), information.sum(axis=0)
     ratio = np.divide(squares, total, out=np.ones_like(total), where=total > SETTINGS.ridge)
     return np.asarray(variance * np.clip(ratio, 0.05, 20.0))
 
 
-def by_car(stack: FleetStatistics, drive_variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(m, p, p) and (m, p): what the drives of each car tell of it together."""
+def car_information(stack: FleetStatistics, drive_variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the information (m, p, p) and vector (m, p) of each car, summed over its drives."""
     p = stack.vector.shape[1]
     K, k = np.zeros((stack.cars, p, p)), np.zeros((stack.cars, p))
     for begin in range(0, len(stack.car), SETTINGS.chunk_drives):
         part = slice(begin, begin + SETTINGS.chunk_drives)
-        Kd, kd = shrunken(stack.information[part], stack.vector[part], drive_variance)
+        Kd, kd = integrate_out_random_effect(stack.information[part], stack.vector[part], drive_variance)
         np.add.at(K, stack.car[part], Kd)
         np.add.at(k, stack.car[part], kd)
     return K, k
 
 
-def shrunken(J: FloatArray, h: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Information (n, p, p) and vector (n, p) once a random effect of this variance (p,) is integrated out.
+def integrate_out_random_effect(
+    J: FloatArray, h: FloatArray, variance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the information (n, p, p) and vector (n, p) once a random effect of this variance (p,) is
+    integrated out.
 
     J (I + T J)^-1 and (I + J T)^-1 h; exact for variances of zero, too.
     """
     p = h.shape[1]
     both = np.linalg.solve(np.eye(p) + J * variance, np.concatenate([J, h[:, :, None]], axis=2))
-    return _symmetric(both[:, :, :p]), both[:, :, p]
+    return _symmetric_part(both[:, :, :p]), both[:, :, p]
 
 
-def _summed(stack: FleetStatistics, values: FloatArray) -> FloatArray:
+def _sum_by_car(stack: FleetStatistics, values: FloatArray) -> FloatArray:
+    """Return the (m, ...) sums over each car's drives."""
     begins = np.searchsorted(stack.car, np.arange(stack.cars))
     return np.add.reduceat(values, begins, axis=0)
 
 
-def _symmetric(matrices: NDArray[np.floating[Any]]) -> FloatArray:
+def _symmetric_part(matrices: NDArray[np.floating[Any]]) -> FloatArray:
     return np.asarray(0.5 * (matrices + np.swapaxes(matrices, -1, -2)), dtype=np.float64)
 
 
-def _freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArray:
-    """(p,) degrees of freedom of the means' variances, whose part by the cars' spread is itself estimated.
+def _degrees_of_freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArray:
+    """Return the (p,) degrees of freedom of the means' variances, whose part by the cars' spread is itself
+    estimated.
 
     The spread is taken at one standard error above its estimate: an estimate of zero from few cars is not the
     certainty that cars are alike.
@@ -213,10 +221,10 @@ def _freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArr
 
 
 def sample_cars(stack: FleetStatistics) -> FleetStatistics:
-    """Return all drives of evenly chosen cars, about `spread_drives` drives at most."""
+    """Return the statistics of all drives of evenly chosen cars, about `spread_drives` drives at most."""
     if len(stack.car) <= SETTINGS.spread_drives:
         return stack
     wanted = max(2, round(stack.cars * SETTINGS.spread_drives / len(stack.car)))
     chosen = np.zeros(stack.cars, dtype=np.bool_)
     chosen[np.linspace(0, stack.cars - 1, wanted).round().astype(np.int64)] = True
-    return stack.of(chosen)
+    return stack.of_cars(chosen)

@@ -17,14 +17,14 @@ from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.fleet.discoveries import (
     FleetHypothesis,
     cars_that_differ,
-    controlled,
+    control_false_discoveries,
     model_effects,
+    radius_trends,
     robust_fit,
-    trends,
 )
 from tpmsd.offline.fleet.hierarchy import FleetStatistics, ModelFit
-from tpmsd.offline.fleet.losses import DAY_S, losses
-from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, aligned
+from tpmsd.offline.fleet.losses import DAY_S, radius_losses
+from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, aligned_statistics
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import DriveEntry
 
@@ -36,7 +36,7 @@ _Drive = tuple[str, str, dict[str, Any], float]
 def joint_rows(
     entries: Sequence[DriveEntry], results: Mapping[str, dict[str, Any] | None]
 ) -> tuple[list[Row], list[Row]]:
-    """Rows for findings and for statistics."""
+    """Return the rows of the tables of findings (those kept) and of statistics, over all models."""
     groups: dict[str, list[_Drive]] = defaultdict(list)
     for entry in entries:
         result = results[entry.key]
@@ -49,14 +49,14 @@ def joint_rows(
     # Models do not depend on each other, and linear algebra runs beside the interpreter; few at a time bound
     # the memory.
     with ThreadPoolExecutor(SETTINGS.models_at_once) as pool:
-        judged = list(pool.map(lambda model: _of_model(model, groups[model]), models))
+        judged = list(pool.map(lambda model: _judge_model(model, groups[model]), models))
     tested = [one for found, _ in judged for one in found]
     statistics = [row for _, rows in judged for row in rows]
-    return [_finding_row(one) for one in controlled(tested) if one.kept], statistics
+    return [_finding_row(one) for one in control_false_discoveries(tested) if one.kept], statistics
 
 
-def _of_model(model: str, group: Sequence[_Drive]) -> tuple[list[FleetHypothesis], list[Row]]:
-    """Return what is tested of a model and its cars, and the rows of their statistics."""
+def _judge_model(model: str, group: Sequence[_Drive]) -> tuple[list[FleetHypothesis], list[Row]]:
+    """Return the tested hypotheses on a model and its cars, and the rows of their statistics."""
     drives = sorted(group, key=lambda one: one[:2])
     cars = sorted({car for car, _, _, _ in drives})
     stack, days = _stack_drives(drives, cars)
@@ -65,13 +65,14 @@ def _of_model(model: str, group: Sequence[_Drive]) -> tuple[list[FleetHypothesis
     tested = [
         *model_effects(model, fit),
         *cars_that_differ(model, cars, fit, similar),
-        *trends(model, cars, stack, days, drive_variance),
-        *losses(model, cars, stack, days, drive_variance),
+        *radius_trends(model, cars, stack, days, drive_variance),
+        *radius_losses(model, cars, stack, days, drive_variance),
     ]
     return tested, _parameter_rows(model, cars, fit)
 
 
 def _stack_drives(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetStatistics, FloatArray]:
+    """Return the statistics of the drives and their (n,) dates in days, NaN where the date is not known."""
     number = {car: k for k, car in enumerate(cars)}
     p = len(PARAMETERS_OF_FLEET)
     information, vector = np.empty((len(drives), p, p)), np.empty((len(drives), p))
@@ -81,14 +82,18 @@ def _stack_drives(drives: Sequence[_Drive], cars: Sequence[str]) -> tuple[FleetS
     for names, which in same_names.items():
         for begin in range(0, len(which), SETTINGS.chunk_drives):
             part = which[begin : begin + SETTINGS.chunk_drives]
-            information[part], vector[part] = aligned(names, *_unpacked([drives[k][2] for k in part]))
+            information[part], vector[part] = aligned_statistics(
+                names, *_unpack_statistics([drives[k][2] for k in part])
+            )
     of_car = np.array([number[car] for car, _, _, _ in drives], dtype=np.int64)
     stack = FleetStatistics(information, vector, of_car)
     return stack, np.array([days for _, _, _, days in drives], dtype=np.float64)
 
 
-def _unpacked(sums: Sequence[dict[str, Any]]) -> tuple[FloatArray, FloatArray]:
-    """(n, p, p) matrices of packed lower triangles and (n, p) vectors, of drives with the same names."""
+def _unpack_statistics(sums: Sequence[dict[str, Any]]) -> tuple[FloatArray, FloatArray]:
+    """Return the (n, p, p) matrices of packed lower triangles and the (n, p) vectors, of drives with the same
+    names.
+    """
     rows, columns = np.tril_indices(len(sums[0]["names"]))
     matrix = np.empty((len(sums), len(sums[0]["names"]), len(sums[0]["names"])))
     matrix[:, rows, columns] = matrix[:, columns, rows] = [one["information"] for one in sums]
@@ -96,6 +101,7 @@ def _unpacked(sums: Sequence[dict[str, Any]]) -> tuple[FloatArray, FloatArray]:
 
 
 def _finding_row(one: FleetHypothesis) -> Row:
+    """Return the row of a hypothesis in the table of findings."""
     return {
         "level": one.level,
         "model": one.model,
@@ -113,6 +119,7 @@ def _finding_row(one: FleetHypothesis) -> Row:
 
 
 def _parameter_rows(model: str, cars: Sequence[str], fit: ModelFit) -> list[Row]:
+    """Return the rows of the table of statistics: population and cars of a model, parameter by parameter."""
     rows = []
     for k, parameter in enumerate(PARAMETERS_OF_FLEET):
         scale = parameter.scale

@@ -14,7 +14,7 @@ from scipy import special, stats
 from tpmsd.car.physics.catalogue import FAULT
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.fleet.discoveries import FleetHypothesis
-from tpmsd.offline.fleet.hierarchy import FleetStatistics, shrunken
+from tpmsd.offline.fleet.hierarchy import FleetStatistics, integrate_out_random_effect
 from tpmsd.offline.fleet.parameters import BACK, SCALES
 from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
@@ -23,7 +23,7 @@ _TO_CONTRASTS = np.linalg.inv(BACK) / SCALES[:4, None]
 """(4, 4) scaled contrasts of a change of each radius."""
 
 
-def losses(
+def radius_losses(
     model: str,
     cars: Sequence[str],
     stack: FleetStatistics,
@@ -31,17 +31,17 @@ def losses(
     drive_variance: FloatArray,
     settings: FleetSettings = SETTINGS,
 ) -> list[FleetHypothesis]:
-    """Tests of each wheel for a radius that is smaller from some drive on; `days` (n,) are the drives' dates.
+    """Test each wheel for a radius that is smaller from some drive on; `days` (n,) are the drives' dates.
 
     Generalised least squares with a step of one radius and constants for all else. One-sided, for air goes
     out: a wheel counts where no wheel that became larger explains the drives better by more than its rarity.
     The p-value of the best moment is multiplied by the number of moments (Bonferroni).
     """
     variance = drive_variance.copy()
-    variance[:4] = between_drives(stack, days, settings)
-    K, k = shrunken(stack.information, stack.vector, variance)
+    variance[:4] = contrast_variance_between_drives(stack, days, settings)
+    K, k = integrate_out_random_effect(stack.information, stack.vector, variance)
     found = []
-    for car, part in zip(cars, stack.parts(), strict=True):
+    for car, part in zip(cars, stack.car_slices(), strict=True):
         mine = part.start + np.flatnonzero(np.isfinite(days[part]))
         mine = mine[np.argsort(days[mine], kind="stable")]
         if len(mine) < 2:
@@ -56,13 +56,13 @@ def losses(
             since_s = float(days[mine[at + 1]]) * DAY_S
             where = ("loss", FAULT.name, WHEELS[wheel])
             found.append(FleetHypothesis("car", model, car, *where, *size, "%", p_value, since_s=since_s))
-    return _best_of_each_car(found)
+    return _likeliest_of_each_car(found)
 
 
-def between_drives(
+def contrast_variance_between_drives(
     stack: FleetStatistics, days: FloatArray, settings: FleetSettings = SETTINGS
 ) -> FloatArray:
-    """(4,) variance of the scaled contrasts of radii from drive to drive: of tyres, or the model's own.
+    """Return the (4,) variance of the scaled contrasts of radii from drive to drive.
 
     By the median of the changes between a car's successive drives, to which single losses do not matter.
     """
@@ -82,7 +82,7 @@ def between_drives(
 
 
 def step_changes(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return each radius's lasting step at each drive but the first, and its standard deviation.
+    """Return each radius's permanent step at each drive but the first, and its standard deviation.
 
     The step's coefficient by the Schur complement of the constants, with sums over later drives that are
     kept from one moment to the next: n drives take n steps of work.
@@ -109,8 +109,10 @@ def step_changes(K: FloatArray, k: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.asarray(right / information), np.asarray(1.0 / np.sqrt(information))
 
 
-def _best_of_each_car(found: list[FleetHypothesis]) -> list[FleetHypothesis]:
-    """Return one wheel per car: a loss of one shows in the means against which the others are held."""
+def _likeliest_of_each_car(found: list[FleetHypothesis]) -> list[FleetHypothesis]:
+    """Return the likeliest loss of each car: a loss of one wheel shows in the means against which the others
+    are held.
+    """
     best: dict[str, FleetHypothesis] = {}
     for one in found:
         if one.car not in best or one.p_value < best[one.car].p_value:

@@ -59,11 +59,11 @@ NAMES = tuple(parameter.name for parameter in PARAMETERS_OF_FLEET)
 SCALES = np.array([parameter.scale for parameter in PARAMETERS_OF_FLEET])
 
 
-def aligned(
+def aligned_statistics(
     names: Sequence[str], information: FloatArray, vector: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return statistics of a drive, or of several with the same names, in the fleet's parameters, divided by
-    their scales; (..., p, p) and (..., p).
+    """Return statistics of a drive, or of several with the same names, in the order of the fleet's parameters
+    and divided by their scales; (..., p, p) and (..., p).
 
     A parameter that the drive does not name has no information.
     """

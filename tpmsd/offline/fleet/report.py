@@ -49,9 +49,17 @@ _DERIVED_MODEL = re.compile(r"(\d+(?:\.\d+)?)m-(\w+)-([0-9a-f]{4})")
 
 
 def report_document(tables: Tables) -> dict[str, Any]:
-    """`attention`: a row per vehicle and reason, the most urgent first; `models`: findings and parameters."""
+    """Return the report: in `attention` a row per vehicle and reason, the most urgent first; in `models`
+    findings and parameters.
+    """
     drives = tables["drives"]
-    attention = _one_per_wheel([*_alarms(tables), *_joint_findings(tables["findings"]), *_unusable(drives)])
+    attention = _merge_rows_of_wheel(
+        [
+            *_active_alarm_rows(tables),
+            *_finding_attention_rows(tables["findings"]),
+            *_unusable_drive_rows(drives),
+        ]
+    )
     attention.sort(key=lambda row: (_ORDER[row["urgency"]], row["car"], row["since"] or "", row["why"]))
     return {
         "drives": len(drives),
@@ -59,12 +67,12 @@ def report_document(tables: Tables) -> dict[str, Any]:
         "distance_km": sum(row["distance_m"] or 0.0 for row in drives) / 1e3,
         "duration_h": sum(row["duration_s"] or 0.0 for row in drives) / 3600.0,
         "attention": attention,
-        "models": [_of_model(tables, model) for model in sorted({row["model"] for row in drives})],
+        "models": [_model_document(tables, model) for model in sorted({row["model"] for row in drives})],
     }
 
 
-def _of_model(tables: Tables, model: str) -> dict[str, Any]:
-    """Return what the drives of one model of car say together."""
+def _model_document(tables: Tables, model: str) -> dict[str, Any]:
+    """Return the report's entry of one model: numbers of cars and drives, findings and parameters."""
     drives, findings, statistics = (
         [row for row in tables[table] if row["model"] == model]
         for table in ("drives", "findings", "statistics")
@@ -75,21 +83,23 @@ def _of_model(tables: Tables, model: str) -> dict[str, Any]:
         "drives": len(drives),
         "findings": [row for row in findings if row["level"] == "model"],
         "differing": [row for row in findings if row["level"] == "car"],
-        "named_in_drives": _named(findings),
+        "named_in_drives": _named_effect_rows(findings),
         "parameters": [row for row in statistics if row["level"] == "model"],
     }
 
 
-def _alarms(tables: Tables) -> list[Row]:
-    """Return the alarms that stand at the end of the last drive with any, each since it was first raised."""
+def _active_alarm_rows(tables: Tables) -> list[Row]:
+    """Return the alarms active at the end of the last drive that had any, each with the time of its first
+    transition.
+    """
     order_of = {row["key"]: (row["start"] or 0.0, row["path"]) for row in tables["drives"]}
     active: dict[tuple[str, str, str], Row] = {}
 
-    def order(row: Row) -> tuple[Any, ...]:
+    def time_order(row: Row) -> tuple[Any, ...]:
         """Drives one after the other, also those that begin at one instant."""
         return (*order_of.get(row["key"], (0.0, "")), row["time"] or 0.0)
 
-    for alarm in sorted(tables["alarms"], key=order):
+    for alarm in sorted(tables["alarms"], key=time_order):
         subject = (alarm["car"], alarm["kind"], alarm["wheel"] or "")
         if alarm["state"] == "raised":
             active.setdefault(subject, alarm)
@@ -101,14 +111,15 @@ def _alarms(tables: Tables) -> list[Row]:
         where = _WHEELS.get(wheel, "")
         why, reason = f"{kind.replace('_', ' ')} {where}".strip(), alarm.get("reason") or ""
         why += f": {reason}" if reason and kind == "malfunction" else ""
-        one = _attention(car, urgency, why, alarm["time"], kind, alarm["key"], wheel)
+        one = _attention_row(car, urgency, why, alarm["time"], kind, alarm["key"], wheel)
         if kind == "malfunction":
             one["what_to_do"] = next((do for words, do in _ADVICE if words in reason), one["what_to_do"])
         found.append(one)
     return found
 
 
-def _joint_findings(findings: Iterable[Row]) -> list[Row]:
+def _finding_attention_rows(findings: Iterable[Row]) -> list[Row]:
+    """Return a row of attention for each finding about a car."""
     found = []
     for row in findings:
         if row["level"] != "car":
@@ -127,20 +138,21 @@ def _joint_findings(findings: Iterable[Row]) -> list[Row]:
             of = _WHEELS.get(row["parameter"]) or parameter_name(row["parameter"])
             why, kind = f"unlike its model: {plain_name(row['effect'])} {of} by {size}", "differs"
         urgency = {"loss": URGENT, "slow_leak": SOON}.get(kind, LOOK)
-        found.append(_attention(row["car"], urgency, why, row.get("since"), kind, None, row["parameter"]))
+        found.append(_attention_row(row["car"], urgency, why, row.get("since"), kind, None, row["parameter"]))
     return found
 
 
-def _unusable(drives: Iterable[Row]) -> list[Row]:
+def _unusable_drive_rows(drives: Iterable[Row]) -> list[Row]:
+    """Return a row of attention for each drive that failed or was set aside."""
     return [
-        _attention(row["car"], LOOK, f"{row['path']}: {row['reason']}", None, row["status"], row["key"])
+        _attention_row(row["car"], LOOK, f"{row['path']}: {row['reason']}", None, row["status"], row["key"])
         for row in drives
         if row["status"] in ("failed", "set_aside")
     ]
 
 
-def _one_per_wheel(rows: Iterable[Row]) -> list[Row]:
-    """Put what is of one tyre into one row, with the urgency and the advice of its most urgent part."""
+def _merge_rows_of_wheel(rows: Iterable[Row]) -> list[Row]:
+    """Merge the rows about one tyre into one, with the urgency and the advice of the most urgent."""
     rows = sorted(rows, key=lambda row: _ORDER[row["urgency"]])
     found: list[Row] = []
     by_tyre: dict[tuple[str, str], Row] = {}
@@ -158,16 +170,16 @@ def _one_per_wheel(rows: Iterable[Row]) -> list[Row]:
     return found
 
 
-def _attention(
+def _attention_row(
     car: str, urgency: str, why: str, time_s: float | None, kind: str, key: str | None, wheel: str = ""
 ) -> Row:
-    """Return one row; `kind` and `wheel` are taken off again when rows of one tyre are put together."""
+    """Return a row of attention; `kind` and `wheel` are removed again when rows of one tyre are merged."""
     what = _WHAT_TO_DO.get(kind, "look at it")
     shown = {
         "car": car,
         "urgency": urgency,
         "why": why,
-        "since": utc(time_s),
+        "since": utc_minute(time_s),
         "what_to_do": what,
         "drive": key,
     }
@@ -175,7 +187,7 @@ def _attention(
 
 
 def model_title(model: str) -> str:
-    """Return a model's name for people: of one that is derived from a configuration what it says."""
+    """Return a model's name for display: for one that is derived from a configuration its geometry."""
     derived = _DERIVED_MODEL.fullmatch(model)
     if derived is None:
         return model
@@ -184,13 +196,16 @@ def model_title(model: str) -> str:
 
 
 def _is_named(row: Row) -> bool:
+    """Return whether the diagnosis named the finding's effect: no mere suspicion, and of enough
+    confidence.
+    """
     confidence = row.get("confidence")
     return row.get("status") != "suspicion" and (
         confidence is None or confidence >= SETTINGS.named_confidence
     )
 
 
-def utc(time_s: float | None) -> str | None:
+def utc_minute(time_s: float | None) -> str | None:
     """Return a host time as date and minute; None where it is not known or no date."""
     try:
         moment = datetime.datetime.fromtimestamp(float("nan") if time_s is None else time_s, tz=datetime.UTC)
@@ -199,8 +214,8 @@ def utc(time_s: float | None) -> str | None:
     return moment.strftime("%Y-%m-%d %H:%M")
 
 
-def _named(findings: Iterable[Row]) -> list[Row]:
-    """In how many drives of how many cars the diagnosis named each effect."""
+def _named_effect_rows(findings: Iterable[Row]) -> list[Row]:
+    """Return, for each effect that the diagnosis named, in how many drives of how many cars it did."""
     drives: dict[str, set[str]] = defaultdict(set)
     cars: dict[str, set[str]] = defaultdict(set)
     for row in findings:
@@ -211,13 +226,13 @@ def _named(findings: Iterable[Row]) -> list[Row]:
 
 
 def drives_of_cars(row: Mapping[str, Any]) -> str:
-    """Return the numbers of drives and cars in words."""
+    """Return the numbers of drives and cars of a row in words."""
     drives, cars = row["drives"], row["cars"]
     return f"{drives} drive{'s' * (drives != 1)} of {cars} car{'s' * (cars != 1)}"
 
 
 def report_text(document: dict[str, Any]) -> str:
-    """Return the report in lines."""
+    """Return the report as lines of text."""
     lines = [
         f"{drives_of_cars(document)}: {document['distance_km']:.0f} km, {document['duration_h']:.1f} h",
         "",

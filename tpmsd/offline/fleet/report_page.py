@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.foundation.plain import with_unit
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc
+from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc_minute
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.report.figures import Chart, Curve
 from tpmsd.offline.report.page import Cell, HtmlTable, Origin, RenderedFigure, Tile, render, render_figure
@@ -53,7 +53,7 @@ class CarView:
 def report_page(
     document: Mapping[str, Any], tables: Mapping[str, list[Row]], pages: Mapping[str, str] | None = None
 ) -> str:
-    """Return the page; `pages`: links to pages of drives by their keys."""
+    """Return the page as HTML; `pages`: links to pages of drives by their keys."""
     return render(
         "fleet.html",
         Origin.now(document),
@@ -82,7 +82,7 @@ def _attention_table(rows: Sequence[Row]) -> HtmlTable:
     body = tuple(
         (
             Cell(row["urgency"], _ORDER[row["urgency"]], style=row["urgency"]),
-            Cell(str(row["car"]), link=_anchor(row["car"])),
+            Cell(str(row["car"]), link=_html_anchor(row["car"])),
             Cell(str(row["why"]).replace("+-", "±")),
             Cell(row["since"] or "", style="when"),
             Cell(row["what_to_do"]),
@@ -93,29 +93,32 @@ def _attention_table(rows: Sequence[Row]) -> HtmlTable:
 
 
 def _model_view(model: Row) -> ModelView:
-    findings = tuple((*_effect(row), *_numbers(row), _unit(row), _p(row)) for row in model["findings"])
+    findings = tuple(
+        (*_effect_cells(row), *_value_cells(row), _unit_cell(row), _p_value_cell(row))
+        for row in model["findings"]
+    )
     differing = tuple(
         (
-            Cell(str(row["car"]), link=_anchor(row["car"])),
+            Cell(str(row["car"]), link=_html_anchor(row["car"])),
             Cell(str(row["kind"])),
-            *_effect(row),
-            *_numbers(row),
-            _unit(row),
-            _p(row),
+            *_effect_cells(row),
+            *_value_cells(row),
+            _unit_cell(row),
+            _p_value_cell(row),
         )
         for row in model["differing"]
     )
     named = tuple(
-        (Cell(plain_name(row["effect"])), _count(row["drives"]), _count(row["cars"]))
+        (Cell(plain_name(row["effect"])), _count_cell(row["drives"]), _count_cell(row["cars"]))
         for row in model["named_in_drives"]
     )
     parameters = tuple(
         (
             Cell(str(row["parameter"])),
-            *_numbers(row),
-            _number(row["spread_cars"]),
-            _number(row["spread_drives"]),
-            _unit(row),
+            *_value_cells(row),
+            _number_cell(row["spread_cars"]),
+            _number_cell(row["spread_drives"]),
+            _unit_cell(row),
         )
         for row in model["parameters"]
     )
@@ -152,11 +155,11 @@ def _car_views(
     for car, drives in sorted(cars.items()):
         drives.sort(key=lambda row: (row["start"] or 0.0, row["path"]))
         shown = drives[-each:]
-        dated = [row for row in shown if utc(row["start"]) is not None]
+        dated = [row for row in shown if utc_minute(row["start"]) is not None]
         read = [one for one in WHEELS if any(one in wheels[row["key"]] for row in shown)]
         heads = ("drive", "start (UTC)", "km", "status", *(f"{wheel} (mm)" for wheel in read), "alarms")
-        chart = _chart(dated, [wheels[row["key"]] for row in dated])
-        anchor = _anchor(car)
+        chart = _radius_chart(dated, [wheels[row["key"]] for row in dated])
+        anchor = _html_anchor(car)
         yield CarView(
             anchor,
             f"{car} ({model_title(drives[0]['model'])}), {len(drives)} drive{'s' * (len(drives) != 1)}",
@@ -165,7 +168,7 @@ def _car_views(
             HtmlTable(
                 heads,
                 tuple(
-                    _drive(row, read, wheels[row["key"]], alarms[row["key"]], pages.get(row["key"], ""))
+                    _drive_cells(row, read, wheels[row["key"]], alarms[row["key"]], pages.get(row["key"], ""))
                     for row in shown
                 ),
             ),
@@ -173,41 +176,45 @@ def _car_views(
         )
 
 
-def _drive(
+def _drive_cells(
     row: Row, read: Sequence[str], wheels: Mapping[str, Row], alarms: Sequence[Row], page: str
 ) -> tuple[Cell, ...]:
-    """Return a drive's row; `read` are the wheels that have a column, those of any drive of its car."""
+    """Return the cells of a drive's row; `read` are the wheels that have a column, those of any drive of its
+    car.
+    """
     named = "\n".join(
         " ".join(filter(None, (plain_name(one["kind"]), one["wheel"], one["state"]))) for one in alarms
     )
     return (
         Cell(str(row["path"]), href=page),
-        Cell(utc(row["start"]) or "", row["start"], style="when"),
-        _number((row["distance_m"] or 0.0) / 1e3),
+        Cell(utc_minute(row["start"]) or "", row["start"], style="when"),
+        _number_cell((row["distance_m"] or 0.0) / 1e3),
         Cell(row["status"] + (f": {row['reason']}" if row["reason"] else "")),
-        *(_radius(wheels.get(wheel)) for wheel in read),
+        *(_radius_cell(wheels.get(wheel)) for wheel in read),
         Cell(named),
     )
 
 
-def _radius(one: Row | None) -> Cell:
-    """Radius minus nominal with one standard deviation."""
+def _radius_cell(one: Row | None) -> Cell:
+    """Return the cell of a radius: its difference from nominal with one standard deviation."""
     if one is None or one["deviation_mm"] is None:
         return Cell("", number=True)
     std = "" if one["std_mm"] is None else f" ± {one['std_mm']:.2f}"
     return Cell(f"{one['deviation_mm']:+.2f}{std}", one["deviation_mm"], number=True)
 
 
-def _chart(dated: Sequence[Row], drives: Sequence[Mapping[str, Row]]) -> Chart | None:
-    """Radius minus nominal of each wheel over the date, with two standard deviations; or None.
+def _radius_chart(dated: Sequence[Row], drives: Sequence[Mapping[str, Row]]) -> Chart | None:
+    """Return the chart of each wheel's radius minus nominal over the date, with two standard deviations; or
+    None.
 
     A car is on one drive at a time: where drives overlap, their clocks are no dates, and the axis counts
     drives.
     """
     values = {
-        wheel: np.array([_millimetres(one.get(wheel), "deviation_mm") for one in drives]) for wheel in WHEELS
+        wheel: np.array([_number_of_row(one.get(wheel), "deviation_mm") for one in drives])
+        for wheel in WHEELS
     }
-    stds = {wheel: np.array([_millimetres(one.get(wheel), "std_mm") for one in drives]) for wheel in WHEELS}
+    stds = {wheel: np.array([_number_of_row(one.get(wheel), "std_mm") for one in drives]) for wheel in WHEELS}
     curves = tuple(
         Curve(
             wheel_name(wheel),
@@ -236,40 +243,42 @@ def _chart(dated: Sequence[Row], drives: Sequence[Mapping[str, Row]]) -> Chart |
     )
 
 
-def _millimetres(one: Row | None, name: str) -> float:
+def _number_of_row(one: Row | None, name: str) -> float:
+    """Return a number of a row; NaN without the row or the number."""
     value = None if one is None else one[name]
     return float("nan") if value is None else float(value)
 
 
-def _effect(row: Row) -> tuple[Cell, Cell]:
+def _effect_cells(row: Row) -> tuple[Cell, Cell]:
     parameter = str(row["parameter"])
     name = wheel_name(parameter) if parameter in WHEELS else parameter_name(parameter)
     return Cell(plain_name(row["effect"])), Cell(name)
 
 
-def _numbers(row: Row) -> tuple[Cell, Cell]:
+def _value_cells(row: Row) -> tuple[Cell, Cell]:
+    """Return the cells of a value and of its 95 % interval, empty without a standard deviation."""
     value, std = row["value"], row["std"]
     if std is None:
-        return _number(value), Cell("", number=True)
+        return _number_cell(value), Cell("", number=True)
     low, high = value - 1.96 * std, value + 1.96 * std
-    return _number(value), Cell(f"{low:.4g} to {high:.4g}", std, number=True)
+    return _number_cell(value), Cell(f"{low:.4g} to {high:.4g}", std, number=True)
 
 
-def _unit(row: Row) -> Cell:
+def _unit_cell(row: Row) -> Cell:
     return Cell(with_unit("", row["unit"]).strip())
 
 
-def _p(row: Row) -> Cell:
+def _p_value_cell(row: Row) -> Cell:
     return Cell(f"{row['p_value']:.1g}", row["p_value"], number=True)
 
 
-def _number(value: float | None) -> Cell:
+def _number_cell(value: float | None) -> Cell:
     return Cell("" if value is None else f"{value:.4g}", value, number=True)
 
 
-def _count(value: int) -> Cell:
+def _count_cell(value: int) -> Cell:
     return Cell(str(value), value, number=True)
 
 
-def _anchor(car: str) -> str:
+def _html_anchor(car: str) -> str:
     return "car-" + "".join(c if c.isascii() and c.isalnum() else f"_{ord(c):x}_" for c in car)

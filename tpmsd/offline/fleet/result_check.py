@@ -22,54 +22,54 @@ Check = Callable[[Any, str], None]
 
 
 def check_result(found: Any) -> dict[str, Any]:
-    """Return the result; ValueError where it is none."""
-    result = _table(found, "result")
+    """Return the result unchanged; ValueError where it does not have the form of one."""
+    result = _checked_table(found, "result")
     if result.get("status") not in STATES:
         raise ValueError("status is none")
-    _text(result.get("reason"), "reason")
-    _text(result.get("program"), "program")
-    for stage in _rows(result.get("stages"), "stages"):
-        _text(stage, "stages")
-    replay = _optional_table(result.get("replay"), "replay")
+    _check_text(result.get("reason"), "reason")
+    _check_text(result.get("program"), "program")
+    for stage in _checked_rows(result.get("stages"), "stages"):
+        _check_text(stage, "stages")
+    replay = _checked_optional_table(result.get("replay"), "replay")
     for name in ("start_time", "duration_s", "distance_m"):
-        _number(replay.get(name), name)
-    for wheel, one in _table(replay.get("wheels", {}), "wheels").items():
+        _check_number(replay.get(name), name)
+    for wheel, one in _checked_table(replay.get("wheels", {}), "wheels").items():
         if wheel not in WHEELS:
             raise ValueError(f"wheels: {wheel[:20]!r} is no wheel")
-        _cells(one, "wheels", ("state",))
-    for alarm in _rows(replay.get("alarms", []), "alarms"):
-        _cells(alarm, "alarms", ("kind", "wheel", "state", "reason"))
-    _check_calibration(_optional_table(result.get("calibrate"), "calibrate"))
-    diagnosis = _optional_table(result.get("diagnose"), "diagnose")
+        _check_row(one, "wheels", ("state",))
+    for alarm in _checked_rows(replay.get("alarms", []), "alarms"):
+        _check_row(alarm, "alarms", ("kind", "wheel", "state", "reason"))
+    _check_calibration(_checked_optional_table(result.get("calibrate"), "calibrate"))
+    diagnosis = _checked_optional_table(result.get("diagnose"), "diagnose")
     for name in ("verdict", "reason"):
-        _text_or_none(diagnosis.get(name), name)
-    for finding in _rows(diagnosis.get("findings", []), "findings"):
-        _check_finding(_table(finding, "findings"))
+        _check_text_or_none(diagnosis.get(name), name)
+    for finding in _checked_rows(diagnosis.get("findings", []), "findings"):
+        _check_finding(_checked_table(finding, "findings"))
     return result
 
 
 def _check_calibration(calibration: dict[str, Any]) -> None:
-    _text_or_none(calibration.get("reason"), "calibrate")
+    _check_text_or_none(calibration.get("reason"), "calibrate")
     statistics = calibration.get("statistics")
     if statistics is None:
         return
-    statistics = _table(statistics, "statistics")
-    names = _rows(statistics.get("names"), "names")
+    statistics = _checked_table(statistics, "statistics")
+    names = _checked_rows(statistics.get("names"), "names")
     for name in names:
-        _text(name, "names")
+        _check_text(name, "names")
     count = len(names)
     if count > SETTINGS.result_names or len(set(names)) < count:
         raise ValueError("names: too many, or one twice")
-    triangle = _rows(statistics.get("information"), "information")
-    vector = _rows(statistics.get("vector"), "vector")
+    triangle = _checked_rows(statistics.get("information"), "information")
+    vector = _checked_rows(statistics.get("vector"), "vector")
     if len(triangle) != count * (count + 1) // 2 or len(vector) != count:
         raise ValueError("information: another shape than its names")
     if not set(map(type, triangle)) | set(map(type, vector)) <= {int, float}:
         raise ValueError("information: no number")
     for values in (triangle, vector):
         if values:
-            _number(min(values), "information")
-            _number(max(values), "information")
+            _check_number(min(values), "information")
+            _check_number(max(values), "information")
     matrix = np.zeros((count, count))
     matrix[lower_triangle(count)] = triangle
     std = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
@@ -99,68 +99,69 @@ def is_indefinite(scaled: FloatArray) -> bool:
 def _check_finding(finding: dict[str, Any]) -> None:
     if not {"effect", "confidence", "parameters"} <= finding.keys():
         raise ValueError("findings: no effect, confidence and parameters")
-    _text(finding.get("effect"), "effect")
-    _number(finding.get("confidence"), "confidence")
-    _number(finding.get("p_value"), "p_value")
-    _text(finding.get("status", ""), "status")
-    for name, quantity in _optional_table(finding.get("parameters"), "parameters").items():
-        one = _table(quantity, name)
+    _check_text(finding.get("effect"), "effect")
+    _check_number(finding.get("confidence"), "confidence")
+    _check_number(finding.get("p_value"), "p_value")
+    _check_text(finding.get("status", ""), "status")
+    for name, quantity in _checked_optional_table(finding.get("parameters"), "parameters").items():
+        one = _checked_table(quantity, name)
         if not {"value", "std", "unit"} <= one.keys():
             raise ValueError("parameters: no value, std and unit")
-        _number(one["std"], "std")
-        _text_or_none(one["unit"], "unit")
+        _check_number(one["std"], "std")
+        _check_text_or_none(one["unit"], "unit")
         if isinstance(one["value"], int | float):
-            _number(one["value"], "value")
+            _check_number(one["value"], "value")
         elif isinstance(one["value"], dict | list):
             raise ValueError("value: no number and no text")
 
 
-def _cells(found: Any, what: str, texts: tuple[str, ...]) -> None:
-    """Check a table's row: named texts (or what is kept as JSON text), else numbers."""
-    numbers = _numbers(what)
-    for name, value in _table(found, what).items():
+def _check_row(found: Any, what: str, texts: tuple[str, ...]) -> None:
+    """Check a table's row: the named columns are text (or a list, kept as JSON text), the others numbers."""
+    numbers = _number_columns(what)
+    for name, value in _checked_table(found, what).items():
         if name in texts:
             if not isinstance(value, list):
-                _text_or_none(value, f"{what}.{name}")
+                _check_text_or_none(value, f"{what}.{name}")
         elif name in numbers:
-            _number(value, f"{what}.{name}")
+            _check_number(value, f"{what}.{name}")
 
 
 @cache
-def _numbers(what: str) -> frozenset[str]:
+def _number_columns(what: str) -> frozenset[str]:
     """Return the columns of a table that are numbers."""
     from tpmsd.offline.fleet.tables import COLUMNS
 
     return frozenset(name for name, kind in COLUMNS[what].items() if kind == "double")
 
 
-def _table(found: Any, what: str) -> dict[str, Any]:
+def _checked_table(found: Any, what: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise ValueError(f"{what}: no table")
     return found
 
 
-def _optional_table(found: Any, what: str) -> dict[str, Any]:
-    return {} if found is None else _table(found, what)
+def _checked_optional_table(found: Any, what: str) -> dict[str, Any]:
+    """Return the table, empty where there is none."""
+    return {} if found is None else _checked_table(found, what)
 
 
-def _rows(found: Any, what: str) -> list[Any]:
+def _checked_rows(found: Any, what: str) -> list[Any]:
     if not isinstance(found, list) or len(found) > SETTINGS.result_rows:
         raise ValueError(f"{what}: no list")
     return found
 
 
-def _text(found: Any, what: str) -> None:
+def _check_text(found: Any, what: str) -> None:
     if not isinstance(found, str):
         raise ValueError(f"{what}: no text")
 
 
-def _text_or_none(found: Any, what: str) -> None:
+def _check_text_or_none(found: Any, what: str) -> None:
     if found is not None:
-        _text(found, what)
+        _check_text(found, what)
 
 
-def _number(found: Any, what: str) -> None:
+def _check_number(found: Any, what: str) -> None:
     """Check for a finite number, or null."""
     if found is None or (type(found) is float and -_LARGEST <= found <= _LARGEST):
         return

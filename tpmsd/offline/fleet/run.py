@@ -22,7 +22,7 @@ from typing import Any
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
-from tpmsd.offline.fleet.work import STAGES, is_missing, work_on
+from tpmsd.offline.fleet.work import STAGES, is_missing, work_on_drive
 from tpmsd.offline.tables.extras import need
 
 
@@ -42,12 +42,12 @@ class Tally:
 
     @property
     def left_s(self) -> float:
-        """Time that the rest takes at this rate."""
+        """Estimated time that the rest takes at this rate, s."""
         return (self.total - self.done) / self.rate if self.rate > 0.0 else float("inf")
 
 
-def missing(store: Store, stages: tuple[str, ...] = STAGES, recompute: bool = False) -> list[str]:
-    """Keys of the drives that are yet to be worked on."""
+def missing_drives(store: Store, stages: tuple[str, ...] = STAGES, recompute: bool = False) -> list[str]:
+    """Return the keys of the drives that still have to be worked on."""
     return [entry.key for entry in store.entries() if is_missing(store.result(entry.key), stages, recompute)]
 
 
@@ -60,8 +60,8 @@ def run(
     recompute: bool = False,
     progress: Callable[[Tally], None] = lambda tally: None,
 ) -> Tally:
-    """Work off what is missing; ConfigError without Dask, TpmsdError where no scheduler answers."""
-    keys = missing(store, stages, recompute)
+    """Work on all missing drives; ConfigError without Dask, TpmsdError where no scheduler answers."""
+    keys = missing_drives(store, stages, recompute)
     outcomes: Counter[str] = Counter()
     begun = time.monotonic()
     if not keys:
@@ -74,7 +74,7 @@ def run(
         def submit(key: str) -> Any:
             # `pure=False` and a name of this run: a scheduler that lives on may remember older tasks.
             return client.submit(
-                work_on, str(store.path.resolve()), key, stages, name, pure=False, key=f"{key}-{name}"
+                work_on_drive, str(store.path.resolve()), key, stages, name, pure=False, key=f"{key}-{name}"
             )
 
         ahead = max(SETTINGS.tasks_ahead * max(len(client.scheduler_info()["workers"]), jobs), 2)
@@ -95,6 +95,7 @@ def run(
 
 @contextlib.contextmanager
 def _dask_client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> Iterator[Any]:
+    """Yield a client of the scheduler, or of a cluster of `jobs` processes on this machine."""
     dask = need("dask", "fleet", "fleets")
     # A worker's own threads take the interpreter from the drive in work: the profile looks at its stack 100
     # times a second, its ticks at the event loop 50 times, its monitor at the system twice.
@@ -120,7 +121,7 @@ def _dask_client(distributed: Any, scheduler: str | None, jobs: int, memory: str
             return
         need("cryptography", "fleet", "fleets")
         with (
-            _main_left_alone(),
+            _without_main_import(),
             distributed.LocalCluster(
                 n_workers=jobs,
                 threads_per_worker=1,
@@ -136,7 +137,7 @@ def _dask_client(distributed: Any, scheduler: str | None, jobs: int, memory: str
 
 
 @contextlib.contextmanager
-def _main_left_alone() -> Iterator[None]:
+def _without_main_import() -> Iterator[None]:
     """Keep new processes from importing the main module: they need none of it, and it may start a command."""
     main = sys.modules["__main__"]
     before = {name: getattr(main, name, None) for name in ("__file__", "__spec__")}

@@ -31,9 +31,11 @@ _KINDS = ("SELECT", "EXPLAIN")
 
 
 def ask(store: Store, query: str, max_s: float = SETTINGS.query_s) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """Return the answer; ConfigError where there are no tables yet, or the query is wrong or too expensive.
+    """Return the column names and rows of an SQL query; ConfigError where there are no tables yet, or the
+    query is wrong or too expensive.
 
-    Columns of one name are numbered."""
+    Columns of one name are numbered.
+    """
     duckdb = need("duckdb", "fleet", "questions in SQL")
     with duckdb.connect(":memory:") as database:
         for name in COLUMNS:
@@ -64,11 +66,11 @@ def ask(store: Store, query: str, max_s: float = SETTINGS.query_s) -> tuple[list
             clock.cancel()
     if len(rows) > SETTINGS.query_rows:
         raise ConfigError(f"query: more than {SETTINGS.query_rows} rows; add a limit")
-    return apart(names), rows
+    return unique_names(names), rows
 
 
-def apart(names: list[str]) -> list[str]:
-    """Return the names, each once: `car`, `car_2`, `car_3`."""
+def unique_names(names: list[str]) -> list[str]:
+    """Return the names, repeated ones numbered: `car`, `car_2`, `car_3`."""
     found: list[str] = []
     for name in names:
         made, number = name, 1
@@ -80,8 +82,8 @@ def apart(names: list[str]) -> list[str]:
 
 
 def as_text(names: list[str], rows: list[tuple[Any, ...]]) -> str:
-    """Return the answer in columns, for people."""
-    cells = [[_cell(value, name) for name, value in zip(names, row, strict=True)] for row in rows]
+    """Return the answer as aligned columns."""
+    cells = [[_cell_text(value, name) for name, value in zip(names, row, strict=True)] for row in rows]
     names = [printable(name) for name in names]
     widths = [max(len(name), *(len(row[k]) for row in cells), 1) for k, name in enumerate(names)]
     lines = ["  ".join(name.ljust(width) for name, width in zip(names, widths, strict=True)).rstrip()]
@@ -90,7 +92,7 @@ def as_text(names: list[str], rows: list[tuple[Any, ...]]) -> str:
 
 
 def as_csv(names: list[str], rows: list[tuple[Any, ...]]) -> str:
-    """Return the answer as CSV: whole keys, times as numbers, empty where nobody knows."""
+    """Return the answer as CSV: whole keys, times as numbers, missing values empty."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(names)
@@ -108,8 +110,8 @@ def as_parquet(names: list[str], rows: list[tuple[Any, ...]]) -> bytes:
     return out.getvalue()
 
 
-def _cell(value: Any, name: str) -> str:
-    """Return one value for people: a host time as UTC, of a key its beginning."""
+def _cell_text(value: Any, name: str) -> str:
+    """Return one value as text: a host time as UTC, of a key its beginning."""
     if value is None:
         return ""
     if name in _TIMES and isinstance(value, float) and value >= SETTINGS.first_date_s:
@@ -121,7 +123,7 @@ def _cell(value: Any, name: str) -> str:
 
 
 def printable(text: str) -> str:
-    """Return the text on one line, without marks that a terminal obeys."""
+    """Return the text on one line, control characters replaced."""
     return "".join(
         mark if mark.isprintable() else "\N{REPLACEMENT CHARACTER}" for mark in " ".join(text.split())
     )

@@ -13,7 +13,7 @@ from tpmsd.offline.fleet.work import program
 
 
 def status_document(store: Store) -> dict[str, Any]:
-    """Drives by state, cars, models, and what the store takes on the disk."""
+    """Return the numbers of drives by state, cars and models, and the store's size on the disk."""
     entries = store.entries()
     states: Counter[str] = Counter()
     other = 0

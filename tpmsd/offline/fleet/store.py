@@ -55,7 +55,7 @@ class Store:
 
     @classmethod
     def create(cls, path: Path) -> Store:
-        """Return the store at a path, made if there is none; ConfigError where something else is there."""
+        """Return the store at a path, created if there is none; ConfigError where something else is there."""
         mark = path / "fleet.json"
         if path.exists() and not path.is_dir():
             raise ConfigError(f"{path}: not a folder")
@@ -97,7 +97,7 @@ class Store:
         """Return one drive; TpmsdError where its file is damaged."""
         file = self.drives / f"{key}.json"
         try:
-            entry = DriveEntry(**_read(file))
+            entry = DriveEntry(**_read_json(file))
             if not _KEY.fullmatch(key) or entry.key != key:
                 raise ValueError("its key is not the file's name in hexadecimal")
             if not all(isinstance(value, str) for value in (entry.path, entry.car, entry.model)):
@@ -119,7 +119,7 @@ class Store:
         and is noted in `damaged`."""
         file = self.results / f"{key}.json"
         try:
-            return check_result(_read(file))
+            return check_result(_read_json(file))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, RecursionError) as error:
@@ -127,12 +127,12 @@ class Store:
             return None
 
     def write_result(self, key: str, result: dict[str, Any]) -> None:
-        """Keep what was made of a drive."""
+        """Write the result of a drive."""
         text = json.dumps(result, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         write_atomic(self.results / f"{key}.json", text + "\n")
 
     def begin_try(self, key: str, run: str) -> int:
-        """Note that a drive is started; the number of its starts in this run, this one included."""
+        """Record that a drive is started; return the number of its starts in this run, this one included."""
         number = 1
         while True:
             try:
@@ -142,21 +142,21 @@ class Store:
                 number += 1
 
     def tries_of(self, key: str) -> int:
-        """Starts of a drive over all runs that never ended."""
+        """Return the number of starts of a drive over all runs that never ended."""
         return sum(1 for _ in self.tries.glob(f"{key}.*"))
 
     def end_try(self, key: str) -> None:
-        """Forget the starts of a drive: it ended, one way or another."""
+        """Remove the records of a drive's starts: it ended, with a result or an error."""
         for mark in self.tries.glob(f"{key}.*"):
             mark.unlink(missing_ok=True)
 
     def bytes_per_result(self) -> Iterator[int]:
-        """Sizes of the result files."""
+        """Yield the sizes of the result files, bytes."""
         return (file.stat().st_size for file in sorted(self.results.glob("*.json")))
 
 
-def _read(file: Path) -> Any:
-    """Return a file's JSON; ValueError where it is none, has numbers that are none, or is too large."""
+def _read_json(file: Path) -> Any:
+    """Return a file's JSON; ValueError where it is none, has NaN or infinite numbers, or is too large."""
     state = file.stat()
     if not stat.S_ISREG(state.st_mode):
         raise ValueError("not a file")
@@ -170,16 +170,19 @@ def _read(file: Path) -> Any:
     return found
 
 
-def _no_number(name: str) -> None:
+def _reject_constant(name: str) -> None:
+    """Raise ValueError for the constants NaN and Infinity, which JSON does not have."""
     raise ValueError(f"{name} is no number")
 
 
-_DECODER = json.JSONDecoder(parse_constant=_no_number)
+_DECODER = json.JSONDecoder(parse_constant=_reject_constant)
 """Made once: a store has hundreds of thousands of small files."""
 
 
 def write_atomic(file: Path, content: str | bytes) -> None:
-    """Write beside the file and rename: a reader sees the old content or the new one, whoever is killed."""
+    """Write to a temporary file and rename it, so that a reader sees the old content or the new one, whoever
+    is killed.
+    """
     data = content.encode("utf-8") if isinstance(content, str) else content
     handle, temporary = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
     try:

@@ -109,7 +109,7 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
     tables: dict[str, list[Row]] = {name: [] for name in COLUMNS}
     for entry in entries:
         result = store.result(entry.key)
-        brief[entry.key] = _for_joint(result)
+        brief[entry.key] = _joint_inference_part(result)
         tables["drives"].append(_drive_row(entry, result))
         if result is None or result["status"] != "done":
             continue
@@ -125,8 +125,10 @@ def rows_of(store: Store) -> dict[str, list[Row]]:
     return tables
 
 
-def _for_joint(result: dict[str, Any] | None) -> dict[str, Any] | None:
-    """Return what the joint inference needs of a result; arrays take a third of the memory of lists."""
+def _joint_inference_part(result: dict[str, Any] | None) -> dict[str, Any] | None:
+    """Return the part of a result that the joint inference needs, None without statistics; arrays take a
+    third of the memory of lists.
+    """
     statistics = ((result or {}).get("calibrate") or {}).get("statistics")
     if result is None or statistics is None:
         return None
@@ -136,7 +138,7 @@ def _for_joint(result: dict[str, Any] | None) -> dict[str, Any] | None:
     return {"replay": {"start_time": start}, "calibrate": {"statistics": {"names": names, **packed}}}
 
 
-def kept_rows(store: Store) -> dict[str, list[Row]] | None:
+def rows_of_files(store: Store) -> dict[str, list[Row]] | None:
     """Return all tables as the files have them; None where results are newer or files are damaged.
 
     Results are files of their own, so their times tell; a drive whose result is missing or damaged is looked
@@ -146,9 +148,9 @@ def kept_rows(store: Store) -> dict[str, list[Row]] | None:
     files = {name: store.tables / f"{name}.parquet" for name in COLUMNS}
     try:
         made = min(file.stat().st_mtime_ns for file in files.values())
-        if max(_newest(store.drives), _newest(store.results)) >= made:
+        if max(_newest_change_ns(store.drives), _newest_change_ns(store.results)) >= made:
             return None
-        tables = {name: _rows_kept(name, parquet.read_table(file)) for name, file in files.items()}
+        tables = {name: _rows_of_file(name, parquet.read_table(file)) for name, file in files.items()}
     except (OSError, ValueError):
         return None
     all_there = len(tables["drives"]) == sum(1 for _ in store.drives.glob("*.json"))
@@ -156,8 +158,10 @@ def kept_rows(store: Store) -> dict[str, list[Row]] | None:
     return tables if all_there and known else None
 
 
-def _rows_kept(name: str, table: Any) -> list[Row]:
-    """Rows of a file, without columns that rows of the results lack; ValueError for other columns."""
+def _rows_of_file(name: str, table: Any) -> list[Row]:
+    """Return the rows of a file, without columns that rows of the results lack; ValueError for other
+    columns.
+    """
     if table.column_names != list(COLUMNS[name]):
         raise ValueError("other columns")
     rows: list[Row] = table.to_pylist()
@@ -168,14 +172,14 @@ def _rows_kept(name: str, table: Any) -> list[Row]:
     return rows
 
 
-def _newest(folder: Path) -> int:
+def _newest_change_ns(folder: Path) -> int:
     """Return the time of the last change in a folder of files, ns."""
     with os.scandir(folder) as entries:
         return max((entry.stat().st_mtime_ns for entry in entries), default=0)
 
 
 def write_tables(store: Store) -> dict[str, int]:
-    """Make the tables again; how many rows each has."""
+    """Write all tables again; return the number of rows of each."""
     tables = rows_of(store)
     for name, rows in tables.items():
         write_atomic(store.tables / f"{name}.parquet", parquet_of(name, rows))
@@ -183,19 +187,21 @@ def write_tables(store: Store) -> dict[str, int]:
 
 
 def parquet_of(name: str, rows: Sequence[Row]) -> bytes:
-    """Return one table as Parquet; null where nobody knows."""
+    """Return one table as Parquet, missing values as null."""
     pa = need("pyarrow", "fleet", "tables")
     parquet = need("pyarrow.parquet", "fleet", "tables")
     types = {"string": pa.string(), "double": pa.float64(), "int64": pa.int64()}
     columns = COLUMNS[name]
-    arrays = [pa.array(_cells(rows, key, kind), types[kind]) for key, kind in columns.items()]
+    arrays = [pa.array(_column_values(rows, key, kind), types[kind]) for key, kind in columns.items()]
     out = io.BytesIO()
     parquet.write_table(pa.Table.from_arrays(arrays, names=list(columns)), out, compression="zstd")
     return out.getvalue()
 
 
-def _cells(rows: Sequence[Row], column: str, kind: str) -> list[Any]:
-    """Return a column's values: numbers that are finite, texts, and what else there is as JSON text."""
+def _column_values(rows: Sequence[Row], column: str, kind: str) -> list[Any]:
+    """Return a column's values: finite numbers, texts, and tables and lists as JSON text; None for a missing
+    value.
+    """
     values = [row.get(column) for row in rows]
     if kind == "string":
         return [json.dumps(value) if isinstance(value, dict | list) else value for value in values]

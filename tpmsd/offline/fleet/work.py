@@ -26,12 +26,12 @@ STAGES = ("replay", "calibrate", "diagnose")
 
 
 def program() -> str:
-    """Return the version under which results are kept; those of another version are computed again."""
+    """Return the program version under which results are stored, such as `tpmsd 1.0`."""
     return f"tpmsd {__version__}"
 
 
 def is_missing(result: dict[str, Any] | None, stages: tuple[str, ...], recompute: bool) -> bool:
-    """Return whether a drive is yet to be worked on.
+    """Return whether a drive still has to be worked on.
 
     Results of another program version count, unless `recompute` asks for new ones.
     """
@@ -40,8 +40,8 @@ def is_missing(result: dict[str, Any] | None, stages: tuple[str, ...], recompute
     return not set(stages) <= set(result.get("stages", ())) and result.get("status") != "set_aside"
 
 
-def work_on(store_path: str, key: str, stages: tuple[str, ...], run: str) -> str:
-    """Work on one drive and keep the result; its status: done, failed or set_aside."""
+def work_on_drive(store_path: str, key: str, stages: tuple[str, ...], run: str) -> str:
+    """Make and store the result of one drive; return its status: done, failed or set_aside."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     keep_freed_memory()  # Dask's workers give every page back at once, a third of a drive's time
@@ -101,7 +101,7 @@ def _run_stages(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         document = replay_document(result)
         for name in ("drive", "realtime_factor", "resonance", "pose"):
             document.pop(name, None)
-        parts["replay"] = _rounded(plain(document))
+        parts["replay"] = _round_numbers(plain(document))
     if "calibrate" in stages:
         from tpmsd.offline.calibration.checks import RefusedError
         from tpmsd.offline.calibration.nominal import vehicle_of
@@ -112,7 +112,10 @@ def _run_stages(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         except (RefusedError, TpmsdError) as error:
             parts["calibrate"] = {"reason": str(error).replace(str(folder), "DRIVE"), "statistics": None}
         else:
-            parts["calibrate"] = {"reason": "", "statistics": _rounded(plain(_packed(statistics)))}
+            parts["calibrate"] = {
+                "reason": "",
+                "statistics": _round_numbers(plain(_packed_statistics(statistics))),
+            }
     if "diagnose" in stages:
         from tpmsd.offline.diagnosis.diagnose import diagnose
         from tpmsd.offline.report.diagnosis_document import diagnosis_document
@@ -120,22 +123,23 @@ def _run_stages(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         found = diagnose([recording()], known=known_effects([drive]))
         document = diagnosis_document(found, None)
         kept = ("verdict", "reason", "findings", "driving_s")
-        parts["diagnose"] = _rounded(plain({name: document[name] for name in kept}))
+        parts["diagnose"] = _round_numbers(plain({name: document[name] for name in kept}))
     return parts
 
 
-def _packed(statistics: Any) -> dict[str, Any]:
-    """Return the information matrix by its lower triangle, row by row."""
+def _packed_statistics(statistics: Any) -> dict[str, Any]:
+    """Return the statistics with the information matrix as its lower triangle, row by row."""
     rows = statistics.information.tolist()
     triangle = [value for k, row in enumerate(rows) for value in row[: k + 1]]
     return {"names": statistics.names, "information": triangle, "vector": statistics.vector}
 
 
-def _rounded(value: Any) -> Any:
+def _round_numbers(value: Any) -> Any:
+    """Return the value with all numbers in it rounded to the digits that are stored."""
     if isinstance(value, float):
         return float(f"{value:.{SETTINGS.digits}g}")
     if isinstance(value, dict):
-        return {key: _rounded(one) for key, one in value.items()}
+        return {key: _round_numbers(one) for key, one in value.items()}
     if isinstance(value, list):
-        return [_rounded(one) for one in value]
+        return [_round_numbers(one) for one in value]
     return value
