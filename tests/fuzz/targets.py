@@ -143,7 +143,7 @@ def same_sentence(line: bytes) -> None:
     """A line that compiled code reads is read alike without it."""
     values = None if nmea_sentence.compiled is None else nmea_sentence.compiled.decode(line, math.nan)
     if values is not None:
-        assert repr(values) == repr(tuple(nmea_sentence._by_text(line)))
+        assert repr(values) == repr(tuple(nmea_sentence._decode_by_fields(line)))
 
 
 def stream(data: bytes) -> Iterator[tuple[float, int, bool, bytes]]:

@@ -347,9 +347,9 @@ def test_wheels_rest_once_all_stand_and_none_has_turned_alone() -> None:
         decoder = counter_decoder()
         for k in range(200):
             own = 500 + min(max(k - 20, 0), turned)
-            assert not decoder.rests or k > 25
+            assert not decoder.all_at_rest or k > 25
             decoder.decode(10.0 + 0.02 * k, 176, False, counts_frame(own, 700, 800, 900))
-        assert expected == decoder.rests
+        assert expected == decoder.all_at_rest
 
 
 @pytest.mark.parametrize(("bunch", "inner_s"), [(3, 2e-5), (5, 2e-4), (8, 1e-3), (5, 1e-6)])

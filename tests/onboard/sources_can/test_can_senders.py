@@ -17,7 +17,7 @@ def watched(period_s: float = PERIOD_S, seconds: float = 20.0) -> tuple[SenderWa
     watch = SenderWatch((None,))
     time_s = 100.0
     while time_s < 100.0 + seconds:
-        assert not watch.frame(time_s)
+        assert not watch.judge_frame(time_s)
         time_s += period_s
     return watch, time_s
 
@@ -27,15 +27,15 @@ def test_more_frames_than_ever_are_noticed_and_forgiven(factor: float) -> None:
     """Half as many again are found within three seconds; at the old rate the message is good again soon."""
     watch, time_s = watched()
     begun_s = time_s
-    while not watch.frame(time_s):
+    while not watch.judge_frame(time_s):
         time_s += PERIOD_S / factor
         assert time_s < begun_s + 5.0
     assert time_s - begun_s < 1.2 / (factor - 1.25) + 0.2
     for _ in range(50):
-        watch.value(0, 0.0, jumped=True, sound=True)  # two senders: it is not accepted as a new rate
-        watch.frame(time_s := time_s + PERIOD_S / factor)
+        watch.judge_value(0, 0.0, jumped=True, sound=True)  # two senders: it is not accepted as a new rate
+        watch.judge_frame(time_s := time_s + PERIOD_S / factor)
     quiet_s = time_s
-    while watch.frame(time_s):
+    while watch.judge_frame(time_s):
         time_s += PERIOD_S
         assert time_s < quiet_s + 5.0
 
@@ -49,18 +49,18 @@ def test_frames_in_bunches_are_one_senders(bunches: list[int], extra: float) -> 
     for size in bunches:
         time_s += size * PERIOD_S
         for number in range(size):
-            assert not watch.frame(time_s + 1e-5 * number)
+            assert not watch.judge_frame(time_s + 1e-5 * number)
             again += extra
             if again >= 1.0:
                 again -= 1.0
-                assert not watch.frame(time_s + 1e-5 * number + 5e-6)
+                assert not watch.judge_frame(time_s + 1e-5 * number + 5e-6)
 
 
 def test_a_sender_that_starts_slowly_is_known_by_its_fastest_rate() -> None:
     """The first seconds at a tenth of the rate do not make the rest suspicious."""
     watch = SenderWatch((None,))
-    doubts = [watch.frame(0.1 * k) for k in range(30)]
-    doubts += [watch.frame(3.0 + 0.01 * k) for k in range(3000)]
+    doubts = [watch.judge_frame(0.1 * k) for k in range(30)]
+    doubts += [watch.judge_frame(3.0 + 0.01 * k) for k in range(3000)]
     assert not any(doubts)
 
 
@@ -68,8 +68,8 @@ def test_a_backlog_after_a_silence_is_no_second_sender() -> None:
     """Five seconds of frames that come at once after five seconds of nothing are borne."""
     watch, time_s = watched()
     time_s += 5.0
-    assert not any(watch.frame(time_s + 1e-4 * k) for k in range(250))
-    assert not any(watch.frame(time_s + 0.1 + PERIOD_S * k) for k in range(500))
+    assert not any(watch.judge_frame(time_s + 1e-4 * k) for k in range(250))
+    assert not any(watch.judge_frame(time_s + 0.1 + PERIOD_S * k) for k in range(500))
 
 
 def test_two_counters_in_turn_from_the_start_are_doubted() -> None:

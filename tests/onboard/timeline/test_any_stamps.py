@@ -50,7 +50,7 @@ def log(kind: str, route: str) -> Log:
         stream, database = FolderRecording(folder).open(config)
         items = list(stream.parts())
     frames = [
-        item.block.taken(slice(item.start, item.stop)) for item in items if isinstance(item, FrameSlice)
+        item.block.select(slice(item.start, item.stop)) for item in items if isinstance(item, FrameSlice)
     ]
     fields = [field.name for field in dataclasses.fields(FrameBlock) if field.name != "channels"]
     columns = [np.concatenate([getattr(block, name) for block in frames]) for name in fields]
@@ -126,19 +126,19 @@ def changed(block: FrameBlock, change: Change) -> FrameBlock:
     if change.kind in STAMPS:
         return dataclasses.replace(block, time_s=STAMPS[change.kind](change, block.time_s, here))
     if change.kind == "gap":
-        return block.taken(~here) if not here.all() else block
+        return block.select(~here) if not here.all() else block
     if change.kind == "twice":
-        return block.taken(np.sort(np.concatenate([places, places[here]])))
+        return block.select(np.sort(np.concatenate([places, places[here]])))
     if change.kind == "foreign":
         both = np.sort(np.concatenate([places, places[here]]))
         new = np.append(both[1:] == both[:-1], False)
-        block = block.taken(both)
+        block = block.select(both)
         at_s = np.where(new, block.time_s + change.seconds, block.time_s)
         key = np.where(new, np.uint32(FOREIGN_ID), block.identifier)
         return dataclasses.replace(block, time_s=at_s, identifier=key)
     mine = block.identifier == block.identifier[start]
     if change.kind == "message away":
-        return block.taken(~(mine & here)) if not (mine & here).all() else block
+        return block.select(~(mine & here)) if not (mine & here).all() else block
     return dataclasses.replace(block, time_s=np.where(mine, block.time_s + change.seconds, block.time_s))
 
 

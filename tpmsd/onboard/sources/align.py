@@ -30,7 +30,7 @@ class Alignment:
 
     @property
     def trusted(self) -> bool:
-        """True if the speeds agree well enough to use it."""
+        """True if the speeds agree well enough to use the offset."""
         return self.correlation >= MIN_CORRELATION
 
 
@@ -45,8 +45,8 @@ def align(
     """
     if min(first_time_s.size, second_time_s.size) < 10:
         return None
-    a, a_start = _gridded(first_time_s, first_mps)
-    b, b_start = _gridded(second_time_s, second_mps)
+    a, a_start = _resample(first_time_s, first_mps)
+    b, b_start = _resample(second_time_s, second_mps)
     overlap = int(max(MIN_OVERLAP_S / GRID_S, MIN_OVERLAP_SHARE * min(a.size, b.size)))
     if overlap > min(a.size, b.size):
         return None
@@ -69,13 +69,14 @@ def align(
         return None
     score = np.where(enough, score, -1.0)
     best = int(np.argmax(score))
-    shift = _peak(score, best)
+    shift = _peak_index(score, best)
     lag = shift - (b.size - 1)
     return Alignment(a_start - b_start + lag * GRID_S, float(score[best]))
 
 
-def _peak(score: FloatArray, best: int) -> float:
-    """Return the place of the maximum between grid points, by a parabola."""
+def _peak_index(score: FloatArray, best: int) -> float:
+    """Return the fractional index of the maximum by a parabola through it and its neighbours; `best` itself
+    at an end."""
     if not 0 < best < score.size - 1:
         return float(best)
     left, middle, right = score[best - 1], score[best], score[best + 1]
@@ -83,7 +84,8 @@ def _peak(score: FloatArray, best: int) -> float:
     return best + float(0.5 * (left - right) / bend) if bend < 0 and min(left, right) > -1.0 else float(best)
 
 
-def _gridded(time_s: FloatArray, speed_mps: FloatArray) -> tuple[FloatArray, float]:
+def _resample(time_s: FloatArray, speed_mps: FloatArray) -> tuple[FloatArray, float]:
+    """Return the speed (m,) interpolated every `GRID_S`, and the time of its first value."""
     start = float(time_s[0])
     grid = np.arange(start, float(time_s[-1]), GRID_S)
     return np.interp(grid, time_s, speed_mps), start

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tpmsd.foundation.errors import InputError
-from tpmsd.onboard.sources.can.block import FrameBlock, one_by_one
+from tpmsd.onboard.sources.can.block import FrameBlock, float_sequence
 from tpmsd.onboard.sources.can.frame import CanFrame
 from tpmsd.onboard.sources.can.log import find_can_log, read_can_blocks
 from tpmsd.onboard.sources.gnss.leaps import BACKWARD_STEP_S, LeapWatch
@@ -39,7 +39,8 @@ NMEA_LOGS = ("gnss.nmea", "gnss.nmea.gz")
 
 
 def find_nmea_log(folder: Path) -> Path | None:
-    """Return the receiver's log of a drive folder, if it has one; InputError where it is no file."""
+    """Return the path of the receiver's log in a drive folder, None if it has none; InputError where it is no
+    file."""
     there = [path for name in NMEA_LOGS if (path := folder / name).exists() or path.is_symlink()]
     found = next((path for path in there if path.is_file()), None)
     if there and found is None:
@@ -91,17 +92,19 @@ class FolderStream:
                 yield part
 
     def parts(self) -> Iterator[FrameSlice | Sentence]:
-        """Yield frames and sentences, with the frames between two sentences together."""
+        """Yield sentences and runs of frames in the order of their play; frames between two sentences come
+        together."""
         can, gnss = _FrameStream(self._undamaged_frames()), _SentenceStream(self._undamaged_sentences())
         while can.head_s is not None or gnss.head_s is not None:
-            stream = _next(can, gnss)
+            stream = _next_stream(can, gnss)
             steps = stream.steps
             # As a rule hundreds of frames stand before the next sentence, and none of them needs a decision.
             yield from stream.up_to(_limit_s(stream, can, gnss))
             if stream.steps != steps:
                 self.counts[f"{stream.source} clock steps"] += 1
 
-    def _blocks(self) -> Iterator[FrameBlock]:
+    def _channel_blocks(self) -> Iterator[FrameBlock]:
+        """Yield the log's frames on the chosen channel, or all of them if none was chosen."""
         for block in read_can_blocks(self.can_log, self._count_bad_lines("can", self.can_log)):
             if self.channel is None:
                 yield block
@@ -110,25 +113,27 @@ class FolderStream:
                 if mine.all():
                     yield block
                 elif mine.any():
-                    yield block.taken(mine)
+                    yield block.select(mine)
 
     def _undamaged_frames(self) -> Iterator[FrameBlock]:
         """Yield the blocks without frames whose stamps leap; most have none and need no look at each
         frame."""
         watch = LeapWatch[FrameBlock]()
-        for block in self._blocks():
+        for block in self._channel_blocks():
             frame_index = 0
             while frame_index < len(block):
-                stop = watch.regular_to(block.time_s, frame_index)
+                stop = watch.take_regular(block.time_s, frame_index)
                 if stop > frame_index:
-                    yield block if stop - frame_index == len(block) else block.taken(slice(frame_index, stop))
+                    yield (
+                        block if stop - frame_index == len(block) else block.select(slice(frame_index, stop))
+                    )
                     frame_index = stop
                     continue
                 yield from watch.take(
-                    float(block.time_s[frame_index]), block.taken(slice(frame_index, frame_index + 1))
+                    float(block.time_s[frame_index]), block.select(slice(frame_index, frame_index + 1))
                 )
                 frame_index += 1
-        yield from watch.left()
+        yield from watch.release_doubted()
         self._count_damaged("can", watch.damaged)
 
     def _undamaged_sentences(self) -> Iterator[Sentence]:
@@ -136,14 +141,16 @@ class FolderStream:
         watch = LeapWatch[Sentence]()
         for item in self._sentences():
             yield from watch.take(item.time_s, item)
-        yield from watch.left()
+        yield from watch.release_doubted()
         self._count_damaged("gnss", watch.damaged)
 
     def _count_damaged(self, source: str, damaged: int) -> None:
+        """Add to the count of damaged stamps of a source."""
         if damaged:
             self.counts[f"{source} damaged stamps"] += damaged
 
     def _sentences(self) -> Iterator[Sentence]:
+        """Yield the sentences of the receiver's log, none if there is no log."""
         path = self.nmea_log
         if path is None:
             return
@@ -187,11 +194,11 @@ class _SentenceStream:
 
     @property
     def head_s(self) -> float | None:
-        """Time of the next; None at the end."""
+        """Time stamp of the next sentence, s; None at the end."""
         return None if self._head is None else self._head.time_s
 
     def up_to(self, limit_s: float) -> Iterator[Sentence]:
-        """Yield the next item and those behind it up to a time, but none behind a backward step of the
+        """Yield the next sentence and those behind it up to a time, but none behind a backward step of the
         clock."""
         item = self._head
         assert item is not None
@@ -218,27 +225,27 @@ class _FrameStream:
     source = "can"
 
     def __init__(self, blocks: Iterator[FrameBlock]) -> None:
-        self._blocks = blocks
+        self._channel_blocks = blocks
         self.steps = 0
         self.step_from_s = 0.0
         self.step_to_s = 0.0
-        self._take_block(None)
+        self._load_block(None)
 
     @property
     def head_s(self) -> float | None:
-        """Time of the next; None at the end."""
+        """Time stamp of the next frame, s; None at the end."""
         return None if self._block is None else self._time_s[self._at]
 
-    def _take_block(self, before_s: float | None) -> None:
-        """`before_s`: the last time of the block before."""
-        self._block, self._at = next(self._blocks, None), 0
+    def _load_block(self, before_s: float | None) -> None:
+        """Load the next block and find where its stamps step back; `before_s`: the last stamp before it."""
+        self._block, self._at = next(self._channel_blocks, None), 0
         self._backward: list[int] = []
         """Indices before which the clock steps back."""
         self._rises = True
         self._time_s: Sequence[float] = ()
         if self._block is not None:
             time_s = self._block.time_s
-            self._time_s = one_by_one(time_s)
+            self._time_s = float_sequence(time_s)
             before = np.append(time_s[0] if before_s is None else before_s, time_s[:-1])
             self._rises = bool(np.all(time_s[1:] >= before[1:]))
             self._backward += np.flatnonzero(time_s < before - BACKWARD_STEP_S).tolist()
@@ -263,10 +270,10 @@ class _FrameStream:
                     self.steps += 1
                     self.step_from_s, self.step_to_s = last_s, self._time_s[stop]
                 return
-            self._take_block(last_s)
+            self._load_block(last_s)
 
     def _first_behind(self, limit_s: float, start: int) -> int:
-        """Return the index of the first frame from `start` on that is later than the limit."""
+        """Return the index of the first frame from `start` on that is stamped later than the limit."""
         assert self._block is not None
         if self._rises:
             return max(bisect_right(self._time_s, limit_s), start)
@@ -278,7 +285,7 @@ class _FrameStream:
 _Stream = _FrameStream | _SentenceStream
 
 
-def _next(one: _Stream, other: _Stream) -> _Stream:
+def _next_stream(one: _Stream, other: _Stream) -> _Stream:
     """Return the stream whose head is to be played next."""
     if one.head_s is None or other.head_s is None:
         return other if one.head_s is None else one
@@ -294,7 +301,7 @@ def _next(one: _Stream, other: _Stream) -> _Stream:
 
 
 def _limit_s(stream: _Stream, one: _Stream, other: _Stream) -> float:
-    """Return the time up to which `_next` would choose this stream again, as long as it does not step."""
+    """Return the time up to which `_next_stream` would choose this stream again, if no clock steps."""
     waiting = other if stream is one else one
     if waiting.head_s is None:
         return math.inf

@@ -144,18 +144,19 @@ class WheelCounter:
 
     @property
     def at_standstill(self) -> bool:
-        """True if the value stands still and is a reading all the same: the wheels together have shown that
-        the car stands."""
+        """True if the unchanged value was accepted as a reading: the wheels together have shown that the car
+        stands."""
         return self.still_since is not None and self._released and not self.stuck
 
     def update(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
-        """Judge one reading. `raw` are the signal's bits, `period_s` the message's period (0: not known)."""
+        """Judge one reading; append its sample or its fault. `raw` are the signal's bits, `period_s` the
+        message's period (0: not known)."""
         if self._raw is None:
-            self._begin(time_s, raw, out)
+            self._begin_segment(time_s, raw, out)
             return
         if self.stuck:
             if raw != self._raw:
-                self._begin(time_s, raw, out)
+                self._begin_segment(time_s, raw, out)
             return
         if self._held is not None and self._end_gap(time_s, raw, period_s, out):
             return
@@ -165,18 +166,18 @@ class WheelCounter:
             self._faults.note(out, time_s, "late", self.wheel)
             return
         if interval > MAX_GAP_S:
-            self._begin(time_s, raw, out)
+            self._begin_segment(time_s, raw, out)
             return
-        low, high = self._possible(interval, period_s)
+        low, high = self._possible_bits(interval, period_s)
         bits = low + ((raw - self._raw - low) % self._modulus)
         if bits > high:
-            self._doubt(time_s, raw, period_s, out)
+            self._judge_implausible(time_s, raw, period_s, out)
         elif bits + self._modulus <= high:
-            self._resolve(time_s, raw, interval, period_s, out)
+            self._resolve_rollovers(time_s, raw, interval, period_s, out)
         elif bits:
             self._accept(time_s, raw, bits, out)
         else:
-            self._accept_same(time_s, out)
+            self._accept_unchanged(time_s, out)
 
     def regular_readings(self, time_s: FloatArray, raw: IntArray, period_s: FloatArray) -> RegularReadings:
         """Return the readings that `update` would make of n readings, as far as they are regular; changes
@@ -186,7 +187,7 @@ class WheelCounter:
         each. Readings of a counter that stands are regular as long as they stay the same.
         """
         count, at_standstill = len(time_s), self.at_standstill
-        if self._raw is None or not self._may_run(at_standstill):
+        if self._raw is None or not self._can_begin_regular_run(at_standstill):
             return none_regular(count)
         modulus = self._modulus
         step = np.diff(raw, prepend=self._raw)
@@ -207,7 +208,7 @@ class WheelCounter:
         spans = np.append(span, self._span)[latest]
         speed, width = np.append(self._speed, speeds)[:-1], np.append(self._span, spans)[:-1]
 
-        low, high = self._possible_all(speed, width, interval, period_s)
+        low, high = self._possible_bits_all(speed, width, interval, period_s)
         least = low + (step - low) % modulus
         irregular = (least != bits) | (bits > high) | (bits + modulus <= high)
         same = bits == 0
@@ -236,7 +237,7 @@ class WheelCounter:
         angle = (totals[known:] - self._base) * self.rad_per_bit
         return RegularReadings(angle, since, regular, commit)
 
-    def _may_run(self, at_standstill: bool) -> bool:
+    def _can_begin_regular_run(self, at_standstill: bool) -> bool:
         """Return whether a regular run can begin: the last reading was taken, and its speed is known."""
         return not (
             self.stuck
@@ -249,10 +250,10 @@ class WheelCounter:
             or self._same_s != self._time_s
         )
 
-    def _possible_all(
+    def _possible_bits_all(
         self, speed: FloatArray, span: FloatArray, interval: FloatArray, period_s: FloatArray
     ) -> tuple[IntArray, FloatArray]:
-        """Return the bounds of `_possible` for readings (n,) with these speeds before them."""
+        """Return the bounds of `_possible_bits` for readings (n,) with these speeds before them."""
         stamp = period_s + np.abs(interval - period_s)
         limit = self._max_speed * (interval + np.where(period_s > 0.0, period_s, interval))
         moved = speed * interval
@@ -300,8 +301,9 @@ class WheelCounter:
         """Accept the unchanged value as a reading: the car stands."""
         self._released = True
 
-    def _possible(self, interval: float, period_s: float) -> tuple[int, float]:
-        """Return the least (rounded up) and greatest number of bits that the wheel can have moved."""
+    def _possible_bits(self, interval: float, period_s: float) -> tuple[int, float]:
+        """Return the least (rounded up) and greatest number of bits that the wheel can have moved in an
+        interval, s."""
         # The sender's clock ticks on when a frame is held up, and its count may be a period old.
         stamp_s = period_s + abs(interval - period_s)
         limit = self._max_speed * (interval + (period_s if period_s > 0.0 else interval))
@@ -309,7 +311,7 @@ class WheelCounter:
         if speed != speed:  # NaN
             return -int(self._reverse * interval + SLACK_BITS), limit
         distance = speed * interval
-        slack = self._slack(interval)
+        slack = self._slack_bits(interval)
         if speed >= 0.0:
             # Comparisons take half the time of min and max, and this is asked for every reading.
             low, high = distance - slack, distance + slack + speed * stamp_s
@@ -322,13 +324,13 @@ class WheelCounter:
             high = max(SLACK_BITS, distance + slack)
         return math.ceil(low), high
 
-    def _slack(self, interval: float) -> float:
+    def _slack_bits(self, interval: float) -> float:
         """Return the difference in bits that distance and speed times interval may have: acceleration and
         quantisation."""
         since = self._span + interval
         return 0.5 * self._accel * interval * since + SLACK_BITS + interval / self._span
 
-    def _begin(self, time_s: float, raw: int, out: list[Event]) -> None:
+    def _begin_segment(self, time_s: float, raw: int, out: list[Event]) -> None:
         """Begin a new segment with this reading as its origin."""
         if self._raw is not None or self._history:
             self.segment += 1
@@ -344,6 +346,7 @@ class WheelCounter:
         out.append(RotationSample(time_s, self.wheel, 0.0, self.rad_per_bit, self.segment))
 
     def _accept(self, time_s: float, raw: int, bits: int, out: list[Event]) -> None:
+        """Take a reading that is `bits` on from the last one, and append its sample."""
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
         self._total += bits
@@ -352,10 +355,10 @@ class WheelCounter:
         self._released = False
         if self._implausible:
             self._implausible.clear()
-        self._follow(time_s, out)
+        self._append_sample(time_s, out)
 
-    def _follow(self, time_s: float, out: list[Event]) -> None:
-        """Return the reading's sample, and update the speed over the last SPEED_WINDOW_S."""
+    def _append_sample(self, time_s: float, out: list[Event]) -> None:
+        """Append the reading's sample, and update the speed over the last SPEED_WINDOW_S."""
         history, total = self._history, self._total
         history.append((time_s, total))
         while len(history) > 2 and time_s - history[1][0] >= SPEED_WINDOW_S:
@@ -368,8 +371,9 @@ class WheelCounter:
         angle = (total - self._base) * rad_per_bit
         out.append(RotationSample(time_s, self.wheel, angle, rad_per_bit, self.segment))
 
-    def _accept_same(self, time_s: float, out: list[Event]) -> None:
-        """Treat an unchanged value: the wheel stands (or creeps), or the value was not renewed."""
+    def _accept_unchanged(self, time_s: float, out: list[Event]) -> None:
+        """Take an unchanged value: the wheel stands (or creeps), or the value was not renewed and is
+        withheld."""
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
         self._same_s = time_s
@@ -386,11 +390,11 @@ class WheelCounter:
                 self._faults.note(out, time_s, "repeated", self.wheel)
                 return
         self._time_s = time_s
-        self._follow(time_s, out)
+        self._append_sample(time_s, out)
 
-    def _doubt(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
-        """Keep a reading that cannot follow the last one: it is irregular itself, or the first of a new
-        level."""
+    def _judge_implausible(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
+        """Judge a reading that cannot follow the last one: it is irregular itself and held as suspect, or the
+        first of a new level."""
         suspect = self._suspect
         if suspect is None:
             if not self._replace_last(time_s, raw, period_s, out):
@@ -400,19 +404,19 @@ class WheelCounter:
         if interval <= 0.0 or self._bits_from(suspect[1], raw, interval, period_s) is None:
             self._drop_suspect(suspect, out)
             self._suspect = (time_s, raw)
-            if self._agree(time_s, raw):
+            if self._agree_at_steady_speed(time_s, raw):
                 # The speed before was wrong (frozen frames say 0), or the wheel was lifted off the road.
                 self._speed = math.nan
-                self._begin(time_s, raw, out)
+                self._begin_segment(time_s, raw, out)
             return
         distance = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
         kind = "reset" if suspect[1] <= min(distance, self._modulus / 4) else "jump"
         self._faults.note(out, suspect[0], kind, self.wheel, f"from {self._raw} to {suspect[1]}")
-        self._begin(time_s, raw, out)
+        self._begin_segment(time_s, raw, out)
 
-    def _agree(self, time_s: float, raw: int) -> bool:
+    def _agree_at_steady_speed(self, time_s: float, raw: int) -> bool:
         """Return whether the last readings, irregular by the speed before, are those of one wheel at a steady
-        speed."""
+        speed; keeps this one among them."""
         readings = self._implausible
         readings.append((time_s, raw))
         if len(readings) < AGREEING:
@@ -445,16 +449,20 @@ class WheelCounter:
 
     def _bits_from(self, start: int, raw: int, interval: float, period_s: float) -> int | None:
         """Return the number of bits from one raw value to another; None if it is impossible or ambiguous."""
-        low, high = self._possible(interval, period_s)
+        low, high = self._possible_bits(interval, period_s)
         bits = low + ((raw - start - low) % self._modulus)
         return bits if bits <= high < bits + self._modulus else None
 
     def _drop_suspect(self, suspect: tuple[float, int], out: list[Event]) -> None:
+        """Report the suspect reading as a single jump, and forget it."""
         self._faults.note(out, suspect[0], "jump", self.wheel, f"single odd value {suspect[1]}")
         self._suspect = None
 
-    def _resolve(self, time_s: float, raw: int, interval: float, period_s: float, out: list[Event]) -> None:
-        """Return the number of roll-overs that fits among several possible ones, if any does."""
+    def _resolve_rollovers(
+        self, time_s: float, raw: int, interval: float, period_s: float, out: list[Event]
+    ) -> None:
+        """Hold the reading with the one number of roll-overs that fits the speed; begin a segment where
+        several or none fit."""
         assert self._raw is not None
         if self._speed != self._speed:
             # Nothing is known of the speed. Counters are built so that one period is never ambiguous,
@@ -462,13 +470,13 @@ class WheelCounter:
             if 0.0 < interval < 1.5 * period_s:
                 self._accept(time_s, raw, (raw - self._raw) % self._modulus, out)
             else:
-                self._begin(time_s, raw, out)
+                self._begin_segment(time_s, raw, out)
             return
-        distance, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
+        distance, slack = self._speed * interval, self._slack_bits(interval) + abs(self._speed) * period_s
         low, high = math.ceil(distance - slack), distance + slack
         bits = low + ((raw - self._raw - low) % self._modulus)
         if bits > high or bits + self._modulus <= high:
-            self._begin(time_s, raw, out)
+            self._begin_segment(time_s, raw, out)
         else:
             self._held = (time_s, raw, bits)
 
@@ -482,7 +490,7 @@ class WheelCounter:
         held_s, held_raw, bits = self._held
         self._held = None
         if time_s - held_s < 0.25 * period_s:
-            self._begin(time_s, raw, out)
+            self._begin_segment(time_s, raw, out)
             return True
         self._accept(held_s, held_raw, bits, out)
         return False

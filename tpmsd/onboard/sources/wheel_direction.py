@@ -32,11 +32,11 @@ class DirectionKeeper:
         return total
 
     def signed_all(self, role: str, raw: IntArray, modulus: int, backward: BoolArray) -> IntArray:
-        """Return (n,) `signed` of each value in turn, nothing remembered; see `put`."""
+        """Return the (n,) `signed` values of these in turn, without a change of state; see `put`."""
         before, total = self._last.get(role, (int(raw[0]), int(raw[0]))) if len(raw) else (0, 0)
         step = np.diff(raw, prepend=before) % modulus
         return np.asarray((total + np.cumsum(np.where(backward, -step, step))) % modulus)
 
     def put(self, role: str, raw: int, total: int) -> None:
-        """Note that the last value was `raw`, and came out as `total`."""
+        """Set the last raw value and the signed one that it came out as."""
         self._last[role] = raw, total

@@ -70,13 +70,13 @@ class FrozenSpeeds:
                 still_s = math.inf
                 break
             still_s = max(still_s, since_s)
-        return self.trackers if self.take(time_s, still_s, self.trackers[0].speed_mps) else ()
+        return self.trackers if self.update(time_s, still_s, self.trackers[0].speed_mps) else ()
 
     def copied(self) -> FrozenSpeeds:
         """Return an independent copy."""
         return copy.copy(self)
 
-    def take(self, time_s: float, still_s: float, speed_mps: float) -> bool:
+    def update(self, time_s: float, still_s: float, speed_mps: float) -> bool:
         """Take a frame after which the last of all speeds is the same since `still_s` (infinite: they are
         not) and the first wheel's is `speed_mps`; return whether they are frozen."""
         if math.isnan(self._since_s) or time_s < self._since_s:
@@ -84,7 +84,7 @@ class FrozenSpeeds:
         if still_s == math.inf:
             self._longest_s = max(self._run_s, SETTINGS.frozen_forget * self._longest_s)
             self._run_s = 0.0
-            self._watch_noise(time_s, speed_mps)
+            self._count_noise_turns(time_s, speed_mps)
             return False
         self._run_s = max(time_s - still_s, 0.0)
         typical_s = SETTINGS.frozen_s
@@ -94,7 +94,7 @@ class FrozenSpeeds:
             )
         return self._run_s > max(typical_s, SETTINGS.noise_turns * self._moving_s / (1.0 + self._turns))
 
-    def _watch_noise(self, time_s: float, speed_mps: float) -> None:
+    def _count_noise_turns(self, time_s: float, speed_mps: float) -> None:
         """Count how often the first wheel's speed turns from rising to falling, in motion."""
         before_s, before_mps, direction = self._before
         change = speed_mps - before_mps
@@ -152,7 +152,8 @@ class WheelSpeedIntegrator:
         return False
 
     def update(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
-        """Judge one reading; `period_s` is the message's period (0: not known)."""
+        """Judge one reading; append its sample or its fault. `period_s` is the message's period (0: not
+        known)."""
         before = self._omega
         if self.stuck and omega_radps == before:
             return
@@ -160,19 +161,19 @@ class WheelSpeedIntegrator:
             if abs(omega_radps) * self.radius_m > MAX_SPEED_MPS:
                 self._faults.note(out, time_s, "jump", self.wheel, f"{omega_radps * self.radius_m:.1f} m/s")
                 return
-            self._begin(time_s, omega_radps, out)
+            self._begin_segment(time_s, omega_radps, out)
             return
         interval = time_s - self._time_s
         if interval <= 0.0:
             self._faults.note(out, time_s, "late", self.wheel)
             return
-        if not self._follows(before, omega_radps, interval, period_s):
-            self._doubt(time_s, omega_radps, period_s, out)
+        if not self._can_follow(before, omega_radps, interval, period_s):
+            self._judge_implausible(time_s, omega_radps, period_s, out)
             return
         if self._suspect is not None:
             self._drop_suspect(self._suspect, out)
         if interval > max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s):
-            self._begin(time_s, omega_radps, out)
+            self._begin_segment(time_s, omega_radps, out)
             return
         turned = 0.5 * (before + omega_radps) * interval
         self._angle += turned
@@ -240,8 +241,9 @@ class WheelSpeedIntegrator:
             return None
         return sum(abs(change) >= SETTINGS.frozen_mps for change in others_change_mps) >= needed
 
-    def is_fine(self, step_radps: float) -> bool:
-        """Return whether a signal of this resolution shows the noise that every wheel speed has."""
+    def shows_noise(self, step_radps: float) -> bool:
+        """Return whether a signal of this resolution is fine enough to show the noise that every wheel speed
+        has."""
         return abs(step_radps) * self.radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:
@@ -252,14 +254,15 @@ class WheelSpeedIntegrator:
     def mark_standstill(self) -> None:
         """Do nothing: the value may well be constant, and its samples were never withheld."""
 
-    def _follows(self, before: float, after: float, interval: float, period_s: float) -> bool:
-        """Return whether a wheel can have changed its speed so; time stamps may be off by a period each."""
+    def _can_follow(self, before: float, after: float, interval: float, period_s: float) -> bool:
+        """Return whether a wheel can change its speed (rad/s) so in the interval; stamps may be off by a
+        period each."""
         if abs(after) * self.radius_m > MAX_SPEED_MPS:
             return False
         change = abs(after - before) * self.radius_m
         return change <= MAX_ACCEL_MPS2 * (interval + 2.0 * period_s) + SLACK_MPS
 
-    def _begin(self, time_s: float, omega_radps: float, out: list[Event]) -> None:
+    def _begin_segment(self, time_s: float, omega_radps: float, out: list[Event]) -> None:
         """Begin a new segment with this reading as its origin."""
         self.segment += 1
         self._omega, self._time_s, self._angle = omega_radps, time_s, 0.0
@@ -268,21 +271,24 @@ class WheelSpeedIntegrator:
         self._suspect = None
         out.append(RotationSample(time_s, self.wheel, 0.0, 0.0, self.segment))
 
-    def _doubt(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
-        """Keep a reading that cannot follow the last one: it is irregular itself, or the first of a new
-        level."""
+    def _judge_implausible(
+        self, time_s: float, omega_radps: float, period_s: float, out: list[Event]
+    ) -> None:
+        """Judge a reading that cannot follow the last one: it is irregular itself and held as suspect, or the
+        first of a new level."""
         suspect = self._suspect
         if suspect is not None:
             interval = time_s - suspect[0]
-            if interval > 0.0 and self._follows(suspect[1], omega_radps, interval, period_s):
+            if interval > 0.0 and self._can_follow(suspect[1], omega_radps, interval, period_s):
                 detail = f"to {suspect[1] * self.radius_m:.1f} m/s"
                 self._faults.note(out, suspect[0], "jump", self.wheel, detail)
-                self._begin(time_s, omega_radps, out)
+                self._begin_segment(time_s, omega_radps, out)
                 return
             self._drop_suspect(suspect, out)
         self._suspect = (time_s, omega_radps)
 
     def _drop_suspect(self, suspect: tuple[float, float], out: list[Event]) -> None:
+        """Report the suspect reading as a single jump, and forget it."""
         detail = f"single odd value {suspect[1] * self.radius_m:.1f} m/s"
         self._faults.note(out, suspect[0], "jump", self.wheel, detail)
         self._suspect = None

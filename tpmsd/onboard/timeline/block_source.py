@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.onboard.sources.ahead.decoded_block import BlockFrames, DecodedBlock, decode_block
-from tpmsd.onboard.sources.can.block import FrameBlock, one_by_one
+from tpmsd.onboard.sources.can.block import FrameBlock, float_sequence
 from tpmsd.onboard.sources.can.decoder import CanDecoder
 from tpmsd.onboard.sources.events import RotationRun
 from tpmsd.onboard.timeline.tick import Tick
@@ -44,10 +44,10 @@ class _Playback:
         self.flows = bool(np.all((interval_s >= 0.0) & (interval_s <= MAX_PAUSE_S)))
         """True if no stamp is before the one before it or a pause behind it."""
         # As a rule all three are the same.
-        self._time_s = one_by_one(time_s)
-        self._host_s = self._time_s if self.flows else one_by_one(latest_s)
+        self._time_s = float_sequence(time_s)
+        self._host_s = self._time_s if self.flows else float_sequence(latest_s)
         """Greatest host time up to each frame."""
-        self._now_s = one_by_one(latest_s + self._shift_s) if self._shift_s else self._host_s
+        self._now_s = float_sequence(latest_s + self._shift_s) if self._shift_s else self._host_s
         """These as logical times."""
         self._given = [0] * len(decoded.groups)
         """Number of frames of each group of signals that were handed on."""
@@ -158,7 +158,7 @@ class BlockSource:
         assert self._frames is not None
         self._at = start
         while self._at < stop:
-            with_data = self._frames.data_until(self._at)
+            with_data = self._frames.next_without_data(self._at)
             if with_data == self._at:  # an error or remote frame
                 self._at += 1
                 continue

@@ -62,7 +62,11 @@ class TickSource:
         """True if frames may be decoded ahead of time: fixes are not made of them, the first event has come,
         and the wheels roll or stand together."""
         decoder = self.decoder
-        return self._on_bus is None and self.timeline.due_s > -math.inf and (decoder.rolls or decoder.rests)
+        return (
+            self._on_bus is None
+            and self.timeline.due_s > -math.inf
+            and (decoder.all_rolling or decoder.all_at_rest)
+        )
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
@@ -128,7 +132,7 @@ class TickSource:
             if self._look_ahead is not None:
                 self._look_ahead.end_look_ahead()
             # A message by itself would need a second of late frames to tell a step from a late frame.
-            self.decoder.clock_stepped()
+            self.decoder.note_clock_step()
         return ticks
 
     def finish(self) -> list[Tick]:

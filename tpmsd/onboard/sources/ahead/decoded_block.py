@@ -115,8 +115,9 @@ class _Arrived(NamedTuple):
     """Number of frames before the first irregular one; n if there is none."""
 
     @classmethod
-    def of(cls, group: Group, stamps_s: list[float], compared: list[tuple[int, list[float]]]) -> _Arrived:
-        """Judge stamps; `compared` as of `SenderWatch.judge_regular`."""
+    def judge(cls, group: Group, stamps_s: list[float], compared: list[tuple[int, list[float]]]) -> _Arrived:
+        """Judge the arrival of the group's frames by copies of its watches; `compared` as of
+        `SenderWatch.judge_regular`."""
         assert group.arrival is not None
         arrival, watch = group.arrival.copied(), group.watch.copied()
         periods_s = arrival.judge_regular(stamps_s)
@@ -144,17 +145,18 @@ class BlockFrames:
         self._relevant: list[int] = np.sort(np.concatenate([*self.of.values()])).tolist() if self.of else []
 
     def next_relevant(self, start: int) -> int:
-        """Return the first frame from `start` on that belongs to a message."""
+        """Return the index of the first frame from `start` on that belongs to a decoded message."""
         number = bisect_left(self._relevant, start)
         return self._relevant[number] if number < len(self._relevant) else len(self.block)
 
-    def data_until(self, start: int) -> int:
-        """Return the first frame from `start` on that has no data: a remote or an error frame."""
+    def next_without_data(self, start: int) -> int:
+        """Return the index of the first frame from `start` on that has no data: a remote or an error
+        frame."""
         number = bisect_left(self._without_data, start)
         return self._without_data[number] if number < len(self._without_data) else len(self.block)
 
-    def within(self, key: int, start: int, stop: int) -> Indices:
-        """Return the indices of a message's frames in a range."""
+    def indices_of_message(self, key: int, start: int, stop: int) -> Indices:
+        """Return the indices of a message's frames from `start` to before `stop`."""
         indices = self.of.get(key, np.zeros(0, dtype=np.intp))
         first, last = np.searchsorted(indices, (start, stop))
         return indices[first:last]
@@ -163,7 +165,7 @@ class BlockFrames:
 def decode_block(
     decoder: CanDecoder, frames: BlockFrames, start: int, stop: int
 ) -> tuple[DecodedBlock | None, Reason | None]:
-    """Decode the longest range from `start` on, at most to before `stop`.
+    """Decode the longest range of regular frames from `start` on, at most to before `stop`.
 
     Returns the range, or None where it would be shorter than `MIN_FRAMES`, and why it ends before `stop`, or
     None.
@@ -172,7 +174,7 @@ def decode_block(
     while stop - start >= MIN_FRAMES:
         attempt = _Attempt(decoder, frames, start, stop)
         try:
-            return attempt.decoded(), attempt.cut or reason
+            return attempt.decode(), attempt.cut or reason
         except _IrregularFrame as irregular:
             stop, reason = irregular.index, irregular.reason
     return None, reason
@@ -197,27 +199,27 @@ class _Attempt:
         self._held: dict[int, tuple[Indices, NDArray[np.bool_]]] = {}
         """Condition -> frames that state it, and whether it held."""
 
-    def decoded(self) -> DecodedBlock:
-        """Decode all groups of all messages."""
-        self._cut()
+    def decode(self) -> DecodedBlock:
+        """Decode all groups of all messages; raise `_IrregularFrame` at the first frame that is irregular."""
+        self._end_at_irregular_arrival()
         messages = [
-            (plan, groups, self._frames.within(key, self._start, self._stop))
+            (plan, groups, self._frames.indices_of_message(key, self._start, self._stop))
             for key, (plan, groups) in self._decoder.plans.items()
         ]
         for plan, _, indices in messages:
             for condition in plan.conditions:
-                self._compare(condition, indices)
+                self._evaluate_condition(condition, indices)
         relevant = 0
         for plan, groups, indices in messages:
             relevant += len(indices)
             for group in groups:
-                self._take(plan, group, indices)
+                self._decode_group(plan, group, indices)
         if self._end < self._stop:
             raise _IrregularFrame(self._end, self._reason)
         found = tuple(self._groups), tuple(self._wheels), tuple(self._readings)
-        return DecodedBlock(self._start, self._stop, *found, self._committer(relevant))
+        return DecodedBlock(self._start, self._stop, *found, self._make_commit(relevant))
 
-    def _cut(self) -> None:
+    def _end_at_irregular_arrival(self) -> None:
         """End the range at the first irregular arrival, before anything is computed of values. Left out are
         messages whose values are compared with their arrival, or that may hold something else."""
         stop = self._stop
@@ -225,8 +227,8 @@ class _Attempt:
             for group in groups:
                 if group.arrival is None or group.plan.selectors or any(group.watch.compares):
                     continue
-                indices = self._frames.within(key, self._start, stop)
-                arrived = _Arrived.of(group, self._frames.block.time_s[indices].tolist(), [])
+                indices = self._frames.indices_of_message(key, self._start, stop)
+                arrived = _Arrived.judge(group, self._frames.block.time_s[indices].tolist(), [])
                 if arrived.regular < len(indices):
                     stop = int(indices[arrived.regular])
                 else:
@@ -237,7 +239,9 @@ class _Attempt:
             if stop - self._start < MIN_FRAMES:
                 raise _IrregularFrame(stop, Reason.ARRIVAL)
 
-    def _committer(self, relevant: int) -> Commit:
+    def _make_commit(self, relevant: int) -> Commit:
+        """Return the function that brings the decoder into its state behind the range; `relevant` frames were
+        decoded."""
         decoder, steps, frames = self._decoder, self._commit, self._stop - self._start
 
         def commit() -> None:
@@ -246,62 +250,69 @@ class _Attempt:
             decoder.counts["frames"] += frames
             if frames > relevant:
                 decoder.counts["ignored"] += frames - relevant
-            decoder.forget_calm()
+            decoder.recheck_timeouts()
 
         return commit
 
-    def _irregular(self, index: int, reason: Reason) -> None:
+    def _note_irregular(self, index: int, reason: Reason) -> None:
+        """Keep this frame as the irregular one, unless an earlier one was found."""
         if index < self._end:
             self._end, self._reason = index, reason
 
     # -- bits ------------------------------------------------------------------------------------------------
 
-    def _present(self, selectors: tuple[tuple[BitField, frozenset[int]], ...], indices: Indices) -> Indices:
-        """Return the frames that hold a branch of the multiplexers."""
+    def _frames_of_branch(
+        self, selectors: tuple[tuple[BitField, frozenset[int]], ...], indices: Indices
+    ) -> Indices:
+        """Return those of the frames that hold a branch of the multiplexers."""
         for field, values in selectors:
             fits = self._frames.block.size[indices] >= field.min_bytes
             indices = indices[fits]
-            indices = indices[np.isin(numbers(field, self._bits(field, indices)), list(values))]
+            indices = indices[np.isin(numbers(field, self._raw_bits(field, indices)), list(values))]
         return indices
 
-    def _bits(self, field: BitField, indices: Indices) -> RawArray:
+    def _raw_bits(self, field: BitField, indices: Indices) -> RawArray:
+        """Return the (n,) unsigned raw bits of a field; zeros where no frame of the block is long enough for
+        it."""
         try:
             return raw_bits(field, self._frames.block.data[indices])
         except ValueError:  # no frame of the block is so long
             return np.zeros(len(indices), dtype=np.uint64)
 
-    def _compare(self, condition: ConditionPlan, indices: Indices) -> None:
-        """Evaluate a comparison at each of the frames, and note the result."""
-        indices = self._present(condition.selectors, indices)
+    def _evaluate_condition(self, condition: ConditionPlan, indices: Indices) -> None:
+        """Evaluate a comparison at each of the frames, and keep the result for `_condition_holds`."""
+        indices = self._frames_of_branch(condition.selectors, indices)
         indices = indices[self._frames.block.size[indices] >= condition.field.min_bytes]
-        bit_values, back = np.unique(self._bits(condition.field, indices), return_inverse=True)
+        bit_values, back = np.unique(self._raw_bits(condition.field, indices), return_inverse=True)
         holds = np.array([condition.holds(int(bits)) for bits in bit_values], dtype=bool)[back]
         self._held[condition.number] = indices, holds
         if len(indices):
             self._commit.append(lambda: self._decoder.holds.__setitem__(condition.number, bool(holds[-1])))
 
-    def _holds(self, number: int, indices: Indices) -> NDArray[np.bool_]:
-        """Return whether a condition holds at each frame, as its message stated last."""
+    def _condition_holds(self, number: int, indices: Indices) -> NDArray[np.bool_]:
+        """Return (n,) flags: True where the condition's message stated last, up to that frame, that it
+        holds."""
         indices_of, holds = self._held[number]
         before = self._decoder.holds.get(number, False)
         return np.append(holds, before)[np.searchsorted(indices_of, indices, side="right") - 1]
 
     # -- a group of signals ----------------------------------------------------------------------------------
 
-    def _take(self, plan: MessagePlan, group: Group, indices: Indices) -> None:
+    def _decode_group(self, plan: MessagePlan, group: Group, indices: Indices) -> None:
+        """Decode a group of signals in the message's frames, and note the first irregular one."""
         block = self._frames.block
-        indices = self._present(group.plan.selectors, indices)
+        indices = self._frames_of_branch(group.plan.selectors, indices)
         time_s = block.time_s[indices]
-        raw = [self._bits(signal.field, indices) for signal in group.plan.signals]
+        raw = [self._raw_bits(signal.field, indices) for signal in group.plan.signals]
         values = [
-            None if signal.modulus else self._values(signal, bits, indices)
+            None if signal.modulus else self._signal_values(signal, bits, indices)
             for signal, bits in zip(group.plan.signals, raw, strict=True)
         ]
         unusable = self._unusable(group, indices, raw, values)
         if unusable.any():
-            self._irregular(int(indices[np.argmax(unusable)]), Reason.UNUSABLE)
+            self._note_irregular(int(indices[np.argmax(unusable)]), Reason.UNUSABLE)
         frames = Frames(indices, time_s)
-        period_s = self._arrivals(group, frames, values)
+        period_s = self._judge_arrivals(group, frames, values)
         # Stamps behind an irregular frame need not rise, and trackers are asked about rising ones alone.
         sound = slice(int(np.searchsorted(indices, self._end)))
         indices, time_s, period_s = indices[sound], time_s[sound], period_s[sound]
@@ -316,7 +327,7 @@ class _Attempt:
             tracker = group.fields[number][5]
             value = values[number]
             if isinstance(tracker, WheelCounter):
-                counts = self._counts(signal, raw[number], indices)
+                counts = self._signed_counts(signal, raw[number], indices)
                 readings = tracker.regular_readings(time_s, counts, period_s)
             elif isinstance(tracker, WheelSpeedIntegrator):
                 assert value is not None
@@ -326,17 +337,18 @@ class _Attempt:
                 self._readings.append(Values(len(self._groups) - 1, value, signal.role))
                 continue
             if readings.regular < len(indices):
-                self._irregular(int(indices[readings.regular]), Reason.READING)
-            self._rotations(tracker, frames, readings)
+                self._note_irregular(int(indices[readings.regular]), Reason.READING)
+            self._add_angles(tracker, frames, readings)
             wheels.append(readings)
         if group.frozen is not None:
-            self._frozen(group, indices, time_s, dict(zip(group.trackers, wheels, strict=True)), values)
+            self._end_at_frozen_speeds(
+                group, indices, time_s, dict(zip(group.trackers, wheels, strict=True)), values
+            )
 
     def _unusable(
         self, group: Group, indices: Indices, raw: list[RawArray], values: list[FloatArray | None]
     ) -> NDArray[np.bool_]:
-        """Return frames with a signal that is short, invalid, not qualified or no number, shape of
-        `indices`."""
+        """Return (n,) flags of frames with a signal that is short, invalid, not qualified or no number."""
         if any(group.doubted) or group.watch.uneasy:
             return np.ones(len(indices), dtype=bool)
         found = np.zeros(len(indices), dtype=bool)
@@ -347,28 +359,32 @@ class _Attempt:
             if signal.modulus:
                 found |= bits >= np.uint64(signal.modulus)
             if signal.valid_when is not None:
-                found |= ~self._holds(signal.valid_when, indices)
+                found |= ~self._condition_holds(signal.valid_when, indices)
             if value is not None:
                 found |= ~np.isfinite(value)
         return found
 
-    def _values(self, signal: SignalPlan, bits: RawArray, indices: Indices) -> FloatArray:
+    def _signal_values(self, signal: SignalPlan, bits: RawArray, indices: Indices) -> FloatArray:
+        """Return the (n,) SI values of a signal; a wheel's speed is negative while its direction bit says
+        backward."""
         value = signal.gain * numbers(signal.field, bits) + signal.bias
         if signal.wheel is not None and signal.backward_when is not None:
-            value = np.where(self._holds(signal.backward_when, indices), -value, value)
+            value = np.where(self._condition_holds(signal.backward_when, indices), -value, value)
         return value
 
-    def _counts(self, signal: SignalPlan, bits: RawArray, indices: Indices) -> NDArray[np.int64]:
+    def _signed_counts(self, signal: SignalPlan, bits: RawArray, indices: Indices) -> NDArray[np.int64]:
+        """Return the (n,) values of a counter, as if it counted down while turning backward."""
         raw = bits.astype(np.int64)
         if signal.backward_when is None:
             return raw
-        direction, backward = self._decoder.direction, self._holds(signal.backward_when, indices)
+        direction, backward = self._decoder.direction, self._condition_holds(signal.backward_when, indices)
         signed = direction.signed_all(signal.role, raw, signal.modulus, backward)
         self._commit.append(lambda: direction.put(signal.role, int(raw[-1]), int(signed[-1])))
         return signed
 
-    def _arrivals(self, group: Group, frames: Frames, values: list[FloatArray | None]) -> FloatArray:
-        """Return (n,) the message's period at each frame."""
+    def _judge_arrivals(self, group: Group, frames: Frames, values: list[FloatArray | None]) -> FloatArray:
+        """Return the (n,) message's period at each frame, s (0 behind an irregular one), and note the first
+        irregular arrival."""
         if group.arrival is None:
             raise _IrregularFrame(self._start, Reason.NOT_STARTED)
         indices, stamps = frames.indices.tolist(), frames.time_s.tolist()
@@ -379,22 +395,22 @@ class _Attempt:
                 for number, value in enumerate(values)
                 if value is not None and group.watch.compares[number]
             ]
-            arrived = _Arrived.of(group, stamps, compared)
+            arrived = _Arrived.judge(group, stamps, compared)
         arrival, watch, periods, regular = arrived
         if regular < len(indices):
-            self._irregular(indices[regular], Reason.ARRIVAL)
-        self._watch_silence(group.arrival, indices[:regular], stamps[:regular], periods[:regular])
+            self._note_irregular(indices[regular], Reason.ARRIVAL)
+        self._end_at_silence(group.arrival, indices[:regular], stamps[:regular], periods[:regular])
         if indices:
             payload = self._frames.block.payload(indices[-1])
 
             def commit() -> None:
-                arrival.judged_last(payload)
+                arrival.set_last_data(payload)
                 group.arrival, group.watch = arrival, watch
 
             self._commit.append(commit)
         return np.array(periods + [0.0] * (len(indices) - len(periods)))
 
-    def _watch_silence(
+    def _end_at_silence(
         self, before: MessageArrival, indices: list[int], stamps: list[float], periods: list[float]
     ) -> None:
         """End the range at the first frame, of whatever message, at whose stamp this message is overdue.
@@ -414,9 +430,9 @@ class _Attempt:
         if overdue.any():
             at = int(np.argmax(overdue))
             late = time_s[first[at] - start :] - last_s[at] > timeout_s[at]
-            self._irregular(first[at] + int(np.argmax(late)), Reason.SILENCE)
+            self._note_irregular(first[at] + int(np.argmax(late)), Reason.SILENCE)
 
-    def _frozen(
+    def _end_at_frozen_speeds(
         self,
         group: Group,
         indices: Indices,
@@ -445,16 +461,17 @@ class _Attempt:
         )
         rows = zip(time_s.tolist(), since.tolist(), first.tolist(), strict=True)
         for at, (stamp, still_s, speed_mps) in enumerate(rows):
-            if frozen.take(stamp, still_s, speed_mps):
-                self._irregular(int(indices[at]), Reason.FROZEN)
+            if frozen.update(stamp, still_s, speed_mps):
+                self._note_irregular(int(indices[at]), Reason.FROZEN)
                 return
         self._commit.append(lambda: setattr(group, "frozen", frozen))
 
     # -- out -------------------------------------------------------------------------------------------------
 
-    def _rotations(
+    def _add_angles(
         self, tracker: WheelCounter | WheelSpeedIntegrator, frames: Frames, readings: RegularReadings
     ) -> None:
+        """Add the angles of one wheel to the block, and what its tracker has to do to the commit."""
         quantum = tracker.rad_per_bit if isinstance(tracker, WheelCounter) else 0.0
         group = len(self._groups) - 1
         self._wheels.append(Angles(group, readings.angle_rad, tracker.wheel, tracker.segment, quantum))

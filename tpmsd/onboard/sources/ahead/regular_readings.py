@@ -34,13 +34,13 @@ class RegularReadings:
     """Makes the tracker one that has taken all n; nothing is changed before."""
 
 
-def _unchanged() -> None:
+def _commit_nothing() -> None:
     """Commit nothing."""
 
 
 def none_regular(count: int) -> RegularReadings:
     """Return the result for `count` readings of which the first is irregular."""
-    return RegularReadings(np.zeros(count), np.full(count, np.nan), 0, _unchanged)
+    return RegularReadings(np.zeros(count), np.full(count, np.nan), 0, _commit_nothing)
 
 
 def first_true(irregular: BoolArray) -> int:
@@ -49,7 +49,8 @@ def first_true(irregular: BoolArray) -> int:
 
 
 def still_runs(same: BoolArray, before_s: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return where the run of unchanged values around each reading begins, and since when the value is still.
+    """Return the index of the reading at which each run of unchanged values begins, and the time since when
+    the value is still.
 
     `same` (n,): the value is that of the reading before; `before_s` (n,): time of the reading before. Returns
     the index of the run's first reading (n,), its own index where the value changed, and the time of the

@@ -48,7 +48,7 @@ def timeout_of(period_s: float) -> float:
 
 
 def timeouts_of(periods_s: FloatArray) -> FloatArray:
-    """Return the same of many periods (n,)."""
+    """Return the (n,) time-outs of messages of these periods, s: `timeout_of` of each."""
     known_s = np.maximum(MIN_TIMEOUT_S, TIMEOUT_PERIODS * periods_s)
     return np.where(periods_s == 0.0, FIRST_TIMEOUT_S, known_s)
 
@@ -97,7 +97,7 @@ class MessageArrival:
 
     @property
     def seen(self) -> bool:
-        """True if there was a frame at all."""
+        """True if a frame of the message has come."""
         return self._data is not None
 
     def copied(self) -> MessageArrival:
@@ -106,16 +106,17 @@ class MessageArrival:
         other._intervals = self._intervals.copy()
         return other
 
-    def judged_last(self, data: bytes) -> None:
-        """Note the data of the frame judged last, which was not at hand then."""
+    def set_last_data(self, data: bytes) -> None:
+        """Set the data of the frame judged last, where `judge_regular` was not given them."""
         self._data = data
 
     def is_overdue(self, time_s: float) -> bool:
-        """Return whether nothing came for longer than the time-out."""
+        """Return whether no frame came for longer than the time-out."""
         return time_s - self.last_s > self.timeout_s
 
-    def clock_stepped(self) -> None:
-        """Take the clock as set back, as another input has shown: the next frame is the first after that."""
+    def note_clock_step(self) -> None:
+        """Treat the next frame as the first after a backward step of the clock, which another input has
+        shown."""
         self._stepped = True
 
     def judge(self, time_s: float, data: bytes) -> FrameVerdict:
@@ -123,7 +124,7 @@ class MessageArrival:
         self.lost = 0
         stepped, self._stepped = self._stepped, False
         if stepped and self._data is not None:
-            return self._step(time_s, data)
+            return self._accept_clock_step(time_s, data)
         if self._data is None:
             self.last_s, self._data = time_s, data
             return _USE
@@ -139,11 +140,11 @@ class MessageArrival:
         self._intervals.append(interval)
         self._to_learn -= 1
         if self._to_learn == 0:
-            self._learn()
+            self._learn_period()
         return _USE
 
     def judge_regular(self, times_s: list[float]) -> list[float]:
-        """Return the period at each of frames, as `judge` learns it one by one, up to the first that is not
+        """Return the periods, s, that `judge` learns at each of these frames, up to the first that is not
         regular: late, repeated, after a loss, a time-out or a step."""
         periods: list[float] = []
         while (at := len(periods)) < len(times_s):
@@ -157,7 +158,7 @@ class MessageArrival:
                 self._to_learn -= len(some)
                 periods += [self.period_s] * len(some)
                 if self._to_learn == 0:
-                    self._learn()
+                    self._learn_period()
                     periods[-1] = self.period_s
                 continue
             if self.timed_out or intervals[0] > self.timeout_s:
@@ -168,8 +169,8 @@ class MessageArrival:
         return periods
 
     def _close_gap(self, interval: float) -> None:
-        """Decide what a gap was: where frames follow at once they were held up, else the missing ones are
-        lost."""
+        """Count the frames lost in a gap: none if the frames behind it follow at once, for then they were
+        held up."""
         if interval < 0.5 * self.period_s:
             self._gap_s += interval
             self._gap_frames += 1
@@ -178,6 +179,8 @@ class MessageArrival:
         self._gap_frames = 0
 
     def _judge_late(self, time_s: float, interval: float, data: bytes) -> FrameVerdict:
+        """Return the verdict on a frame stamped no later than the last one: repeated, late, or first after a
+        clock step."""
         if interval == 0.0 and data == self._data:
             return FrameVerdict.REPEATED
         if time_s <= self._late_last_s:
@@ -185,16 +188,17 @@ class MessageArrival:
         self._late_last_s = time_s
         if time_s - self._late_first_s < CLOCK_STEP_S:
             return FrameVerdict.LATE
-        return self._step(time_s, data)
+        return self._accept_clock_step(time_s, data)
 
-    def _step(self, time_s: float, data: bytes) -> FrameVerdict:
+    def _accept_clock_step(self, time_s: float, data: bytes) -> FrameVerdict:
+        """Follow the stamps from this frame on, and return the verdict `CLOCK_STEP`."""
         self.last_s, self._data = time_s, data
         self._late_last_s = float("inf")
         self._gap_frames = 0
         return FrameVerdict.CLOCK_STEP
 
-    def _unbunched(self, ordered: list[float], near: list[float]) -> list[float]:
-        """Return the intervals that make the period: `near`, or all of them if frames come in bunches.
+    def _period_intervals(self, ordered: list[float], near: list[float]) -> list[float]:
+        """Return the intervals whose mean is the period: `near`, or all of them if frames come in bunches.
 
         An adapter that hands frames over in bunches makes most intervals far shorter than the period. By
         their mean more frames would be missing in the gaps than `LOST_SHARE` of those that came, and gaps
@@ -206,14 +210,15 @@ class MessageArrival:
         bunched = missing > LOST_SHARE * len(ordered) and len(gaps) >= GAP_SHARE * len(ordered)
         return near + gaps if bunched else near
 
-    def _learn(self) -> None:
+    def _learn_period(self) -> None:
+        """Set period and time-out by the last intervals, and the interval beyond which a frame is lost."""
         ordered = sorted(self._intervals)
         median = ordered[len(ordered) // 2]
         # The mean is right however skewed the jitter is; intervals with frames missing do not count in it.
         near = ordered[: bisect_right(ordered, 1.8 * median)]
         self.period_s = sum(near) / len(near)
         if len(near) < len(ordered):
-            near = self._unbunched(ordered, near)
+            near = self._period_intervals(ordered, near)
             self.period_s = sum(near) / len(near)
         self.timeout_s = timeout_of(self.period_s)
         typical_late = near[9 * len(near) // 10] + 0.5 * self.period_s

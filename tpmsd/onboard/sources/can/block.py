@@ -45,8 +45,8 @@ class FrameBlock:
     def __len__(self) -> int:
         return len(self.time_s)
 
-    def taken(self, where: slice | NDArray[np.bool_]) -> FrameBlock:
-        """Return the frames of a slice, or where it is true."""
+    def select(self, where: slice | NDArray[np.bool_]) -> FrameBlock:
+        """Return the frames of a slice, or those where a mask is True."""
         return FrameBlock(
             self.time_s[where],
             self.identifier[where],
@@ -122,7 +122,7 @@ def block_of(frames: Sequence[CanFrame]) -> FrameBlock:
     )
 
 
-def one_by_one(values: FloatArray) -> Sequence[float]:
-    """Return the same numbers (n,) as a sequence of plain ones: of an array each takes ten times as long, and
-    on a full bus a list of all of them takes longer than those that are asked for."""
+def float_sequence(values: FloatArray) -> Sequence[float]:
+    """Return an array (n,) as a sequence of Python floats, without a copy: taking each from an array takes
+    ten times as long, and on a full bus a list of all takes longer than taking those that are needed."""
     return cast("Sequence[float]", values.data)

@@ -101,14 +101,14 @@ class _LineTable:
         self.channels: dict[str, int] = {}
 
     def widen(self, size: int) -> None:
-        """Make room for frames of CAN FD."""
+        """Make room for `size` bytes of data in each row: frames of CAN FD have up to 64."""
         if size > self.data.shape[1]:
             wider = np.zeros((len(self.data), size), dtype=np.uint8)
             wider[:, : self.data.shape[1]] = self.data
             self.data = wider
 
     def put(self, frames: list[CanFrame], at: list[int]) -> None:
-        """Put frames that were read one by one into their rows."""
+        """Put frames into the rows `at`."""
         if not frames:
             return
         block = block_of(frames)
@@ -131,12 +131,12 @@ class _LineTable:
             np.arange(first_line, first_line + len(self.found), dtype=np.int64),
             tuple(self.channels),
         )
-        return whole if self.found.all() else whole.taken(self.found)
+        return whole if self.found.all() else whole.select(self.found)
 
 
 def parse_lines(text: str, first_line: int, bad: Bad) -> FrameBlock:
-    """Return the frames of whole lines (each with its line end); `bad` hears of those that are none, blank
-    ones aside, in their order."""
+    """Return the frames of whole lines (each with its line end); `bad` is called for each line that is none,
+    blank ones aside, in their order."""
     raw = text.encode("latin-1")
     rows = _LineTable(raw.count(b"\n"))
     if _read_compiled(raw, rows):
@@ -199,7 +199,8 @@ def _read_shape(
     length: int,
     rows: _LineTable,
 ) -> None:
-    """Read the lines of one shape by as many templates as they need."""
+    """Fill the rows of `lines`, all of one length and one column of the '#', by at most `MAX_TEMPLATES`
+    templates."""
     for _ in range(MAX_TEMPLATES):
         if not len(lines):
             return
@@ -216,7 +217,8 @@ def _read_shape(
 def _read_same_form(
     text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _LineTable
 ) -> NDArray[np.bool_]:
-    """Fill the rows of the lines (n,) that the template fits; return them. `text` (length, n)."""
+    """Fill the rows of those lines (n,) that fit the template; return (n,) flags of them. `text` (length,
+    n)."""
     digits = text[np.concatenate([template.whole, template.fraction])] - ord("0")
     nibbles = _HEX[text[np.concatenate([template.identifier, template.data])]]
     other = text[template.other]
@@ -250,7 +252,7 @@ def _read_same_form(
 
 
 def _stamps(text: NDArray[np.uint8], digits: NDArray[np.uint8], template: _Template) -> FloatArray:
-    """Return (n,) the very numbers that `float` makes of the stamps; `text` (length, n), `digits` (d, n)."""
+    """Return the (n,) time stamps, s, exactly as `float` reads them; `text` (length, n), `digits` (d, n)."""
     count = len(digits)
     whole = _TENS[count - 1 :: -1] @ digits.astype(np.float64)
     if bool((whole < EXACT_BELOW).all()):

@@ -34,15 +34,17 @@ class Channel:
 
 
 def bus_numbers(names: Iterable[str], main: str | None, buses: Iterable[str]) -> dict[str, int]:
-    """Return a mapping channel of a log -> number of the bus: 0 for `main` (and for all that no further bus
-    claims).
+    """Return a mapping from the log's channels to bus numbers: 0 for `main` (and all channels of no further
+    bus).
 
     `names`: the log's channels; `buses`: configured channels of the further buses, in order.
     """
     numbers = dict.fromkeys(names, 0)
     for number, configured in enumerate(buses, 1):
         for name in numbers:
-            same = name == configured or (name.isdecimal() and _number(name) == _number(configured))
+            same = name == configured or (
+                name.isdecimal() and _trailing_number(name) == _trailing_number(configured)
+            )
             if same and name != main:
                 numbers[name] = number
     return numbers
@@ -50,18 +52,18 @@ def bus_numbers(names: Iterable[str], main: str | None, buses: Iterable[str]) ->
 
 def channel_names(blocks: Iterable[FrameBlock]) -> list[str]:
     """Return the channels that the first frames of a log name, in order of appearance."""
-    return list(dict.fromkeys(name for block in _first(blocks) for name in block.channels))
+    return list(dict.fromkeys(name for block in _first_frames(blocks) for name in block.channels))
 
 
 def choose_channel(blocks: Iterable[FrameBlock], needed: Collection[int], configured: str) -> Channel:
-    """Return the channel to take; all, where no two channels carry needed identifiers.
+    """Return the channel to take of a log with several; all where no two channels carry needed identifiers.
 
     `needed`: keys as `compile_plans` has them. Logs of other tools call channels by number alone, which is
     compared with the configured name's.
     """
     found: Counter[str] = Counter()
     keys = np.array([key for key in needed if key <= MAX_KEY], dtype=np.uint32)
-    for block in _first(blocks):
+    for block in _first_frames(blocks):
         carry = np.isin(block.identifier, keys) & (block.flags & (ERROR | REMOTE) == 0)
         numbers = np.bincount(block.channel[carry], minlength=len(block.channels))
         found.update(
@@ -70,7 +72,9 @@ def choose_channel(blocks: Iterable[FrameBlock], needed: Collection[int], config
     if len(found) < 2:
         return Channel(None)
     same = [name for name in sorted(found) if name == configured] or [
-        name for name in sorted(found) if name.isdecimal() and _number(name) == _number(configured)
+        name
+        for name in sorted(found)
+        if name.isdecimal() and _trailing_number(name) == _trailing_number(configured)
     ]
     if same:
         return Channel(same[0])
@@ -82,16 +86,17 @@ def choose_channel(blocks: Iterable[FrameBlock], needed: Collection[int], config
     )
 
 
-def _first(blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
-    """Yield the first `LOOK_AT_FRAMES` frames."""
+def _first_frames(blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
+    """Yield the first `LOOK_AT_FRAMES` frames, in blocks."""
     left = LOOK_AT_FRAMES
     for block in blocks:
-        yield block.taken(slice(left))
+        yield block.select(slice(left))
         left -= len(block)
         if left <= 0:
             return
 
 
-def _number(name: str) -> int | None:
+def _trailing_number(name: str) -> int | None:
+    """Return the number in a channel's name; None if it has none."""
     match = _NUMBER.match(name)
     return None if match is None else int(match[1])

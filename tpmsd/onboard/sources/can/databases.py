@@ -41,5 +41,6 @@ def database_of(database: Database, bus: int) -> Database:
 
 
 def load_database(path: str | Path) -> Database:
-    """Read a DBC (or KCD, SYM, ARXML) file; a `ConfigError` of one line says what is wrong with it."""
+    """Read a DBC (or KCD, SYM, ARXML) file; raises a `ConfigError` of one line that says what is wrong with
+    it."""
     return load_dbc(Path(path))

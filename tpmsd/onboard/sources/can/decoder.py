@@ -87,7 +87,7 @@ class Group:
             tracker
             for signal in plan.signals
             if isinstance(tracker := trackers.get(signal.role), WheelSpeedIntegrator)
-            and tracker.is_fine(signal.gain)
+            and tracker.shows_noise(signal.gain)
         )
         speeds = tuple(fine)
         self.frozen = FrozenSpeeds(speeds) if len(speeds) > 1 else None
@@ -118,7 +118,7 @@ class CanDecoder:
             for group in plan.groups:
                 for signal in group.signals:
                     if signal.wheel is not None:
-                        self._trackers[signal.role] = self._tracker(config, signal, signal.wheel)
+                        self._trackers[signal.role] = self._make_tracker(config, signal, signal.wheel)
         self.plans: dict[int, tuple[MessagePlan, tuple[Group, ...]]] = {
             key: (plan, tuple(Group(group, self._trackers) for group in plan.groups))
             for key, plan in plans.items()
@@ -133,7 +133,8 @@ class CanDecoder:
         self._polled_s = self._calm_until_s = -math.inf
         """Interval in which no message can become overdue."""
 
-    def _tracker(self, config: Config, signal: SignalPlan, wheel: int) -> Tracker:
+    def _make_tracker(self, config: Config, signal: SignalPlan, wheel: int) -> Tracker:
+        """Return the tracker of a wheel's signal: of a counter or of a speed."""
         vehicle = config.vehicle
         radius_m = vehicle.wheel_radius_m[wheel]
         if signal.role in WHEEL_COUNT_ROLES:
@@ -168,7 +169,7 @@ class CanDecoder:
         else:
             big = int.from_bytes(data[:big_bytes], "big")
         for condition in plan.conditions:
-            self._compare(condition, size, little, big)
+            self._evaluate_condition(condition, size, little, big)
         for group in groups:
             for field, numbers in group.plan.selectors:
                 bits = (big if field.big_endian else little) >> field.shift & field.mask
@@ -179,20 +180,22 @@ class CanDecoder:
         return out
 
     def ignores(self, arbitration_id: int, is_extended: bool, bus: int = 0) -> bool:
-        """Return whether a frame carries nothing that is decoded."""
+        """Return whether nothing is decoded of frames of this identifier."""
         key = arbitration_id | EXTENDED if is_extended else arbitration_id
         return (bus << BUS_SHIFT | key if bus else key) not in self.plans
 
     def count_ignored(self, frames: int = 1) -> None:
-        """Count frames that were not given to `decode` because they carry nothing."""
+        """Count frames that were not given to `decode` because it decodes nothing of them."""
         self.counts["frames"] += frames
         self.counts["ignored"] += frames
 
     def none_overdue(self, time_s: float) -> bool:
-        """Return whether no message can be overdue at this time: `poll` would say nothing."""
+        """Return whether no message can be overdue at this time: `poll` would return nothing."""
         return self._polled_s <= time_s < self._calm_until_s
 
-    def _compare(self, condition: ConditionPlan, size: int, little: int, big: int) -> None:
+    def _evaluate_condition(self, condition: ConditionPlan, size: int, little: int, big: int) -> None:
+        """Keep whether a condition holds by a frame's bytes, read as an integer in both byte orders; nothing
+        in another branch."""
         bits = 0
         for field, numbers in (*condition.selectors, (condition.field, None)):
             bits = (big if field.big_endian else little) >> field.shift & field.mask
@@ -201,20 +204,20 @@ class CanDecoder:
         self.holds[condition.number] = condition.holds(bits)
 
     @property
-    def rolls(self) -> bool:
-        """True if the values of all wheels change."""
+    def all_rolling(self) -> bool:
+        """True if the values of all wheels change from reading to reading."""
         return all(tracker.still_since is None and not tracker.stuck for tracker in self._wheels)
 
     @property
-    def rests(self) -> bool:
+    def all_at_rest(self) -> bool:
         """True if all wheels are counted and stand, and none has rolled since another one stopped: nothing is
         judged of them as long as no value changes."""
         return all(
-            isinstance(tracker, WheelCounter) and tracker.at_standstill and self._alone(tracker)
+            isinstance(tracker, WheelCounter) and tracker.at_standstill and self._none_rolled_since(tracker)
             for tracker in self._wheels
         )
 
-    def _alone(self, tracker: WheelCounter) -> bool:
+    def _none_rolled_since(self, tracker: WheelCounter) -> bool:
         """Return whether no other wheel has rolled since this one stopped."""
         travel = self._other_travel.get(tracker.wheel)
         return (
@@ -228,18 +231,20 @@ class CanDecoder:
         """Excess of `counts`, summed over wheels and roles, over the number of faulty frames, by kind."""
         return self._faults.shared
 
-    def forget_calm(self) -> None:
-        """Make the next frame look at every message, after frames were taken without a poll."""
+    def recheck_timeouts(self) -> None:
+        """Make the next frame check all messages for time-outs, after frames were decoded without `poll`."""
         self._polled_s = self._calm_until_s = -math.inf
 
-    def clock_stepped(self) -> None:
-        """Take the host's clock as set back, as the stamps of all inputs together have shown."""
+    def note_clock_step(self) -> None:
+        """Treat the next frame of each message as the first after a backward step of the host's clock, which
+        the stamps of all inputs together have shown."""
         for group in self._groups:
             if group.arrival is not None:
-                group.arrival.clock_stepped()
+                group.arrival.note_clock_step()
 
     def poll(self, time_s: float) -> list[Event]:
-        """Return the time-outs at this time; each is reported once, until the message is back."""
+        """Return the faults of messages that have timed out by now; each is reported once, until the message
+        is back."""
         out: list[Event] = []
         if self._polled_s <= time_s < self._calm_until_s:
             return out
@@ -249,24 +254,26 @@ class CanDecoder:
             if arrival is None:
                 arrival = group.arrival = MessageArrival(time_s)
             elif not arrival.timed_out and arrival.is_overdue(time_s):
-                self._time_out(time_s, group, arrival, out)
+                self._report_timeout(time_s, group, arrival, out)
             if not arrival.timed_out and arrival.last_s < oldest_s:
                 oldest_s = arrival.last_s
         # Half of the shortest time-out there is: stamps are rounded, and time-outs become known later.
         self._polled_s, self._calm_until_s = time_s, oldest_s + 0.5 * MIN_TIMEOUT_S
         return out
 
-    def _is_back(self, arrival: MessageArrival) -> None:
-        """Count a message again after its time-out; with a late stamp it may be overdue at once."""
+    def _clear_timeout(self, arrival: MessageArrival) -> None:
+        """Clear a message's time-out, for a frame came; with a late stamp it may be overdue again at once."""
         if arrival.timed_out:
             arrival.timed_out, self._calm_until_s = False, -math.inf
 
     def _decode_group(
         self, time_s: float, group: Group, data: bytes, little: int, big: int, out: list[Event]
     ) -> None:
-        if not self._is_used(time_s, group, data, out):
+        """Append the events of a group's signals; `little`, `big`: the frame's bytes as an integer in either
+        order."""
+        if not self._judge_arrival(time_s, group, data, out):
             return
-        fast, size = group.watch.frame(time_s), len(data)
+        fast, size = group.watch.judge_frame(time_s), len(data)
         for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
             if min_bytes > size:
                 self._note_short(time_s, signal, size, out)
@@ -277,7 +284,7 @@ class CanDecoder:
             ):
                 self._note_invalid(time_s, signal, bits, out)
             elif tracker is not None:
-                self._take_wheel(time_s, group, number, bits, fast, out)
+                self._decode_wheel(time_s, group, number, bits, fast, out)
             else:
                 value = signal.gain * signal.field.number(bits) + signal.bias
                 if not math.isfinite(value):
@@ -292,14 +299,15 @@ class CanDecoder:
                 self._faults.note(out, time_s, "stuck", still.wheel, f"{group.plan.name} is frozen")
                 still.mark_stuck()
 
-    def _is_used(self, time_s: float, group: Group, data: bytes, out: list[Event]) -> bool:
-        """Judge when a message arrived; return False for one that must not be used, say a repeated one."""
+    def _judge_arrival(self, time_s: float, group: Group, data: bytes, out: list[Event]) -> bool:
+        """Judge a frame by its stamp and report faults; return False for one that must not be used, say a
+        repeated one."""
         arrival = group.arrival
         if arrival is None:
             arrival = group.arrival = MessageArrival(time_s)
         elif not arrival.timed_out and arrival.is_overdue(time_s):
             # Nobody polled in the silence; it was one all the same.
-            self._time_out(time_s, group, arrival, out)
+            self._report_timeout(time_s, group, arrival, out)
         verdict = arrival.judge(time_s, data)
         if verdict is not _USE:
             self._faults.note_message(out, time_s, verdict.name.lower(), group.origins)
@@ -311,17 +319,18 @@ class CanDecoder:
                 wheel_tracker.restart()
         elif arrival.lost:
             self._faults.note_message(out, time_s, "lost", group.origins, group.plan.name, arrival.lost)
-        self._is_back(arrival)
+        self._clear_timeout(arrival)
         return True
 
-    def _take_wheel(
+    def _decode_wheel(
         self, time_s: float, group: Group, number: int, bits: int, fast: bool, out: list[Event]
     ) -> None:
-        """Follow the wheel of a message's field by its bits; `fast`: the message comes too often."""
+        """Update a wheel by its signal's bits, unless the sender is doubted; `fast`: the message comes too
+        often."""
         _, _, _, _, signal, tracker = group.fields[number]
         assert tracker is not None
         watch, doubted, begun, jumps = group.watch, group.doubted, len(out), self._faults.jumps
-        value = self._follow(time_s, group, signal, tracker, bits, out)
+        value = self._update_tracker(time_s, group, signal, tracker, bits, out)
         if value is None:
             self._note_invalid(time_s, signal, bits, out)
             return
@@ -329,7 +338,7 @@ class CanDecoder:
         irregular = False
         if jumped or watch.uneasy or watch.compares[number]:
             sound = len(out) > begun and isinstance(out[-1], RotationSample)
-            irregular = watch.value(number, value, jumped, sound)
+            irregular = watch.judge_value(number, value, jumped, sound)
         if fast or irregular:
             # The wheel is followed on, so that it is known when its values make sense again.
             out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]
@@ -345,7 +354,7 @@ class CanDecoder:
             if tracker.still_since is not None and not tracker.stuck:
                 self._judge_still(time_s, tracker, out)
 
-    def _follow(
+    def _update_tracker(
         self,
         time_s: float,
         group: Group,
@@ -354,7 +363,8 @@ class CanDecoder:
         bits: int,
         out: list[Event],
     ) -> float | None:
-        """Give a reading to its tracker; return a speed (0 of a count), None for what is no number."""
+        """Give a reading to its tracker; return the speed (0 for a counter), None where the bits are no valid
+        number."""
         assert group.arrival is not None
         backward = signal.backward_when is not None and self.holds.get(signal.backward_when, False)
         if isinstance(tracker, WheelCounter):
@@ -383,18 +393,19 @@ class CanDecoder:
     def _note_invalid(self, time_s: float, signal: SignalPlan, bits: int, out: list[Event]) -> None:
         self._faults.note(out, time_s, "invalid", _fault_origin(signal), f"{signal.signal} = {bits:#x}")
 
-    def _time_out(self, time_s: float, group: Group, arrival: MessageArrival, out: list[Event]) -> None:
+    def _report_timeout(self, time_s: float, group: Group, arrival: MessageArrival, out: list[Event]) -> None:
         arrival.timed_out = True
         silent = f"silent for {time_s - arrival.last_s:.2f} s" if arrival.seen else "never seen"
         self._faults.note_message(out, time_s, "timeout", group.origins, f"{group.plan.name} {silent}")
 
     def _judge_still(self, time_s: float, tracker: Tracker, out: list[Event]) -> None:
-        """Judge an unchanged value of a wheel: it stands with the car, or it is stuck."""
+        """Decide whether a wheel whose value does not change stands with the car or is stuck; it may stay
+        open."""
         since_s = tracker.still_since
         assert since_s is not None
         travel = self._other_travel.get(tracker.wheel)
         if travel is None or travel.since_s != since_s:
-            others = self._others(time_s, tracker)
+            others = self._other_trackers(time_s, tracker)
             seen = [(other, other.travel_m, other.speed_mps) for other in others]
             self._other_travel[tracker.wheel] = _OtherTravel(since_s, seen)
             return
@@ -414,7 +425,8 @@ class CanDecoder:
         ):
             tracker.mark_standstill()
 
-    def _others(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:
+    def _other_trackers(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:
+        """Yield the trackers of the other wheels that had a reading lately and are not stuck."""
         for other in self._wheels:
             if other is not tracker and not other.stuck and time_s - self.received_s[other.wheel] <= FRESH_S:
                 yield other

@@ -42,7 +42,7 @@ _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size) + socket.CMSG_SPACE(_COUNT.
 
 
 class CanDown(TpmsdError, OSError):  # noqa: N818  (a state of the bus that passes, not a mistake)
-    """The bus cannot be opened, or went away, or takes nothing; opening it again later may succeed."""
+    """The bus cannot be opened, was lost, or accepts nothing; opening it again later may succeed."""
 
     def __init__(self, channel: str, reason: str) -> None:
         self.channel = channel
@@ -99,9 +99,10 @@ class LiveCan:
         found = getattr(bus, "socket", None)
         self._socket = found if isinstance(found, socket.socket) else None
         if self._socket is not None:
-            self._prepare(self._socket)
+            self._set_socket_options(self._socket)
 
     def _open(self, config: CanConfig, filters: list[dict[str, Any]] | None) -> can.BusABC:
+        """Return an open python-can bus; `CanDown` with the reason where that fails."""
         options: dict[str, Any] = {"interface": config.interface, "channel": self.channel}
         if config.fd:
             options["fd"] = True
@@ -113,7 +114,7 @@ class LiveCan:
             # Each of the twenty backends has its own exceptions, from its driver's to ImportError.
             hint = _MULTICAST_EXTRA if "msgpack" in str(error) else ""
             raise CanDown(
-                self.channel, f"cannot be opened with {config.interface}: {_reason(error)}{hint}"
+                self.channel, f"cannot be opened with {config.interface}: {_one_line(error)}{hint}"
             ) from None
         if filters is None:
             return bus
@@ -122,14 +123,14 @@ class LiveCan:
                 bus.set_filters(filters)  # type: ignore[arg-type]
             except Exception as error:
                 bus.shutdown()
-                raise CanDown(self.channel, f"takes no filters: {_reason(error)}") from None
+                raise CanDown(self.channel, f"takes no filters: {_one_line(error)}") from None
         else:
             # python-can's own filter ends a non-blocking read at the first frame that it rejects.
             self._wanted = {(bool(entry["extended"]), int(entry["can_id"])) for entry in filters}
         return bus
 
     @staticmethod
-    def _prepare(sock: socket.socket) -> None:
+    def _set_socket_options(sock: socket.socket) -> None:
         """Set the socket's options as far as possible: a kernel that rejects any of them still delivers
         frames."""
         for option in (_SO_TIMESTAMPNS, _SO_RXQ_OVFL):
@@ -153,7 +154,7 @@ class LiveCan:
         return number if number >= 0 else None
 
     def read(self, limit: int = 1000) -> list[CanFrame]:
-        """Return up to `limit` frames that are there; never waits. `CanDown` if the bus is gone.
+        """Return up to `limit` frames that have arrived; never waits. `CanDown` if the bus is gone.
 
         If it goes while frames are being read, these are returned, and the next call raises.
         """
@@ -171,6 +172,7 @@ class LiveCan:
         return frames
 
     def _read_socket(self) -> CanFrame | None:
+        """Return the next frame of a SocketCAN socket; None if none has arrived."""
         assert self._socket is not None
         try:
             packet, ancillary, _, _ = self._socket.recvmsg(_FD_BYTES, _ANCILLARY_BYTES, socket.MSG_DONTWAIT)
@@ -178,7 +180,7 @@ class LiveCan:
             return None
         except OSError as error:
             # ENETDOWN comes once after the link went down; then the socket is silent until reopened.
-            raise CanDown(self.channel, _reason(error)) from None
+            raise CanDown(self.channel, _one_line(error)) from None
         time_s, dropped = _unpack_ancillary(ancillary)
         if dropped is not None:
             self.dropped = dropped
@@ -188,6 +190,7 @@ class LiveCan:
         return frame
 
     def _read_bus(self) -> CanFrame | None:
+        """Return the next wanted frame of a python-can bus; None if none has arrived."""
         if self._bus is None:
             raise CanDown(self.channel, "is closed")
         for _ in range(MAX_SKIPPED):
@@ -198,7 +201,7 @@ class LiveCan:
                     self.malformed += 1
                     continue
                 # As in `_open`: backends let their drivers' exceptions through.
-                raise CanDown(self.channel, _reason(error)) from None
+                raise CanDown(self.channel, _one_line(error)) from None
             if message is None:
                 return None
             wanted = self._wanted
@@ -232,7 +235,7 @@ class LiveCan:
         except Exception as error:
             if _is_full(error):
                 return False
-            raise CanDown(self.channel, _reason(error)) from None
+            raise CanDown(self.channel, _one_line(error)) from None
         return True
 
     def close(self) -> None:
@@ -263,6 +266,8 @@ def unpack_socketcan(packet: bytes, time_s: float, channel: str) -> CanFrame | N
 
 
 def _unpack_ancillary(ancillary: list[tuple[int, int, bytes]]) -> tuple[float, int | None]:
+    """Return the kernel's stamp of a frame, s, and its count of frames dropped so far; None if it states
+    none."""
     # The kernel stamps every frame; the time of reading stands in where a driver or an option is missing.
     time_s, dropped = time.time(), None
     for level, kind, data in ancillary:
@@ -277,12 +282,14 @@ def _unpack_ancillary(ancillary: list[tuple[int, int, bytes]]) -> tuple[float, i
 
 
 def _is_full(error: Exception) -> bool:
+    """Return whether an error of `send` means that the transmit queue is full."""
     if isinstance(error, TimeoutError | BlockingIOError):
         return True
     code = getattr(error, "error_code", None) or getattr(error, "errno", None)
     return code in (errno.ENOBUFS, errno.EAGAIN) or "buffer full" in str(error).lower()
 
 
-def _reason(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
+    """Return an error's text as one line of bounded length."""
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= 200 else text[:197] + "..."

@@ -100,11 +100,11 @@ def read_can_blocks(path: str | Path, on_bad_line: BadLine | None = None) -> Ite
         if on_bad_line is not None:
             on_bad_line(line, reason)
 
-    return _not_empty(path, _in_blocks(READERS[suffix](path, note)), first_bad)
+    return _require_frames(path, _in_blocks(READERS[suffix](path, note)), first_bad)
 
 
 def _in_blocks(read: Iterator[FrameBlock] | Iterator[CanFrame]) -> Iterator[FrameBlock]:
-    """Yield single frames gathered; blocks as they are."""
+    """Yield frames as blocks: single ones gathered, blocks as they are."""
     frames: list[CanFrame] = []
     for item in read:
         if isinstance(item, FrameBlock):
@@ -118,7 +118,7 @@ def _in_blocks(read: Iterator[FrameBlock] | Iterator[CanFrame]) -> Iterator[Fram
         yield block_of(frames)
 
 
-def _not_empty(
+def _require_frames(
     path: Path, blocks: Iterator[FrameBlock], first_bad: list[tuple[int, str]]
 ) -> Iterator[FrameBlock]:
     """Yield the blocks; an `InputError` at the end if there were none."""
@@ -132,6 +132,7 @@ def _not_empty(
 
 
 def _suffix(path: Path) -> str | None:
+    """Return the suffix of a known log format that the file's name ends with; None if there is none."""
     name = path.name.lower()
     return next((suffix for suffix in sorted(READERS, key=len, reverse=True) if name.endswith(suffix)), None)
 

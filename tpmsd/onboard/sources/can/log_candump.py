@@ -55,7 +55,7 @@ def read_candump(path: Path, note: Note) -> Iterator[FrameBlock]:
 
 
 def _has_long_line(text: str) -> bool:
-    """Return whether a line reaches the limit: what no line of a log does."""
+    """Return whether any line is as long as the limit, which no line of a log reaches."""
     at = 0
     while at + MAX_LINE_CHARS <= len(text):
         end = text.rfind("\n", at, at + MAX_LINE_CHARS)
@@ -96,6 +96,7 @@ def _read_lines(path: Path, skipped: int, note: Note) -> Iterator[FrameBlock]:
 
 
 def _reason(line: str) -> str:
+    """Return why a line is rejected, for a message: its text, shortened."""
     text = line.strip()
     text = text if len(text) <= 60 else text[:57] + "..."
     return f"not a candump line: {text!r}"

@@ -40,7 +40,7 @@ class LogLines:
         return self.current
 
     def close(self) -> None:
-        """Readers close the file at its end."""
+        """Close the file, as readers do at its end."""
         self._file.close()
 
     @property
@@ -49,7 +49,7 @@ class LogLines:
         return self._file.closed
 
     def resume(self) -> None:
-        """Prepare the file for a reader that goes on after a bad line."""
+        """Prepare the file for a reader that continues behind a bad line."""
 
 
 class AscLines(LogLines):
@@ -78,7 +78,7 @@ class AscLines(LogLines):
         line = super().__next__()
         date = self._DATE.match(line)
         if date is not None:
-            start_s = asc_date_s(_utf8(date[1]))
+            start_s = asc_date_s(_decode_utf8(date[1]))
             if start_s is not None:
                 self.start_s = start_s
             return "// date\n"
@@ -92,8 +92,8 @@ class AscLines(LogLines):
         return f"{self._now_s:.9f}{match[2]}"
 
     def resume(self) -> None:
-        """Give the reader a header, which it looks for again: it would take the next frame for the header's
-        end."""
+        """Put a header in front of the remaining lines: a new reader looks for one, and would take the next
+        frame for its end."""
         if not self._in_header:
             self._pushed.append("internal events logged\n")
 
@@ -112,8 +112,8 @@ _MONTHS = {
 _CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)(?:\.(\d{1,9}))?(?:\s*([ap])\.?m)?", re.IGNORECASE)
 
 
-def _utf8(text: str) -> str:
-    """Return the text that was read as Latin-1, if it is UTF-8."""
+def _decode_utf8(text: str) -> str:
+    """Return text that was decoded as Latin-1 decoded as UTF-8 instead; unchanged if it is not UTF-8."""
     try:
         return text.encode("latin-1").decode("utf-8")
     except UnicodeDecodeError:

@@ -44,7 +44,7 @@ def send_frames(path: Path, _: Iterator[str], send: Send) -> None:
     with path.open("rb") as file:
         check_mf4(file)
     records: list[bytes] = []
-    flush = _sender(records, send)
+    flush = _make_flush(records, send)
     try:
         with MF4Reader(path) as reader:
             for message in reader:
@@ -61,7 +61,9 @@ def send_frames(path: Path, _: Iterator[str], send: Send) -> None:
         flush()
 
 
-def _sender(records: list[bytes], send: Send) -> Callable[[], None]:
+def _make_flush(records: list[bytes], send: Send) -> Callable[[], None]:
+    """Return a function that sends the gathered records and empties the list."""
+
     def flush() -> None:
         if records:
             send(b"".join(records))

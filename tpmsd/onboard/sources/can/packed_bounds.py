@@ -35,7 +35,8 @@ _DZ = struct.Struct("<4s4xQQ2sBBLQQ")
 
 
 def check_blf(file: BinaryIO) -> None:
-    """Walk all objects and what the containers hold. What is damaged is left to the reader to report."""
+    """Raise ValueError for an object of a BLF log that states an impossible size or unpacks to more than it
+    may; other damage is left to the reader to report."""
     start = file.read(8)
     if len(start) < 8 or start[:4] != b"LOGG":
         return
@@ -52,12 +53,12 @@ def check_blf(file: BinaryIO) -> None:
         if kind == _CONTAINER and len(content) >= _CONTAINER_HEADER_BYTES:
             packed = content[_CONTAINER_HEADER_BYTES:]
             deflated = int.from_bytes(content[:2], "little") == _DEFLATED
-            for piece in _inflated(packed, MAX_CONTAINER_BYTES, "a container") if deflated else [packed]:
+            for piece in _inflate(packed, MAX_CONTAINER_BYTES, "a container") if deflated else [packed]:
                 objects.feed(piece)
 
 
 def check_mf4(file: BinaryIO) -> None:
-    """Unpack every packed block."""
+    """Raise ValueError if an MF4 log or a packed block in it is larger, unpacked, than it may be."""
     size = file.seek(0, 2)
     if size > MAX_MF4_BYTES:
         raise ValueError(f"{size >> 20} MB; at most {MAX_MF4_BYTES >> 20} MB of MF4 are read at once")
@@ -72,14 +73,14 @@ def check_mf4(file: BinaryIO) -> None:
             if max(unpacked, packed) > MAX_BLOCK_BYTES:
                 raise ValueError(f"a packed block of {max(unpacked, packed)} bytes")
             at += _DZ.size
-            pieces = _inflated(data[at : at + packed], MAX_BLOCK_BYTES, "a packed block")
+            pieces = _inflate(data[at : at + packed], MAX_BLOCK_BYTES, "a packed block")
             total += sum(len(piece) for piece in pieces)
             if total > MAX_MF4_BYTES:
                 raise ValueError(f"more than {MAX_MF4_BYTES >> 20} MB of data")
 
 
-def _inflated(packed: bytes, most: int, what: str) -> Iterator[bytes]:
-    """Yield the content of a deflated text in pieces, as far as it is sound."""
+def _inflate(packed: bytes, most: int, what: str) -> Iterator[bytes]:
+    """Yield deflated data unpacked, in pieces up to any damage; ValueError beyond `most` bytes."""
     unpacker, total = zlib.decompressobj(), 0
     try:
         while packed and not unpacker.eof:
@@ -104,7 +105,8 @@ class _Objects:
         """True once no object stands where one should: here the reader gives up."""
 
     def feed(self, piece: bytes) -> None:
-        """Take a piece; ValueError for an object of an impossible size."""
+        """Follow the objects through a piece of the stream; ValueError for an object of an impossible
+        size."""
         data = self._rest + piece
         at = 0
         while not self._lost:

@@ -52,7 +52,8 @@ class _Roughness:
         self.now = self.usual = 0.0
         self._first = self._second = float("nan")
 
-    def take(self, value: float) -> None:
+    def update(self, value: float) -> None:
+        """Update the mean absolute second difference by the next value."""
         bend = abs(value - 2.0 * self._second + self._first)
         self._first, self._second = self._second, value
         if bend == bend:
@@ -113,7 +114,7 @@ class SenderWatch:
 
     @property
     def detail(self) -> str:
-        """Rate as far as it is known, for a fault's text."""
+        """Text of a fault: the rate that is exceeded; empty if it is not."""
         return f"more than its {1.0 / self._period_s:.0f} frames a second" if self.fast else ""
 
     def copied(self) -> SenderWatch:
@@ -124,26 +125,26 @@ class SenderWatch:
         return other
 
     def restart(self, time_s: float) -> None:
-        """Judge no rate across a step of the clock or an absence of the message."""
+        """Begin the rate's measurement again behind a step of the clock or an absence of the message."""
         self._since_s += time_s - self._last_s
         self._last_s = self._window_s = time_s
         self._count = 0
         self._grace_until_s = time_s + GRACE_S
         self._tokens = self._burst
 
-    def frame(self, time_s: float) -> bool:
-        """Take a frame's stamp (later than the one before); return whether the message is doubted for its
-        rate."""
+    def judge_frame(self, time_s: float) -> bool:
+        """Update the rate by a frame's stamp (later than the one before); return whether the message is
+        doubted because it comes too fast."""
         if self._since_s != self._since_s:
             self._since_s = self._window_s = self._last_s = time_s
         if time_s - self._last_s > GAP_S:
             self.restart(time_s)
         elapsed_s, self._last_s = time_s - self._last_s, time_s
-        self._measure(time_s)
+        self._measure_interval(time_s)
         if not self._period_s:
             self._fastest_s = min(self._fastest_s, self._lately_s)
             if time_s - self._since_s >= LEARN_S and self._fastest_s < float("inf"):
-                self._know(self._fastest_s)
+                self._set_period(self._fastest_s)
             return False
         if time_s < self._grace_until_s:
             return self.fast
@@ -155,15 +156,15 @@ class SenderWatch:
         elif self.fast and self._tokens > 0.5 * self._burst:
             self.fast = False
         if self.fast:
-            self._accept(time_s)
+            self._accept_faster_rate(time_s)
         elif self._tokens > _REGULAR_SHARE * self._burst:
             for rough in self._rough:
                 if rough is not None:
                     rough.learn_typical()
         return self.fast
 
-    def value(self, index: int, value: float, jumped: bool, sound: bool) -> bool:
-        """Take one signal's value; return whether it is doubted because values in turn contradict one
+    def judge_value(self, index: int, value: float, jumped: bool, sound: bool) -> bool:
+        """Take one signal's value; return whether it is doubted because successive values contradict one
         another.
 
         `jumped`: a reading was found odd with it; `sound`: it made a sample. Odd values with no sound ones
@@ -171,7 +172,7 @@ class SenderWatch:
         """
         rough = self._rough[index]
         if rough is not None:
-            rough.take(value)
+            rough.update(value)
         self._sound[index] |= sound
         irregular = max(self._irregular[index] - IRREGULAR_LEAK, 0.0)
         if jumped and self._sound[index]:
@@ -186,24 +187,23 @@ class SenderWatch:
         return irregular > IRREGULAR_LIMIT
 
     def judge_regular(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
-        """Take frames and their values, which are in order, as `frame` and `value` one by one, up to the
-        first that is doubted; return its index. `compared`: index and values of each signal that is
-        compared."""
+        """Do `judge_frame` and `judge_value` for frames and their values in order, up to the first that is
+        doubted; return its index. `compared`: index and values of each signal that is compared."""
         index = 0
         while index < len(times_s):
-            if not compared and (passed := self._pass_calm(times_s, index)):
+            if not compared and (passed := self._pass_regular(times_s, index)):
                 index += passed
                 continue
-            if self.frame(times_s[index]) or any(
-                [self.value(number, values[index], False, True) for number, values in compared]  # noqa: C419
+            if self.judge_frame(times_s[index]) or any(
+                [self.judge_value(number, values[index], False, True) for number, values in compared]  # noqa: C419
             ):
                 break
             index += 1
         return index
 
-    def _pass_calm(self, times_s: list[float], start: int) -> int:
-        """Take stamps from an index on as `frame` does, as long as the rate is known and they keep to it;
-        return their number."""
+    def _pass_regular(self, times_s: list[float], start: int) -> int:
+        """Do `judge_frame` for the stamps from `start` on, as long as the known rate is kept; return their
+        number."""
         period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
         window_s, grace_until_s, passed = self._window_s, self._grace_until_s, 0
         if not period_s or self.fast:
@@ -226,8 +226,8 @@ class SenderWatch:
         self._count += passed
         return passed
 
-    def _measure(self, time_s: float) -> None:
-        """Measure the mean interval, over windows so long that frames in bunches do not matter."""
+    def _measure_interval(self, time_s: float) -> None:
+        """Measure the mean interval of frames, over windows so long that bunches do not matter."""
         self._count += 1
         span_s = time_s - self._window_s
         if span_s >= WINDOW_S or span_s < 0.0:
@@ -235,12 +235,13 @@ class SenderWatch:
                 self._lately_s = span_s / self._count
             self._window_s, self._count = time_s, 0
 
-    def _know(self, period_s: float) -> None:
+    def _set_period(self, period_s: float) -> None:
+        """Set the sender's period, and the number of frames that may come at once."""
         self._period_s = period_s
         self._burst = self._tokens = max(BURST_S / period_s, BURST_FRAMES)
 
-    def _accept(self, time_s: float) -> None:
+    def _accept_faster_rate(self, time_s: float) -> None:
         """Accept a faster rate as the sender's own if the values are as smooth as before."""
         if time_s - self._clean_since_s >= ACCEPT_S:
             self.fast = False
-            self._know(min(self._lately_s, self._period_s))
+            self._set_period(min(self._lately_s, self._period_s))

@@ -149,30 +149,31 @@ class MessagePlan:
 
 
 def needed_signals(config: Config) -> dict[str, str]:
-    """Return a mapping role -> 'Message.Signal' of what is decoded; a wheel with a counter needs no speed
+    """Return a mapping role -> 'Message.Signal' of the decoded signals; a wheel with a counter needs no speed
     signal."""
     counted = {f"wheel_speed_{role[-2:]}" for role in WHEEL_COUNT_ROLES if role in config.can.signals}
     return {role: signal for role, signal in config.can.signals.items() if role not in counted}
 
 
 def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
-    """Return plans by key. A `ConfigError` names the role whose message, signal or unit does not fit."""
+    """Return the plan of each message by its key (bus and identifier). A `ConfigError` names the role whose
+    message, signal or unit does not fit."""
     found: dict[int, tuple[Message, list[tuple[Signal, SignalPlan]]]] = {}
     conditions = _ComparisonList(database)
     for role, name in needed_signals(config).items():
         bus = config.can.bus_number(role)
-        message, signal = _find(database_of(database, bus), role, name)
-        plan = _plan(config, role, name, signal)
+        message, signal = _find_signal(database_of(database, bus), role, name)
+        plan = _signal_plan(config, role, name, signal)
         option = config.can.option(role)
         if option.valid_when is not None:
-            plan = replace(plan, valid_when=conditions.number(bus, role, option.valid_when))
+            plan = replace(plan, valid_when=conditions.index_of(bus, role, option.valid_when))
         if option.backward_when is not None:
-            plan = replace(plan, backward_when=conditions.number(bus, role, option.backward_when))
+            plan = replace(plan, backward_when=conditions.index_of(bus, role, option.backward_when))
         elif plan.wheel is not None and not plan.field.signed and REVERSE_ROLE in config.can.signals:
             engaged = Condition(config.can.signals[REVERSE_ROLE], "!=", 0.0)
-            number = conditions.number(config.can.bus_number(REVERSE_ROLE), REVERSE_ROLE, engaged)
+            number = conditions.index_of(config.can.bus_number(REVERSE_ROLE), REVERSE_ROLE, engaged)
             plan = replace(plan, backward_when=number)
-        found.setdefault(_key(bus, message), (message, []))[1].append((signal, plan))
+        found.setdefault(_plan_key(bus, message), (message, []))[1].append((signal, plan))
     for key, message in conditions.messages.items():
         found.setdefault(key, (message, []))
     return {
@@ -191,7 +192,8 @@ def signal_steps(config: Config, database: Database) -> dict[str, float]:
     }
 
 
-def _key(bus: int, message: Message) -> int:
+def _plan_key(bus: int, message: Message) -> int:
+    """Return the key of a message: bus number, extended flag and identifier in one integer."""
     return bus << BUS_SHIFT | message.frame_id | (EXTENDED if message.is_extended_frame else 0)
 
 
@@ -204,14 +206,15 @@ class _ComparisonList:
         self.messages: dict[int, Message] = {}
         self.plans: dict[int, list[ConditionPlan]] = {}
 
-    def number(self, bus: int, role: str, condition: Condition) -> int:
-        """Return the number of a comparison on a bus."""
+    def index_of(self, bus: int, role: str, condition: Condition) -> int:
+        """Return the index of a comparison on a bus, by which frames' results are kept; adds it if it is
+        new."""
         known = self._numbers.get((bus, condition))
         if known is not None:
             return known
         number = self._numbers[bus, condition] = len(self._numbers)
-        message, signal = _find(database_of(self._database, bus), role, condition.signal)
-        key = _key(bus, message)
+        message, signal = _find_signal(database_of(self._database, bus), role, condition.signal)
+        key = _plan_key(bus, message)
         self.messages[key] = message
         plan = ConditionPlan(
             number,
@@ -263,7 +266,8 @@ def bit_position(
     return BitField(big_endian, size, length, shift, size, signed, is_float, (1 << length) - 1)
 
 
-def _find(database: Database, role: str, name: str) -> tuple[Message, Signal]:
+def _find_signal(database: Database, role: str, name: str) -> tuple[Message, Signal]:
+    """Return message and signal of a name 'Message.Signal'; ConfigError if the DBC has none."""
     message_name, dot, signal_name = name.partition(".")
     if not dot:
         raise ConfigError(f"can.signals.{role}: {name!r} is not of the form 'Message.Signal'")
@@ -279,7 +283,8 @@ def _find(database: Database, role: str, name: str) -> tuple[Message, Signal]:
         ) from None
 
 
-def _plan(config: Config, role: str, name: str, signal: Signal) -> SignalPlan:
+def _signal_plan(config: Config, role: str, name: str, signal: Signal) -> SignalPlan:
+    """Return the plan of one signal; ConfigError if its unit, scale or modulus does not fit the role."""
     field = bit_field(signal)
     option = config.can.option(role)
     unit = signal.unit if option.unit is None else option.unit
@@ -322,7 +327,7 @@ _DENIED = re.compile(r"(?<![a-z])(no|not|non|without)[ _]*(error|fault|failure)"
 
 
 def invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
-    """Return raw bits by which a sender says that it has no value.
+    """Return the raw bits by which a sender marks the value as invalid.
 
     These are the named choices that say so, and the value reserved for it by custom (all ones; for signed
     signals the lowest number) where the DBC's own limits exclude it.
@@ -348,6 +353,7 @@ def invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
 def _message_plan(
     key: int, message: Message, signals: list[tuple[Signal, SignalPlan]], conditions: list[ConditionPlan]
 ) -> MessagePlan:
+    """Return the plan of a message: its signals grouped by multiplexer branch, and its comparisons."""
     chains = [selector_chain(message, signal) for signal, _ in signals]
     fields = [plan.field for _, plan in signals] + [field for chain in chains for field, _ in chain]
     fields += [c.field for c in conditions] + [field for c in conditions for field, _ in c.selectors]
@@ -356,8 +362,8 @@ def _message_plan(
 
     branches: dict[tuple[tuple[BitField, frozenset[int]], ...], list[SignalPlan]] = {}
     for (_, plan), chain in zip(signals, chains, strict=True):
-        shared = tuple((_share(field, little, big), numbers) for field, numbers in chain)
-        branches.setdefault(shared, []).append(replace(plan, field=_share(plan.field, little, big)))
+        shared = tuple((_in_shared_word(field, little, big), numbers) for field, numbers in chain)
+        branches.setdefault(shared, []).append(replace(plan, field=_in_shared_word(plan.field, little, big)))
     groups = tuple(
         SignalGroup(_branch_name(message.name, chain), chain, tuple(plans))
         for chain, plans in branches.items()
@@ -365,8 +371,8 @@ def _message_plan(
     compared = tuple(
         replace(
             condition,
-            field=_share(condition.field, little, big),
-            selectors=tuple((_share(f, little, big), numbers) for f, numbers in condition.selectors),
+            field=_in_shared_word(condition.field, little, big),
+            selectors=tuple((_in_shared_word(f, little, big), numbers) for f, numbers in condition.selectors),
         )
         for condition in conditions
     )
@@ -388,13 +394,14 @@ def selector_chain(message: Message, signal: Signal) -> tuple[tuple[BitField, fr
     return tuple(reversed(chain))
 
 
-def _share(field: BitField, little: int, big: int) -> BitField:
-    """Return the same bits in the integer that all signals of the message share."""
+def _in_shared_word(field: BitField, little: int, big: int) -> BitField:
+    """Return the same bits as a field of the one integer that all signals of the message are read from."""
     if not field.big_endian:
         return replace(field, word_bytes=little)
     return replace(field, word_bytes=big, shift=field.shift + 8 * (big - field.word_bytes))
 
 
 def _branch_name(message: str, chain: Iterable[tuple[BitField, frozenset[int]]]) -> str:
+    """Return the message's name with its multiplexer values in brackets, if it has any."""
     branch = "/".join(",".join(str(number) for number in sorted(numbers)) for _, numbers in chain)
     return f"{message}[{branch}]" if branch else message

@@ -56,7 +56,7 @@ class GpsdReports:
         return len(self._partial)
 
     def reset(self) -> None:
-        """Forget what a connection that has ended had said."""
+        """Forget the unfinished line and the last reports of a connection that has ended."""
         self._partial, self._skipping, self.hint = b"", False, ""
         self._hdop = self._pdop = NAN
         self._satellites, self._gst = -1, {}
@@ -69,7 +69,7 @@ class GpsdReports:
         for line in complete:
             if self._skipping:
                 self._skipping = False
-            elif (solution := self._line(line)) is not None:
+            elif (solution := self._parse_line(line)) is not None:
                 out.append((early, solution))
             early = False
         if len(rest) > MAX_LINE_BYTES:
@@ -78,7 +78,9 @@ class GpsdReports:
         self._partial = rest
         return out
 
-    def _line(self, line: bytes) -> Solution | None:
+    def _parse_line(self, line: bytes) -> Solution | None:
+        """Return the solution of a TPV report; None for every other line, of which accuracy and hint are
+        kept."""
         if not line.strip():
             return None
         self.counts["lines"] += 1
@@ -96,7 +98,7 @@ class GpsdReports:
                 self.hint = ""
                 return self._solution(report)
             case "SKY":
-                self._sky(report)
+                self._keep_sky(report)
             case "GST":
                 self._gst = report
             case "DEVICES":
@@ -108,7 +110,7 @@ class GpsdReports:
                 )
         return None
 
-    def _sky(self, report: dict[str, Any]) -> None:
+    def _keep_sky(self, report: dict[str, Any]) -> None:
         """Keep dilutions of precision and the number of satellites of a SKY report."""
         self._hdop, self._pdop = reading(report, "hdop"), reading(report, "pdop")
         satellites = report.get("satellites")
@@ -116,19 +118,20 @@ class GpsdReports:
             self._satellites = sum(isinstance(one, dict) and one.get("used") is True for one in satellites)
 
     def _solution(self, report: dict[str, Any]) -> Solution:
+        """Return the solution that a TPV report states."""
         utc_s = unix_time(report.get("time"))
         mode = reading(report, "mode")
         if not mode >= 2:
             return Solution(utc_s)
         status = reading(report, "status")
         altitude_m = reading(report, "altHAE")
-        latitude_std, longitude_std = self._stds(report, utc_s)
+        latitude_std, longitude_std = self._position_stds_m(report, utc_s)
         speed_std = reading(report, "eps")
         return Solution(
             utc_s=utc_s,
             quality=_QUALITY.get(int(status), 1) if 0 <= status < 100 else 1,
-            latitude_deg=_within(reading(report, "lat"), 90.0),
-            longitude_deg=_within(reading(report, "lon"), 180.0),
+            latitude_deg=_nan_beyond(reading(report, "lat"), 90.0),
+            longitude_deg=_nan_beyond(reading(report, "lon"), 180.0),
             altitude_m=altitude_m if math.isfinite(altitude_m) else reading(report, "alt"),
             satellites=self._satellites if 0 <= self._satellites <= 99 else None,
             hdop=self._hdop if 0.0 < self._hdop < 100.0 else NAN,
@@ -140,9 +143,9 @@ class GpsdReports:
             course_deg=reading(report, "track") % 360.0,
         )
 
-    def _stds(self, report: dict[str, Any], utc_s: float) -> tuple[float, float]:
-        """Return the standard deviations of latitude and longitude: from a fresh GST, else the receiver's
-        radius, else NaN."""
+    def _position_stds_m(self, report: dict[str, Any], utc_s: float) -> tuple[float, float]:
+        """Return the standard deviations of latitude and longitude, m: from a fresh GST, else from the
+        receiver's radius, else NaN."""
         stated = reading(self._gst, "lat"), reading(self._gst, "lon")
         if min(stated) > 0.0 and abs(utc_s - unix_time(self._gst.get("time"))) <= GST_MAX_AGE_S:
             return stated
@@ -156,7 +159,7 @@ class GpsdReports:
 
 
 def reading(report: dict[str, Any], key: str) -> float:
-    """Return a finite number of a report; NaN for anything else."""
+    """Return the finite number under a key of a report; NaN for anything else."""
     value = number(report.get(key))
     return NAN if value is None else value
 
@@ -173,5 +176,6 @@ def unix_time(text: object) -> float:
     return 86400.0 * day + 3600.0 * hour + 60.0 * minute + second
 
 
-def _within(value: float, limit: float) -> float:
+def _nan_beyond(value: float, limit: float) -> float:
+    """Return the value; NaN if its magnitude exceeds the limit."""
     return value if abs(value) <= limit else NAN

@@ -33,11 +33,11 @@ class LeapWatch(Generic[Item]):
 
     @property
     def calm(self) -> bool:
-        """True if the last stamp was sound."""
+        """True if the last stamp was sound and none is in doubt."""
         return self._before_s is not None and not self._doubted
 
-    def regular_to(self, time_s: FloatArray, start: int) -> int:
-        """Take the stamps from an index on that do not leap; return the index of the first that is not
+    def take_regular(self, time_s: FloatArray, start: int) -> int:
+        """Take the stamps from `start` on that do not leap; return the index of the first that is not
         taken."""
         if self._before_s is None or self._doubted or start == len(time_s):
             return start
@@ -48,7 +48,8 @@ class LeapWatch(Generic[Item]):
         return stop
 
     def take(self, time_s: float, item: Item) -> list[Item]:
-        """Take one stamp's record; return those that are sound now."""
+        """Take one stamp's record; return the records, this one or earlier ones, that are found sound by
+        it."""
         before_s, doubted = self._before_s, self._doubted
         if before_s is not None and not doubted and abs(time_s - before_s) <= LEAP_S:
             self._before_s = time_s
@@ -61,22 +62,23 @@ class LeapWatch(Generic[Item]):
                 self.damaged += len(doubted) - len(sound)
                 self._doubted, self._before_s = [], time_s
                 return [*sound, item]
-        elif doubted and _follows(before_s, time_s) and not _follows(doubted[-1][0], time_s):
+        elif doubted and _is_continuous(before_s, time_s) and not _is_continuous(doubted[-1][0], time_s):
             self.damaged += len(doubted)
             self._doubted, self._before_s = [], time_s
             return [item]
         doubted.append((time_s, item))
         if len(doubted) > MAX_DAMAGED:
             self._before_s = time_s
-            return self.left()
+            return self.release_doubted()
         return []
 
-    def left(self) -> list[Item]:
-        """Return those that are still in doubt: at the end of the file they are sound."""
+    def release_doubted(self) -> list[Item]:
+        """Return the records that are still in doubt and take them as sound, as at the end of the file."""
         left, self._doubted = [item for _, item in self._doubted], []
         return left
 
 
-def _follows(before_s: float, time_s: float) -> bool:
-    """Return whether a stamp goes on from another."""
+def _is_continuous(before_s: float, time_s: float) -> bool:
+    """Return whether a stamp follows another by at most `LEAP_S`, or precedes it by at most
+    `BACKWARD_STEP_S`."""
     return -BACKWARD_STEP_S <= time_s - before_s <= LEAP_S

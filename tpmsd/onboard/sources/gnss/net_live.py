@@ -40,8 +40,8 @@ class _Lookup:
         self._error = ""
         self._turn = 0
 
-    def next(self) -> Address:
-        """Return one of the addresses, in turn; `ReceiverGone` while there is none."""
+    def next_address(self) -> Address:
+        """Return the host's addresses in turn, one a call; `ReceiverGone` while there is none."""
         with contextlib.suppress(ValueError):
             family = socket.AF_INET if ipaddress.ip_address(self._host).version == 4 else socket.AF_INET6
             return family, (self._host, self._port)
@@ -49,7 +49,7 @@ class _Lookup:
             both = ((socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "::1"))
             self._found = [(family, (address, self._port)) for family, address in both]
         elif self._thread is None:
-            self._thread = threading.Thread(target=self._ask, daemon=True)
+            self._thread = threading.Thread(target=self._resolve_name, daemon=True)
             self._thread.start()
             self._thread.join(0.05)
         if self._thread is not None:
@@ -62,12 +62,13 @@ class _Lookup:
         self._turn += 1
         return address
 
-    def failed(self) -> None:
-        """Note that the address that was tried last led nowhere: the name may point elsewhere by now."""
+    def note_failure(self) -> None:
+        """Note that the last address could not be reached; after all of them the name is looked up again."""
         if self._found and self._turn % len(self._found) == 0:
             self._found = []
 
-    def _ask(self) -> None:
+    def _resolve_name(self) -> None:
+        """Look the host's name up, in a thread; keep its addresses or the reason why there are none."""
         try:
             answers = socket.getaddrinfo(self._host, self._port, type=socket.SOCK_STREAM)
         except (OSError, UnicodeError) as error:
@@ -78,7 +79,7 @@ class _Lookup:
 
 
 class TcpReceiver:
-    """A stream of NMEA or JSON from a server, which may first want to hear something."""
+    """A stream of NMEA or JSON from a server, which may need a greeting first."""
 
     def __init__(self, label: str, host: str, port: int, greeting: bytes = b"") -> None:
         self.label = label
@@ -90,7 +91,7 @@ class TcpReceiver:
     def open(self) -> None:
         """Begin to connect. Raises `ReceiverGone`."""
         self.close()
-        family, address = self._lookup.next()
+        family, address = self._lookup.next_address()
         try:
             self._socket = socket.socket(family, socket.SOCK_STREAM | _QUIET)
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_SYNCNT, SYN_RETRIES)
@@ -106,12 +107,12 @@ class TcpReceiver:
 
     def fileno(self) -> int:
         """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
-        return self._opened().fileno()
+        return self._require_open().fileno()
 
     def read(self) -> bytes:
         """Return the bytes that have arrived, empty if none have. Raises `ReceiverGone` when the connection
         is gone."""
-        connection = self._opened()
+        connection = self._require_open()
         if not self._connected and not self._finish_connecting(connection):
             return b""
         try:
@@ -125,13 +126,14 @@ class TcpReceiver:
         return data
 
     def close(self) -> None:
-        """Hang up; does nothing if that has happened."""
+        """Close the connection; does nothing if it is closed."""
         connection, self._socket = self._socket, None
         self._connected = False
         if connection is not None:
             connection.close()
 
     def _finish_connecting(self, connection: socket.socket) -> bool:
+        """Return whether the connection stands; sends the greeting once. Raises `ReceiverGone`."""
         if not select.select([], [connection], [], 0)[1]:
             return False
         if status := connection.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
@@ -144,14 +146,15 @@ class TcpReceiver:
                 self._raise_lost(error.errno or 0)
         return True
 
-    def _opened(self) -> socket.socket:
+    def _require_open(self) -> socket.socket:
+        """Return the socket. Raises `ReceiverGone` if it is closed."""
         if self._socket is None:
             raise ReceiverGone(self.label, "not open")
         return self._socket
 
     def _raise_lost(self, status: int) -> NoReturn:
         """Raise ReceiverGone with the reason; the host is looked up again."""
-        self._lookup.failed()
+        self._lookup.note_failure()
         reason = _REASONS.get(status) or errno.errorcode.get(status, str(status))
         raise ReceiverGone(self.label, reason) from None
 
@@ -167,24 +170,24 @@ class UdpReceiver:
     def open(self) -> None:
         """Listen on the configured address. Raises `ReceiverGone`."""
         self.close()
-        family, address = self._lookup.next()
+        family, address = self._lookup.next_address()
         self._socket = socket.socket(family, socket.SOCK_DGRAM | _QUIET)
         try:
             self._socket.bind(address)
         except OSError as error:
             self.close()
-            self._lookup.failed()
+            self._lookup.note_failure()
             reason = _REASONS.get(error.errno or 0) or error.strerror or str(error)
             raise ReceiverGone(self.label, reason) from None
 
     def fileno(self) -> int:
         """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
-        return self._opened().fileno()
+        return self._require_open().fileno()
 
     def read(self) -> bytes:
         """Return the next datagram as lines, empty if there is none. Raises `ReceiverGone`."""
         try:
-            data = self._opened().recv(READ_BYTES)
+            data = self._require_open().recv(READ_BYTES)
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
@@ -198,7 +201,8 @@ class UdpReceiver:
         if listener is not None:
             listener.close()
 
-    def _opened(self) -> socket.socket:
+    def _require_open(self) -> socket.socket:
+        """Return the socket. Raises `ReceiverGone` if it is closed."""
         if self._socket is None:
             raise ReceiverGone(self.label, "not open")
         return self._socket

@@ -33,7 +33,7 @@ class EpochInterval:
         self.gap_s = MAX_GAP_S
 
     def learn(self, time_of_day_s: float) -> None:
-        """Take the time of day of a new epoch (or, without effect, the same again)."""
+        """Update the median by the time of day of a new epoch; the same time again has no effect."""
         step = (time_of_day_s - self._last) % DAY_S
         self._last = time_of_day_s
         if 0.005 < step <= 10.0:
@@ -52,7 +52,8 @@ class Episodes:
         self._good: dict[str, int] = {}
 
     def note(self, time_s: float, kind: str, wrong: bool, detail: str = "") -> list[SourceFault]:
-        """Note whether an epoch has this fault; return the report, if that begins an episode."""
+        """Note whether an epoch has this fault; return its report if an episode begins with it, else
+        nothing."""
         if not wrong:
             if kind in self._good:
                 self._good[kind] += 1
@@ -120,7 +121,8 @@ class PositionChecks:
         self._frozen, self._leap = FrozenPosition(), Leap()
 
     def judge(self, fix: GnssFix) -> tuple[GnssFix, list[SourceFault]]:
-        """Return the fix, without its position if that is frozen or out of reach, and what begins with it."""
+        """Return the fix, without its position if that is frozen or out of reach, and the faults that begin
+        with it."""
         at_s = fix.arrival_s
         frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
         detail = f"the same position {FROZEN_COUNT} times while moving"
@@ -138,6 +140,7 @@ def without_position(fix: GnssFix) -> GnssFix:
 
 
 def _within_reach(before: GnssFix, after: GnssFix) -> bool:
+    """Return whether a car can have driven from one position to the other in the time between."""
     # By the clock that gives the car more time: the other may have stepped back.
     by_host_s, by_utc_s = abs(after.arrival_s - before.arrival_s), abs(after.utc_s - before.utc_s)
     longest_s = max(0.0, by_host_s, by_utc_s)  # in this order NaN is passed over

@@ -51,6 +51,8 @@ class ReceiverClock:
         return utc_s
 
     def _without_rollover(self, utc_s: float, arrival_s: float) -> float:
+        """Return the Unix time with the 1024-week periods added by which the receiver's date is off, judged
+        by the arrival."""
         if arrival_s >= _PLAUSIBLE_HOST_S and math.isfinite(arrival_s):
             periods = round((arrival_s - utc_s) / ROLLOVER_S)
             # Off by whole periods and nothing else: the host is right about the date. Any other difference

@@ -85,7 +85,7 @@ class NmeaAssembler:
         # The same comparison as in `advance`, to the last bit. A host clock that stepped back ends the burst
         # too.
         if burst is not None and (time_s > self.deadline_s or time_s < burst.last_s - self._interval.gap_s):
-            events += self._close()
+            events += self._end_epoch()
         try:
             reading = decode_sentence(line)
         except SentenceError as error:
@@ -114,29 +114,32 @@ class NmeaAssembler:
                 # The very same sentence of the very same instant: a line written twice.
                 self._keep_open(time_s)
                 return events + self._episodes.note(time_s, "repeated", True, "a sentence came twice")
-            events += self._close()
-        self._take(time_s, line, reading)
+            events += self._end_epoch()
+        self._add_reading(time_s, line, reading)
         return events
 
     def advance(self, time_s: float) -> list[Event]:
-        """Say that no line came until `time_s`: ends the open epoch if that is long enough."""
-        return self._close() if time_s > self.deadline_s else []
+        """End the open epoch if no line came for long enough until `time_s`; return its events."""
+        return self._end_epoch() if time_s > self.deadline_s else []
 
     def flush(self) -> list[Event]:
-        """End the open epoch, because the input has ended."""
-        return self._close() if self._burst is not None else []
+        """End the open epoch, because the input has ended; return its events."""
+        return self._end_epoch() if self._burst is not None else []
 
     def _keep_open(self, time_s: float) -> None:
-        """Keep the burst open with a sentence that brings nothing."""
+        """Extend the open epoch by a sentence of which nothing is used."""
         if self._burst is not None:
             self._burst.last_s = time_s
 
     @staticmethod
     def _starts_epoch(burst: _Burst, reading: NmeaReading) -> bool:
+        """Return whether a reading is of another epoch: at another time, or of a kind that the burst has
+        already."""
         other_time = abs(reading.time_of_day_s - burst.time_of_day_s) > _SAME_TIME_S
         return other_time or reading.kind in burst.readings
 
-    def _take(self, time_s: float, line: bytes, reading: NmeaReading) -> None:
+    def _add_reading(self, time_s: float, line: bytes, reading: NmeaReading) -> None:
+        """Add a reading to the open epoch, or begin one with it."""
         if self._burst is None:
             self._burst = _Burst(time_s, time_s)
         self._burst.last_s = time_s
@@ -146,7 +149,8 @@ class NmeaAssembler:
             self._burst.time_of_day_s = reading.time_of_day_s
             self._interval.learn(reading.time_of_day_s)
 
-    def _close(self) -> list[Event]:
+    def _end_epoch(self) -> list[Event]:
+        """Return the fix of the open epoch with the faults found in it."""
         burst, self._burst = self._burst, None
         assert burst is not None
         readings, at = burst.readings, burst.arrival_s
@@ -163,7 +167,7 @@ class NmeaAssembler:
             events += self._episodes.note(at, "no_fix", True, "the receiver is alive but has no position")
         elif math.isfinite(fix.latitude_deg):
             events += self._episodes.note(at, "no_fix", False)
-        news = self._unless_said(fix, burst.time_of_day_s)
+        news = self._without_repeats(fix, burst.time_of_day_s)
         if news is not fix and not _has_content(news):
             return events + self._episodes.note(at, "repeated", True, "an epoch came twice")
         events += self._episodes.note(at, "repeated", False)
@@ -176,6 +180,7 @@ class NmeaAssembler:
         return events
 
     def _resolve_time(self, burst: _Burst, events: list[Event]) -> float:
+        """Return the epoch's Unix time, s, NaN if unknown; appends the fault of a 1024-week rollover."""
         dated = (burst.readings.get(kind) for kind in ("ZDA", "RMC"))
         day = next((reading.unix_day for reading in dated if reading and reading.unix_day is not None), None)
         before = self._clock.rollovers
@@ -187,11 +192,13 @@ class NmeaAssembler:
         return utc_s
 
     def _gst_std(self, arrival_s: float) -> float:
+        """Return the position's standard deviation by the last GST, m; NaN if that is too old."""
         time_s, std_m = self._gst
         return std_m if abs(arrival_s - time_s) < GST_MAX_AGE_S else NAN
 
-    def _unless_said(self, fix: GnssFix, time_of_day_s: float) -> GnssFix:
-        """Leave out what was already said of the same instant, lest it count twice in an estimate.
+    def _without_repeats(self, fix: GnssFix, time_of_day_s: float) -> GnssFix:
+        """Return the fix without position or motion that was already reported of the same instant, lest it
+        count twice in an estimate.
 
         Two talkers, a slow line that splits an epoch, a log written twice and a stuck receiver clock do that.
         The time of day is compared along with UTC, because second 60 and the second after it have the same
@@ -217,13 +224,13 @@ def merge_readings(
     arrival_s: float = NAN,
     utc_s: float = NAN,
 ) -> GnssFix:
-    """Return one epoch's solution: each quantity from the sentence that knows it best.
+    """Return the fix of one epoch: each quantity from the sentence that states it most accurately.
 
     Position from GGA, GNS, RMC, GLL in that order (only the first two know height and HDOP); speed from RMC,
     which has its own UTC, before VTG. If any sentence says that there is no solution, there is none.
     """
     gga, gns, rmc, vtg = [readings.get(kind, _SILENT) for kind in ("GGA", "GNS", "RMC", "VTG")]
-    hdop = _first(gga.hdop, gns.hdop)
+    hdop = _first_finite(gga.hdop, gns.hdop)
     if False in [reading.valid for reading in readings.values()]:
         return GnssFix(arrival_s, utc_s, quality=0, hdop=hdop)
     quality, located = None, None
@@ -234,14 +241,17 @@ def merge_readings(
             if located is None and math.isfinite(reading.latitude_deg):
                 located = reading
     quality = 1 if quality is None else quality
-    speed_mps, course_rad = _first(rmc.speed_mps, vtg.speed_mps), _first(rmc.course_rad, vtg.course_rad)
+    speed_mps, course_rad = (
+        _first_finite(rmc.speed_mps, vtg.speed_mps),
+        _first_finite(rmc.course_rad, vtg.course_rad),
+    )
     latitude_deg = longitude_deg = altitude_m = std_m = NAN
     if located is not None and located.latitude_deg == 0.0 and located.longitude_deg == 0.0:
         # Exactly 0/0 is sea, and the mark of a receiver that says "valid" too early.
         quality = 0
     elif located is not None:
         latitude_deg, longitude_deg = located.latitude_deg, located.longitude_deg
-        altitude_m = _first(gga.altitude_m, gns.altitude_m)
+        altitude_m = _first_finite(gga.altitude_m, gns.altitude_m)
         std_m = position_std(quality, hdop, gst_std_m)
     return GnssFix(
         arrival_s,
@@ -253,13 +263,13 @@ def merge_readings(
         hdop=hdop,
         position_std_m=std_m,
         speed_mps=speed_mps,
-        speed_std_mps=_first(readings.get(ACCURACY, _SILENT).speed_std_mps),
+        speed_std_mps=_first_finite(readings.get(ACCURACY, _SILENT).speed_std_mps),
         course_rad=NAN if speed_mps < COURSE_MIN_SPEED_MPS else course_rad,
     )
 
 
-def _first(*values: float) -> float:
-    """Return the first that is finite; NaN if none is."""
+def _first_finite(*values: float) -> float:
+    """Return the first finite value; NaN if there is none."""
     for value in values:
         if math.isfinite(value):
             return value

@@ -39,10 +39,10 @@ class NmeaFramer:
         """Return the candidate lines that `data` completes, in order."""
         self._bytes_since_line += len(data)
         *complete, rest = _LINE_END.split(self._partial + data)
-        lines = [line for piece in complete if (line := self._candidate(piece)) is not None]
-        self._partial = self._last_start(rest)
+        lines = [line for piece in complete if (line := self._candidate_line(piece)) is not None]
+        self._partial = self._from_last_dollar(rest)
         if len(self._partial) > self._max:
-            self._drop(self._partial)
+            self._count_skipped(self._partial)
             self._partial = b""
         if lines:
             self.counts["lines"] += len(lines)
@@ -54,20 +54,22 @@ class NmeaFramer:
         self.counts["skipped_bytes"] += len(self._partial)
         self._partial = b""
 
-    def _candidate(self, piece: bytes) -> bytes | None:
-        line = self._last_start(piece)
+    def _candidate_line(self, piece: bytes) -> bytes | None:
+        """Return the sentence at the end of a piece; None if it has no `$`, no NMEA address, or is too
+        long."""
+        line = self._from_last_dollar(piece)
         if not line:
             return None
         # A `$` inside a binary message starts no sentence; an address field (talker and type) follows a true
         # one.
         if len(line) > self._max or _ADDRESS.match(line) is None:
-            self._drop(line)
+            self._count_skipped(line)
             return None
         return line
 
-    def _last_start(self, piece: bytes) -> bytes:
-        """Return the bytes from the last `$` on: a sentence begins there, so whatever came before was cut
-        off."""
+    def _from_last_dollar(self, piece: bytes) -> bytes:
+        """Return the bytes from the last `$` on, empty if there is none: a sentence begins there, so whatever
+        came before was cut off."""
         start = piece.rfind(b"$")
         if start < 0:
             self.counts["skipped_bytes"] += len(piece)
@@ -75,9 +77,10 @@ class NmeaFramer:
         before, *cut = piece[:start].split(b"$")
         self.counts["skipped_bytes"] += len(before)
         for segment in cut:
-            self._drop(b"$" + segment)
+            self._count_skipped(b"$" + segment)
         return piece[start:]
 
-    def _drop(self, line: bytes) -> None:
+    def _count_skipped(self, line: bytes) -> None:
+        """Count the bytes of a line that is dropped, and the line if it is too long."""
         self.counts["skipped_bytes"] += len(line)
         self.counts["overlong"] += len(line) > self._max

@@ -86,18 +86,19 @@ def _lines(path: Path, report: Callable[[int, str], None]) -> Iterator[tuple[int
 
 
 def bears_host_times(path: Path) -> bool:
-    """Return whether lines bear the host's time; the first lines tell, as a log may start in the middle of
+    """Return whether lines bear the host's time, by the first of them, as a log may start in the middle of
     one."""
     lines = _lines(path, lambda *_: None)
     return any(_PREFIXED.match(text) for (_, text), _ in zip(lines, range(_LOOK_AHEAD_LINES), strict=False))
 
 
-def _sentence(text: str) -> bytes:
-    """Return the text from the last `$` on, as the framer has it; without one, as it is."""
+def _sentence_bytes(text: str) -> bytes:
+    """Return the bytes from the last `$` on, as `NmeaFramer` has them; without one, all."""
     return text[max(text.rfind("$"), 0) :].strip().encode("latin-1")
 
 
 def _read_prefixed(path: Path, report: _Report) -> Iterator[Entry]:
+    """Yield the sentences of a log whose lines bear the host's time."""
     for number, text in _lines(path, report):
         match = _PREFIXED.match(text)
         if match is None:
@@ -106,7 +107,7 @@ def _read_prefixed(path: Path, report: _Report) -> Iterator[Entry]:
         elif not match[2]:
             report(number, "nothing behind the time")
         else:
-            yield float(match[1]), _sentence(match[2]), number
+            yield float(match[1]), _sentence_bytes(match[2]), number
 
 
 def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
@@ -130,7 +131,7 @@ def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
             report(number, "neither a (time) nor a $ sentence")
             continue
         first_number = first_number or number
-        line = _sentence(text)
+        line = _sentence_bytes(text)
         reading = _try_decode(line)
         if not math.isnan(reading.time_of_day_s):
             if undated:
@@ -139,22 +140,22 @@ def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
             if reading.time_of_day_s != time_of_day_s:
                 time_of_day_s, seen = reading.time_of_day_s, {_try_decode(early).kind for early, _ in held}
             now_s = clock.resolve(time_of_day_s, reading.unix_day, dated_s)
-            yield from _released(held, now_s)
+            yield from _release(held, now_s)
             yield now_s, line, number
         elif held or math.isnan(now_s) or (reading.kind == "VTG" and reading.kind in seen):
             held.append((line, number))
             if len(held) > _MAX_HELD:
-                yield from _released(held, now_s)
+                yield from _release(held, now_s)
         else:
             yield now_s, line, number
         seen.add(reading.kind)
-    yield from _released(held, now_s)
+    yield from _release(held, now_s)
     if math.isnan(now_s) and first_number is not None:
         report(first_number, "neither a (time) in front of the lines nor a sentence with a time")
 
 
-def _released(held: list[tuple[bytes, int]], now_s: float) -> Iterator[Entry]:
-    """Yield the sentences that were held, stamped with a time; without one (NaN) they are given up."""
+def _release(held: list[tuple[bytes, int]], now_s: float) -> Iterator[Entry]:
+    """Yield the held sentences stamped with `now_s` and empty the list; none if it is NaN."""
     if not math.isnan(now_s):
         yield from ((now_s, line, number) for line, number in held)
     held.clear()
@@ -163,13 +164,14 @@ def _released(held: list[tuple[bytes, int]], now_s: float) -> Iterator[Entry]:
 def _first_date(path: Path) -> float:
     """Return Unix seconds of the first sentence with date and time; NaN if the file has none."""
     for _, text in _lines(path, lambda *_: None):
-        reading = _try_decode(_sentence(text))
+        reading = _try_decode(_sentence_bytes(text))
         if reading.unix_day is not None and not math.isnan(reading.time_of_day_s):
             return reading.unix_day * 86400.0 + reading.time_of_day_s
     return math.nan
 
 
 def _try_decode(line: bytes) -> NmeaReading:
+    """Return a line's reading; one of the kind 'broken' where it is no sound sentence."""
     try:
         return decode_sentence(line)
     except SentenceError:

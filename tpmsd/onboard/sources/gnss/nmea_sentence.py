@@ -122,15 +122,16 @@ _of_values = partial(tuple.__new__, NmeaReading)
 
 
 def decode_sentence(line: bytes) -> NmeaReading:
-    """Decode one line; types that nothing is taken from come back as kind `other`.
+    """Return the reading of one line, of kind `other` for types that are not used. Raises `SentenceError`.
 
     Raises `SentenceError` for a wrong checksum ('checksum') or anything that is no sentence ('garbage').
     """
     values = None if compiled is None else compiled.decode(line, NAN)
-    return _by_text(line) if values is None else _of_values(values)
+    return _decode_by_fields(line) if values is None else _of_values(values)
 
 
-def _by_text(line: bytes) -> NmeaReading:
+def _decode_by_fields(line: bytes) -> NmeaReading:
+    """Return the reading of any line by splitting it into fields. Raises `SentenceError`."""
     try:
         text = line.decode("ascii").strip()
     except UnicodeDecodeError:
@@ -143,7 +144,7 @@ def _by_text(line: bytes) -> NmeaReading:
         _verify_checksum(text)
     kind = address["kind"]
     if address["proprietary"] == ACCURACY and checksummed:
-        return _accuracy(text)
+        return _decode_accuracy(text)
     if kind not in HANDLED:
         return NmeaReading(OTHER, checksummed, proprietary=address["proprietary"] is not None)
     if text[_HEAD - 1] != ",":
@@ -154,7 +155,8 @@ def _by_text(line: bytes) -> NmeaReading:
     return _DECODERS[kind](_Fields(zip(COLUMNS[kind], map(str.strip, data), strict=False)), checksummed)
 
 
-def _accuracy(text: str) -> NmeaReading:
+def _decode_accuracy(text: str) -> NmeaReading:
+    """Return the reading of the proprietary sentence that states the speed's standard deviation."""
     fields = text.partition("*")[0].split(",")
     if len(fields) != 3:
         raise SentenceError("garbage", f"{ACCURACY} has {len(fields) - 1} fields, not 2")
@@ -168,6 +170,7 @@ def _accuracy(text: str) -> NmeaReading:
 
 
 def _verify_checksum(text: str) -> None:
+    """Raise `SentenceError` if the checksum is cut short or wrong."""
     body, _, stated = text.partition("*")
     if stated not in _BYTES:
         raise SentenceError("garbage", f"checksum cut short in {text[-8:]!r}")
@@ -192,6 +195,7 @@ class _Fields(dict[str, str]):
         return ""
 
     def number(self, name: str) -> float:
+        """Return a field as a number; NaN if it is empty or none."""
         text = self[name]
         plain = text.replace(".", "", 1).isdigit()  # most numbers have no sign
         return float(text) if plain or (text and _NUMBER.fullmatch(text)) else NAN
@@ -200,15 +204,17 @@ class _Fields(dict[str, str]):
         return _time_of_day(self["timestamp"])
 
     def position(self) -> tuple[float, float, str]:
-        """Return latitude, longitude and what is wrong with them."""
+        """Return latitude and longitude, degrees, and the reason for which they are rejected, empty if they
+        are not."""
         return _position(self["lat"], self["lat_dir"], self["lon"], self["lon_dir"])
 
     def altitude(self) -> float:
-        """Above the ellipsoid if the geoid's separation is given, else above mean sea level."""
+        """Altitude, m: above the ellipsoid if the geoid's separation is given, else above mean sea level."""
         height, separation = self.number("altitude_m"), self.number("geoid_separation_m")
         return height if math.isnan(separation) else height + separation
 
     def course(self, name: str) -> float:
+        """Return a field in degrees as radians; NaN outside 0 to 360."""
         degrees = self.number(name)
         return math.radians(degrees % 360.0) if 0.0 <= degrees <= 360.0 else NAN
 
@@ -230,6 +236,8 @@ def _angle_deg(text: str, hemisphere: str, limit: float) -> float:
 def _position(
     latitude: str, latitude_side: str, longitude: str, longitude_side: str
 ) -> tuple[float, float, str]:
+    """Return latitude and longitude, degrees, and the reason for which they are rejected, empty if they are
+    not."""
     latitude_deg = _angle_deg(latitude, latitude_side, 90.0)
     longitude_deg = _angle_deg(longitude, longitude_side, 180.0)
     if math.isinf(latitude_deg) or math.isinf(longitude_deg):
@@ -241,6 +249,7 @@ def _position(
 
 @lru_cache(maxsize=_KEPT)
 def _time_of_day(text: str) -> float:
+    """Return the seconds of the day of hhmmss.ss; NaN if empty or impossible."""
     match = _TIME.fullmatch(text)
     if match is None:
         return NAN
@@ -250,7 +259,8 @@ def _time_of_day(text: str) -> float:
     return 3600.0 * hour + 60.0 * minute + second
 
 
-def _speed(mps: float) -> tuple[float, str]:
+def _checked_speed(mps: float) -> tuple[float, str]:
+    """Return the speed, m/s, and an empty text; NaN and the reason for an impossible one."""
     if math.isnan(mps) or 0.0 <= mps <= MAX_SPEED_MPS:
         return mps, ""
     return NAN, f"speed {mps:.1f} m/s"
@@ -265,8 +275,8 @@ def unix_day(year: int, month: int, day: int) -> int | None:
 
 
 @lru_cache(maxsize=_KEPT)
-def _short_day(text: str) -> int | None:
-    """Return the day of a date of six digits."""
+def _day_of_date(text: str) -> int | None:
+    """Return the days since 1970-01-01 of a date ddmmyy; None if it is none."""
     match = _DATE.fullmatch(text)
     if match is None:
         return None
@@ -279,12 +289,12 @@ def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
     status, mode = fields["status"].upper(), fields["mode"].upper()
     quality = _MODE_QUALITY.get(mode[:1], 1) if status == "A" else 0
     latitude, longitude, wrong = fields.position()
-    speed, too_fast = _speed(fields.number("speed_kn") * KNOT_MPS)
+    speed, too_fast = _checked_speed(fields.number("speed_kn") * KNOT_MPS)
     return NmeaReading(
         "RMC",
         checksummed,
         time_of_day_s=fields.time_of_day(),
-        unix_day=_short_day(fields["date"]),
+        unix_day=_day_of_date(fields["date"]),
         valid=quality in _MEASURED,
         latitude_deg=latitude,
         longitude_deg=longitude,
@@ -347,7 +357,7 @@ def _vtg(fields: _Fields, checksummed: bool) -> NmeaReading:
     mode = fields["mode"].upper()[:1]
     # km/h first: at the same number of decimals it is the finer unit.
     kmh, knots = fields.number("speed_kmh"), fields.number("speed_kn")
-    speed, too_fast = _speed(knots * KNOT_MPS if math.isnan(kmh) else kmh * KMH_MPS)
+    speed, too_fast = _checked_speed(knots * KNOT_MPS if math.isnan(kmh) else kmh * KMH_MPS)
     quality = _MODE_QUALITY.get(mode)
     return NmeaReading(
         "VTG",

@@ -69,14 +69,14 @@ class CanFixAssembler:
         return math.inf if self._burst is None else self._burst.last_s + self._interval.gap_s
 
     def take(self, sample: InertialSample) -> list[Event]:
-        """Take a reading; return the events that it causes."""
+        """Add a reading to the burst; return the events of a burst that it ends."""
         time_s, role, value = sample
         events: list[Event] = []
         burst = self._burst
         if burst is not None and (
             role in burst.values or time_s > self.deadline_s or time_s < burst.last_s - self._interval.gap_s
         ):
-            events += self._close()
+            events += self._end_burst()
             burst = None
         if burst is None:
             burst = self._burst = _CanEpoch(time_s, time_s)
@@ -85,18 +85,20 @@ class CanFixAssembler:
         if role == "gnss_latitude":
             self._interval.learn(time_s % DAY_S)
         if len(burst.values) == len(self._roles):
-            events += self._close()
+            events += self._end_burst()
         return events
 
     def advance(self, time_s: float) -> list[Event]:
-        """Say that nothing came until `time_s`: ends the burst if that is long enough."""
-        return self._close() if time_s > self.deadline_s else []
+        """End the open burst if no reading came for long enough until `time_s`; return its events."""
+        return self._end_burst() if time_s > self.deadline_s else []
 
     def flush(self) -> list[Event]:
-        """End the burst, because the input has ended."""
-        return self._close() if self._burst is not None else []
+        """End the open burst, because the input has ended; return its events."""
+        return self._end_burst() if self._burst is not None else []
 
-    def _close(self) -> list[Event]:
+    def _end_burst(self) -> list[Event]:
+        """Return the fix of the burst with the faults found in it; nothing for a repeated or incomplete
+        one."""
         burst, self._burst = self._burst, None
         assert burst is not None
         at, values = burst.arrival_s, burst.values
@@ -152,6 +154,7 @@ class CanFixAssembler:
         )
 
     def _utc_s(self, values: Mapping[str, float], arrival_s: float) -> float:
+        """Return the Unix time of the burst, s; NaN if it has none or the same as the last one."""
         utc_s = values.get("gnss_utc", NAN)
         if not math.isfinite(utc_s) or utc_s < 0.0 or utc_s == self._said.get("gnss_utc", NAN):
             # A clock in whole seconds beside fixes that come more often says nothing of those in between.

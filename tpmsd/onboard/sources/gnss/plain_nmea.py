@@ -58,7 +58,7 @@ class _SpeedSeries:
         self._fix: GnssFix | None = None
 
     def add_sample(self, sample: RotationSample) -> None:
-        """Take the mean speed since the last sample used, once `MIN_STEP_S` have passed."""
+        """Add the wheel's mean speed since the last sample used, once `MIN_STEP_S` have passed."""
         last = self._sample
         if last is None or sample.segment != last.segment:
             self._sample = sample
@@ -68,15 +68,16 @@ class _SpeedSeries:
             self._sample = sample
 
     def add_fix(self, fix: GnssFix) -> None:
-        """Take the receiver's speed, or that between two positions where it tells none."""
-        speed = fix.speed_mps if math.isfinite(fix.speed_mps) else _by_position(fix, self._fix)
+        """Add the receiver's speed, or that between two positions where it reports none."""
+        speed = fix.speed_mps if math.isfinite(fix.speed_mps) else _speed_between(fix, self._fix)
         if math.isfinite(speed) and math.isfinite(fix.utc_s):
             self.gnss.append((fix.arrival_s, speed))
         self._fix = fix
 
 
-def _by_position(fix: GnssFix, before: GnssFix | None) -> float:
-    """Return the speed from two positions, good enough to compare its course over time."""
+def _speed_between(fix: GnssFix, before: GnssFix | None) -> float:
+    """Return the mean speed between two positions, m/s, good enough to compare its course over time; NaN
+    without two."""
     if before is None or not fix.utc_s > before.utc_s:
         return math.nan
     north = (fix.latitude_deg - before.latitude_deg) * EARTH_M_PER_DEG

@@ -72,12 +72,12 @@ class SerialReceiver:
 
     def fileno(self) -> int:
         """Return the descriptor to wait on. Raises `ReceiverGone` if closed."""
-        return int(self._opened().fileno())
+        return int(self._require_open().fileno())
 
     def read(self) -> bytes:
         """Return the bytes that have arrived, empty if none have. Raises `ReceiverGone` when the line is
         gone."""
-        port = self._opened()
+        port = self._require_open()
         try:
             return bytes(port.read(READ_BYTES))
         except OSError:
@@ -89,7 +89,7 @@ class SerialReceiver:
             raise ReceiverGone(self.device, "closed") from None
 
     def close(self) -> None:
-        """Give the line back; does nothing if it is closed or gone."""
+        """Close the line; does nothing if it is closed or gone."""
         port, self._port = self._port, None
         if port is not None:
             with contextlib.suppress(OSError):  # gone already
@@ -104,7 +104,8 @@ class SerialReceiver:
     ) -> None:
         self.close()
 
-    def _opened(self) -> serial.Serial:
+    def _require_open(self) -> serial.Serial:
+        """Return the serial port. Raises `ReceiverGone` if it is closed."""
         if self._port is None:
             raise ReceiverGone(self.device, "not open")
         return self._port

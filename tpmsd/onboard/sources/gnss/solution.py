@@ -56,37 +56,44 @@ def sentences(solution: Solution) -> list[bytes]:
     clock, date = at.strftime("%H%M%S.%f"), at.strftime("%d%m%y")
     has_position = math.isfinite(solution.latitude_deg) and math.isfinite(solution.longitude_deg)
     if solution.quality == 0 or not has_position:
-        return [_sentence(f"GNRMC,{clock},V,,,,,,,{date},,,N")]
-    position = f"{_angle(solution.latitude_deg, 2, 'NS')},{_angle(solution.longitude_deg, 3, 'EW')}"
+        return [_framed_sentence(f"GNRMC,{clock},V,,,,,,,{date},,,N")]
+    position = (
+        f"{_angle_field(solution.latitude_deg, 2, 'NS')},{_angle_field(solution.longitude_deg, 3, 'EW')}"
+    )
     letter = _MODE_LETTERS.get(solution.quality, "A")
-    knots, course = _number(solution.speed_mps / KNOT_MPS, 5), _number(solution.course_deg, 4)
-    out = [_sentence(f"GNRMC,{clock},A,{position},{knots},{course},{date},,,{letter}")]
+    knots, course = _number_field(solution.speed_mps / KNOT_MPS, 5), _number_field(solution.course_deg, 4)
+    out = [_framed_sentence(f"GNRMC,{clock},A,{position},{knots},{course},{date},,,{letter}")]
     if math.isfinite(solution.speed_std_mps):
-        out.append(_sentence(f"PTPMSG,{clock},{_number(solution.speed_std_mps, 4)}"))
+        out.append(_framed_sentence(f"PTPMSG,{clock},{_number_field(solution.speed_std_mps, 4)}"))
     used = "" if solution.satellites is None else f"{solution.satellites:02d}"
-    height = f"{_number(solution.altitude_m, 3)},M,0.0,M" if math.isfinite(solution.altitude_m) else ",M,,M"
+    height = (
+        f"{_number_field(solution.altitude_m, 3)},M,0.0,M" if math.isfinite(solution.altitude_m) else ",M,,M"
+    )
     out.append(
-        _sentence(
-            f"GNGGA,{clock},{position},{solution.quality},{used},{_number(solution.hdop, 2)},{height},,"
+        _framed_sentence(
+            f"GNGGA,{clock},{position},{solution.quality},{used},{_number_field(solution.hdop, 2)},{height},,"
         )
     )
     if math.isfinite(solution.latitude_std_m) and math.isfinite(solution.longitude_std_m):
         stds = (solution.latitude_std_m, solution.longitude_std_m, solution.altitude_std_m)
-        out.append(_sentence(f"GNGST,{clock},,,,,{','.join(_number(std, 4) for std in stds)}"))
+        out.append(_framed_sentence(f"GNGST,{clock},,,,,{','.join(_number_field(std, 4) for std in stds)}"))
     return out
 
 
-def _angle(degrees: float, width: int, letters: str) -> str:
+def _angle_field(degrees: float, width: int, letters: str) -> str:
+    """Return degrees as an NMEA field of degrees, minutes and hemisphere letter."""
     # In units of 1e-7 minutes (0.2 mm), so that no rounding makes 60 minutes.
     units = round(abs(degrees) * 600_000_000)
     whole, rest = divmod(units, 600_000_000)
     return f"{whole:0{width}d}{rest // 10_000_000:02d}.{rest % 10_000_000:07d},{letters[degrees < 0]}"
 
 
-def _number(value: float, digits: int) -> str:
+def _number_field(value: float, digits: int) -> str:
+    """Return a number as an NMEA field; empty if it is not finite."""
     return f"{value:.{digits}f}" if math.isfinite(value) and abs(value) < 1e9 else ""
 
 
-def _sentence(body: str) -> bytes:
+def _framed_sentence(body: str) -> bytes:
+    """Return the sentence with its `$` and checksum."""
     data = body.encode("ascii")
     return b"$%s*%02X" % (data, reduce(lambda total, byte: total ^ byte, data, 0))

@@ -24,7 +24,7 @@ StampedLine = tuple[float, bytes]
 
 
 class GnssStream(Protocol):
-    """Stream that takes a receiver's bytes apart."""
+    """Stream that turns a receiver's bytes into stamped sentences."""
 
     @property
     def lines(self) -> int:
@@ -70,7 +70,7 @@ class NmeaStream:
 
     @property
     def hint(self) -> str:
-        """A suspicion against baud rate or settings."""
+        """Likely fault of baud rate or settings, in words; empty if none is found."""
         if self._since_pvt < NMEA_AFTER_PVT:
             return ""
         if self._ubx.counts["frames"] >= UBX_WITHOUT_PVT and not self.lines:
@@ -85,7 +85,7 @@ class NmeaStream:
             piece_s = held_s if early > 0 else stamp_s
             early -= len(piece)
             if not is_frame:
-                out += self._of_nmea(piece, piece_s)
+                out += self._feed_nmea(piece, piece_s)
             elif (solution := nav_pvt(piece)) is not None:
                 made = sentences(solution)
                 self._since_pvt = 0
@@ -95,7 +95,8 @@ class NmeaStream:
             self._begun_ubx_s = stamp_s
         return out
 
-    def _of_nmea(self, data: bytes, stamp_s: float) -> list[StampedLine]:
+    def _feed_nmea(self, data: bytes, stamp_s: float) -> list[StampedLine]:
+        """Return the NMEA lines that this piece completes; none while NAV-PVT comes."""
         # A line that is not whole in this piece began in an earlier one.
         lines = [(stamp_s if line in data else self._begun_s, line) for line in self._nmea.feed(data)]
         if b"$" in data[max(data.rfind(b"\n"), data.rfind(b"\r")) + 1 :]:
@@ -126,7 +127,7 @@ class GpsdStream:
 
     @property
     def hint(self) -> str:
-        """Message of gpsd, or the service that answers in its place."""
+        """Message of gpsd, or that another service answers in its place; empty if there is none."""
         return self._reports.hint
 
     def feed(self, data: bytes, stamp_s: float) -> list[StampedLine]:

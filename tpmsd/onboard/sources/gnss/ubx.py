@@ -124,6 +124,7 @@ def nav_pvt(frame: bytes) -> Solution | None:
 
 
 def _quality(fix: int, flags: int) -> int:
+    """Return the NMEA quality indicator of a NAV-PVT solution."""
     if fix == 1:
         return 6
     carrier = flags >> 6
@@ -133,6 +134,7 @@ def _quality(fix: int, flags: int) -> int:
 
 
 def _unix_s(year: int, month: int, day: int, hour: int, minute: int, second: int) -> float:
+    """Return the Unix time of a UTC date and time, s; NaN if there is no such."""
     try:
         midnight = datetime.datetime(year, month, day, tzinfo=datetime.UTC).timestamp()
     except (ValueError, OverflowError):
