@@ -42,7 +42,7 @@ from tpmsd.car.physics.dynamics_model import format_dynamics_model, parse_dynami
 from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import InputError, TpmsdError
 from tpmsd.interfaces.api.import_table import load_table
-from tpmsd.interfaces.bridges.mqtt_messages import recalled
+from tpmsd.interfaces.bridges.mqtt_messages import alarms_of_payload
 from tpmsd.offline.drives.reading import ignore_note
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import parquet_of, rows_of
@@ -542,7 +542,7 @@ def store(data: bytes) -> None:
 
 def retained(data: bytes) -> None:
     """A broker's retained message of the alarms: names of kinds and wheels and finite times, or nothing."""
-    for one in recalled(data):
+    for one in alarms_of_payload(data):
         json.dumps([one.kind, one.wheel, one.time_s], allow_nan=False)
 
 

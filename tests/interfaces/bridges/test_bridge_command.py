@@ -9,8 +9,8 @@ import pytest
 
 from tests.interfaces.bridges.documents import served
 from tpmsd.foundation.errors import ConfigError
-from tpmsd.interfaces.bridges.secrets import secret
-from tpmsd.interfaces.bridges.status_stream import documents
+from tpmsd.interfaces.bridges.secrets import read_secret
+from tpmsd.interfaces.bridges.status_stream import follow_status
 from tpmsd.interfaces.cli.bridge import CREDENTIAL
 from tpmsd.interfaces.cli.main import main
 
@@ -95,9 +95,9 @@ def test_secrets_come_from_files_and_credentials(tmp_path: Path) -> None:
     (tmp_path / CREDENTIAL).write_text("two", "utf-8")
     environment = {"CREDENTIALS_DIRECTORY": str(tmp_path)}
 
-    assert "one" == secret(tmp_path / "file", CREDENTIAL, environment)
-    assert "two" == secret(None, CREDENTIAL, environment)
-    assert secret(None, CREDENTIAL, {}) is None
+    assert "one" == read_secret(tmp_path / "file", CREDENTIAL, environment)
+    assert "two" == read_secret(None, CREDENTIAL, environment)
+    assert read_secret(None, CREDENTIAL, {}) is None
     for content, reason in (
         (b"", "empty"),
         (b"a\nb\n", "more than one line"),
@@ -106,13 +106,13 @@ def test_secrets_come_from_files_and_credentials(tmp_path: Path) -> None:
     ):
         (tmp_path / "bad").write_bytes(content)
         with pytest.raises(ConfigError, match=reason):
-            secret(tmp_path / "bad", CREDENTIAL, {})
+            read_secret(tmp_path / "bad", CREDENTIAL, {})
 
 
 def test_a_bridge_outlives_its_daemon(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Documents go on after the daemon was away; the log says once that it is away."""
     caplog.set_level(logging.INFO)
-    got = documents(tmp_path / "s", logging.getLogger("tests"), sleep=lambda _: None)
+    got = follow_status(tmp_path / "s", logging.getLogger("tests"), sleep=lambda _: None)
     assert next(got) is None
     for _ in range(2):
         with served(tmp_path / "s", 0.02):
@@ -133,7 +133,7 @@ def test_each_try_without_a_daemon_gives_the_bridge_a_turn(
         waits_s.append(duration_s)
         assert len(waits_s) < 12, "the bridge has had no turn"
 
-    got = documents(tmp_path / "s", logging.getLogger("tests"), sleep=sleep)
+    got = follow_status(tmp_path / "s", logging.getLogger("tests"), sleep=sleep)
 
     assert [None] * 12 == [next(got) for _ in range(12)]
     assert 11 == len(waits_s)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.interfaces.bridges.documents import alarm, document
 from tpmsd.interfaces.bridges.home_assistant import discovery
-from tpmsd.interfaces.bridges.mqtt_messages import MAX_EVENTS, Announcer, Topics, recalled
+from tpmsd.interfaces.bridges.mqtt_messages import MAX_EVENTS, Announcer, Topics, alarms_of_payload
 from tpmsd.interfaces.bridges.summary import DaemonSummary, summarise
 
 TOPICS = Topics("tpmsd/car")
@@ -181,7 +181,7 @@ def test_anything_retained_is_borne(payload: bytes) -> None:
 )
 def test_nonsense_that_is_retained_counts_for_nothing(payload: bytes) -> None:
     """Deep, huge and mistyped messages give no alarms."""
-    assert [] == list(recalled(payload))
+    assert [] == list(alarms_of_payload(payload))
 
 
 def test_a_retained_message_puts_no_text_of_its_own_into_ours() -> None:

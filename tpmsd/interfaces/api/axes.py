@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def own_axes(ax: Axes | None) -> Axes:
-    """`ax`, or the axes of a new figure that leaves room for its labels; ConfigError without matplotlib."""
+def given_or_new_axes(ax: Axes | None) -> Axes:
+    """Return `ax`, or the axes of a new figure that leaves room for its labels; ConfigError without
+    matplotlib."""
     if ax is not None:
         return ax
     _, made = need("matplotlib.pyplot", "plot", "plots").subplots(layout="constrained")

@@ -13,7 +13,7 @@ from tpmsd.offline.discovery.library import CarPlatform, car_from
 
 
 def load_cars() -> list[CarPlatform]:
-    """Return all entries by name; ConfigError names the file that is no entry."""
+    """Return all entries, sorted by name; ConfigError names a file that is not a valid entry."""
     cars = []
     for entry in sorted(files("tpmsd.car.cars").iterdir(), key=lambda one: one.name):
         if not entry.name.endswith(".toml"):

@@ -14,7 +14,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.palette import STYLES
 from tpmsd.foundation.plain import plain
 from tpmsd.foundation.provenance import provenance
-from tpmsd.interfaces.api.axes import own_axes
+from tpmsd.interfaces.api.axes import given_or_new_axes
 from tpmsd.interfaces.api.car_library import load_cars
 from tpmsd.offline.discovery.discover import discover as discover_raw
 from tpmsd.offline.discovery.frames import BusLog
@@ -80,8 +80,8 @@ class Discovery:
         return frame
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Probability of the signal of each role."""
-        axes = own_axes(ax)
+        """Draw a bar per role with the probability of its signal; return the axes."""
+        axes = given_or_new_axes(ax)
         names = list(self.roles)[::-1]
         axes.barh(
             range(len(names)), [self.roles[name].probability for name in names], color=STYLES["after"].colour
@@ -119,7 +119,7 @@ def discover(
     if tyre is not None and tyre_radius_m(tyre) is None:
         raise ConfigError(f"tyre {tyre}: not a tyre's size, such as 205/55R16")
     if isinstance(drive, Drive) and isinstance(drive.recording, MemoryRecording):
-        return _of_memory(drive.recording, None if dbc is None else Path(dbc), tyre)
+        return _discover_in_memory(drive.recording, None if dbc is None else Path(dbc), tyre)
     if isinstance(drive, Drive):
         assert drive.folder is not None
         drive = drive.folder
@@ -134,7 +134,7 @@ def discover(
     return Discovery(found, (raw.can_log, raw.nmea_log), file, tuple(notes))
 
 
-def _of_memory(recording: MemoryRecording, dbc: Path | None, tyre: str | None) -> Discovery:
+def _discover_in_memory(recording: MemoryRecording, dbc: Path | None, tyre: str | None) -> Discovery:
     log, assembler = BusLog(), NmeaAssembler()
     events: list[object] = []
     log.add(block_of([item for item in recording.items if isinstance(item, CanFrame)]))

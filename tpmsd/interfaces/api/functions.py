@@ -90,7 +90,7 @@ def diagnose(
     """
     from tpmsd.offline.diagnosis import diagnose as diagnosis
 
-    wanted = _drives(drives)
+    wanted = _load_distinct(drives)
     recordings = [recording_of(drive) for drive in wanted]
     names = tuple(drive.name for drive in wanted)
     if simulation is None:
@@ -125,7 +125,7 @@ def calibrate(
 
     if method not in METHODS:
         raise ConfigError(f"no such method: {method!r} (methods: {' '.join(METHODS)})")
-    wanted = _drives(drives)
+    wanted = _load_distinct(drives)
     for other in wanted[1:]:
         if other.config.vehicle != wanted[0].config.vehicle:
             raise ConfigError(f"{wanted[0].name} and {other.name}: their tables [vehicle] differ")
@@ -182,12 +182,12 @@ def simulate(**settings: Any) -> Drive:
 
 
 def _source(drives: list[Drive]) -> Source:
-    """Return what a document says of its input."""
+    """Return the folders and the configuration of the drives, which a document names as its input."""
     folders = tuple(drive.folder for drive in drives if drive.folder is not None)
     return Source(folders, drives[0].config.file if folders else None)
 
 
-def _drives(drives: DriveLike | Iterable[DriveLike]) -> list[Drive]:
+def _load_distinct(drives: DriveLike | Iterable[DriveLike]) -> list[Drive]:
     """Return all drives, loaded, with distinct names; ConfigError if there is none or one twice."""
     given = [drives] if isinstance(drives, Drive | str | Path) else list(drives)
     if not given:

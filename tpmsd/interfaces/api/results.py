@@ -19,7 +19,7 @@ from tpmsd.foundation.palette import STYLES, line_style
 from tpmsd.foundation.plain import plain, with_unit
 from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.interfaces.api.axes import own_axes
+from tpmsd.interfaces.api.axes import given_or_new_axes
 from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.report.replay_document import REPLAY_SCHEMA, replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
@@ -49,7 +49,8 @@ class Source:
     configuration: Path | None = None
 
     def document(self, schema: str) -> dict[str, Any]:
-        """Return the keys `schema`, `program` and `input`; reads the files once more to hash them."""
+        """Return the keys `schema`, `program` and `input` of a document; reads the files once more to hash
+        them."""
         return provenance(schema, self.folders, self.configuration)
 
 
@@ -67,12 +68,12 @@ class Replay:
 
     @property
     def alarms(self) -> tuple[AlarmEvent, ...]:
-        """Alarms raised and cleared, in order."""
+        """Return the alarms raised and cleared, in order."""
         return self.result.alarms
 
     @property
     def wheels(self) -> dict[str, WheelOutcome]:
-        """Each wheel that was on the bus, at the end of the drive."""
+        """Return each wheel that was on the bus, at the end of the drive."""
         return {one.wheel: one for one in self.result.wheels if one.seen_s > 0}
 
     def __repr__(self) -> str:
@@ -85,7 +86,7 @@ class Replay:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the document of `tpmsd replay --json`."""
-        return _plain_dict({**self.source.document(REPLAY_SCHEMA), **replay_document(self.result)})
+        return _plain_document({**self.source.document(REPLAY_SCHEMA), **replay_document(self.result)})
 
     def to_pandas(self) -> pd.DataFrame:
         """Return the tick table; ConfigError where it was not asked for, or without pandas."""
@@ -104,8 +105,9 @@ class Replay:
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Deviation of each radius from nominal with a band of two standard deviations, and the alarms."""
-        axes = own_axes(ax)
+        """Draw each radius minus nominal with a band of two standard deviations, and the alarms; return the
+        axes."""
+        axes = given_or_new_axes(ax)
         from tpmsd.offline.report.mpl_style import place_labels
 
         result = self.result
@@ -133,8 +135,8 @@ class Replay:
         wheels = [
             (
                 name,
-                _mm(one["deviation_mm"], one["std_mm"]),
-                _mm(one["change_mm"], one["change_std_mm"]),
+                _mm_text(one["deviation_mm"], one["std_mm"]),
+                _mm_text(one["change_mm"], one["change_std_mm"]),
                 one["state"],
             )
             for name, one in document["wheels"].items()
@@ -162,17 +164,17 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """consistent, mismatch or insufficient_data."""
+        """Return consistent, mismatch or insufficient_data."""
         return self.result.verdict
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The strongest first."""
+        """Return findings and suspicions, the strongest first."""
         return self.result.findings
 
     @property
     def model(self) -> ExtendedModel:
-        """The rolling model with what was found; `replay` and `simulate` take it."""
+        """Return the rolling model with what was found; `replay` and `simulate` take it."""
         return self.result.model
 
     def save_model(self, path: str | Path) -> Path:
@@ -189,7 +191,7 @@ class Diagnosis:
         """Return the document of `tpmsd diagnose --json`."""
         from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
-        return _plain_dict(
+        return _plain_document(
             {**self.source.document(DIAGNOSIS_SCHEMA), **diagnosis_document(self.result, None)}
         )
 
@@ -226,11 +228,12 @@ class Diagnosis:
         return diagnosis_page(self.result, self.drives, origin, standalone=standalone)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Held-out log-likelihood gain of each finding, as a logarithm; suspicions are hatched.
+        """Draw the held-out log-likelihood gain of each finding on a logarithmic axis; suspicions are
+        hatched.
 
         Where nothing was found a sentence says so.
         """
-        axes = own_axes(ax)
+        axes = given_or_new_axes(ax)
         if not self.findings:
             from tpmsd.offline.report.simulation_text import agreement
 
@@ -259,7 +262,9 @@ class Diagnosis:
         """Return the findings as a card for a notebook."""
         rows = []
         for finding in self.to_dict()["findings"]:
-            values = ", ".join(f"{name} = {_quantity(one)}" for name, one in finding["parameters"].items())
+            values = ", ".join(
+                f"{name} = {_quantity_text(one)}" for name, one in finding["parameters"].items()
+            )
             rows.append((finding["effect"], values, f"{finding['confidence']:.2f}"))
         reason = f" ({self.result.reason})" if self.result.reason else ""
         head = f"{', '.join(self.drives)}: {self.verdict}{reason}"
@@ -280,7 +285,7 @@ class Calibration:
 
     @property
     def radii_m(self) -> dict[str, float]:
-        """The radius of each wheel that was read."""
+        """Return the radius of each wheel that was read."""
         return {wheel: one.radius_m for wheel, one in self.result.wheels.items()}
 
     def __repr__(self) -> str:
@@ -296,7 +301,7 @@ class Calibration:
         from tpmsd.offline.calibration.wording import document as calibration_document
 
         found = calibration_document(self.result, self.bus_radii_m)
-        return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **found})
+        return _plain_document({**self.source.document(CALIBRATION_SCHEMA), **found})
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a row per wheel."""
@@ -305,8 +310,8 @@ class Calibration:
         return frame
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Each wheel's radius with two standard deviations, over a line at the configured one."""
-        axes = own_axes(ax)
+        """Draw each wheel's radius with two standard deviations over its configured one; return the axes."""
+        axes = given_or_new_axes(ax)
         wheels = self.result.wheels
         values = [1e3 * one.radius_m for one in wheels.values()]
         bands = [2e3 * one.radius_std_m for one in wheels.values()]
@@ -333,18 +338,18 @@ class Calibration:
         return card(f"Calibration from {', '.join(self.result.drives)}", (("wheel", "radius (mm)"), rows))
 
 
-def _plain_dict(document: dict[str, Any]) -> dict[str, Any]:
+def _plain_document(document: dict[str, Any]) -> dict[str, Any]:
     made: dict[str, Any] = plain(document)
     return made
 
 
-def _mm(value: float | None, std: float | None) -> str:
+def _mm_text(value: float | None, std: float | None) -> str:
     if value is None:
         return ""
     return f"{value:+.2f}" if std is None else f"{value:+.2f} ± {std:.2f}"
 
 
-def _quantity(quantity: dict[str, Any]) -> str:
+def _quantity_text(quantity: dict[str, Any]) -> str:
     value, std = quantity["value"], quantity["std"]
     if not isinstance(value, int | float):
         return str(value)

@@ -29,8 +29,8 @@ _ATTRIBUTE = struct.Struct("=HH")
 
 
 def link_kind(name: str) -> str | None:
-    """Return the kind of a network interface: `vcan`, `vxcan`, '' for hardware; None where there is no such
-    one."""
+    """Return the kind of a network interface: `vcan`, `vxcan`, '' for hardware; None where it does not
+    exist."""
     try:
         index = socket.if_nametoindex(name)
         with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:
@@ -39,13 +39,13 @@ def link_kind(name: str) -> str | None:
             answer = netlink.recv(1 << 16)
     except OSError:
         return None
-    information = _attributes(answer[_HEADERS.size :]).get(_IFLA_LINKINFO, b"")
-    return _attributes(information).get(_IFLA_INFO_KIND, b"").rstrip(b"\0").decode("ascii", "replace")
+    information = _netlink_attributes(answer[_HEADERS.size :]).get(_IFLA_LINKINFO, b"")
+    return _netlink_attributes(information).get(_IFLA_INFO_KIND, b"").rstrip(b"\0").decode("ascii", "replace")
 
 
-def _attributes(data: bytes) -> dict[int, bytes]:
-    """Return netlink attributes by type: length and type, then what they hold, filled up to multiples of
-    four."""
+def _netlink_attributes(data: bytes) -> dict[int, bytes]:
+    """Return netlink attributes, type -> payload: each has a length, a type and a payload padded to 4
+    bytes."""
     found = {}
     while len(data) >= _ATTRIBUTE.size:
         length, number = _ATTRIBUTE.unpack_from(data)
@@ -69,7 +69,7 @@ class CanWire:
         self._said = ""
 
     def send(self, frame: VssFrame) -> bool:
-        """Put a frame on the bus; False if the bus is away."""
+        """Send a frame; return False if the bus is not available."""
         message = can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
         try:
             self._open()
@@ -77,7 +77,7 @@ class CanWire:
                 return False
             self._bus.send(message)
         except Exception as error:
-            self._lose(error)
+            self._close_and_warn(error)
             return False
         if self._said:
             self._log.info("CAN %s takes frames", self._channel)
@@ -89,7 +89,7 @@ class CanWire:
         try:
             self._open()
         except Exception as error:
-            self._lose(error)
+            self._close_and_warn(error)
 
     def _open(self) -> None:
         """Open the bus unless it is open or was tried less than `RETRY_S` ago.
@@ -104,7 +104,8 @@ class CanWire:
             raise OSError("no such virtual CAN interface")
         self._bus = can.Bus(interface=self._interface, channel=self._channel)
 
-    def _lose(self, error: Exception) -> None:
+    def _close_and_warn(self, error: Exception) -> None:
+        """Close the bus, and log the reason unless it was the last one logged."""
         self.close()
         reason = " ".join(str(error).split())
         if reason != self._said:

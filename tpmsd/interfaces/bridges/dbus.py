@@ -76,34 +76,34 @@ class DbusBridge:
             self._close()
 
     def step(self, document: dict[str, Any] | None) -> None:
-        """Take one document, and tell what is new in it."""
+        """Send what is new in one document as signals, and answer calls."""
         self._document = document or {}
         try:
             self._connect()
             if document is None:
-                self._publish_health("no daemon")
+                self._signal_health_change("no daemon")
             else:
-                self._publish_changes(summarise(document))
-            self._answer()
+                self._signal_alarm_changes(summarise(document))
+            self._answer_calls()
         except (OSError, EOFError, ConnectionError) as error:
             self._close()
-            self._warn(f"the bus does not answer: {error}")
+            self._warn_once(f"the bus does not answer: {error}")
 
-    def _publish_changes(self, summary: DaemonSummary) -> None:
+    def _signal_alarm_changes(self, summary: DaemonSummary) -> None:
         if not summary.ready:
             return
         active = {alarm.key: alarm for alarm in summary.alarms}
         for key in [key for key in self._alarms if key not in active]:
-            self._send("AlarmCleared", "ssd", _identity(self._alarms[key]))
+            self._send("AlarmCleared", "ssd", _alarm_identity(self._alarms[key]))
             del self._alarms[key]
         for key, alarm in active.items():
             if key not in self._alarms:
-                what = (*_identity(alarm), _or_nan(alarm.deviation_mm), alarm.reason)
+                what = (*_alarm_identity(alarm), _or_nan(alarm.deviation_mm), alarm.reason)
                 self._send("AlarmRaised", "ssdds", what)
                 self._alarms[key] = alarm
-        self._publish_health(summary.health)
+        self._signal_health_change(summary.health)
 
-    def _publish_health(self, health: str) -> None:
+    def _signal_health_change(self, health: str) -> None:
         if health != self._health:
             self._send("HealthChanged", "s", (health,))
             self._health = health
@@ -135,8 +135,8 @@ class DbusBridge:
         self._log.info("on the bus as %s", NAME)
         self._said = ""
 
-    def _answer(self) -> None:
-        """Answer the calls that have come."""
+    def _answer_calls(self) -> None:
+        """Answer the method calls received so far, `MAX_CALLS` at most."""
         from jeepney import HeaderFields, MessageType, new_error, new_method_return
 
         connection = self._connection
@@ -160,14 +160,14 @@ class DbusBridge:
             self._connection.close()
         self._connection = None
 
-    def _warn(self, text: str) -> None:
+    def _warn_once(self, text: str) -> None:
         if text != self._said:
             self._log.warning("%s; trying again", text)
         self._said = text
 
 
-def _identity(alarm: Alarm) -> tuple[str, str, float]:
-    """Return kind, wheel and time: the same for the same alarm, whoever tells it and however often."""
+def _alarm_identity(alarm: Alarm) -> tuple[str, str, float]:
+    """Return kind, wheel and time: equal in every signal about the same alarm."""
     return alarm.kind, alarm.wheel or "", _or_nan(alarm.time_s)
 
 

@@ -15,7 +15,8 @@ WHEEL_NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr":
 def discovery(
     prefix: str, node: str, base: str, version: str, wheels: Sequence[str], name: str = "Tyres"
 ) -> list[tuple[str, dict[str, Any]]]:
-    """Return one message per entity; `prefix` is Home Assistant's own (`homeassistant`), `base` ours."""
+    """Return (topic, configuration) of one message per entity; `prefix` is Home Assistant's own, `base`
+    ours."""
     common: dict[str, Any] = {
         "state_topic": f"{base}/state",
         "availability_topic": f"{base}/availability",

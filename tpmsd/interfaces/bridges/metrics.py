@@ -31,13 +31,13 @@ class Family:
     samples: list[tuple[tuple[str, ...], float]] = field(default_factory=list)
 
     def add(self, value: object, *labels: str) -> None:
-        """Add a series; left out where the value is not known."""
+        """Add a sample with its labels; left out where the value is not a finite number."""
         if (known := number(value)) is not None:
             self.samples.append((labels, known))
 
 
 def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
-    """Yield all families; without a document `tpmsd_up` alone."""
+    """Yield all metric families of a document; without a document `tpmsd_up` alone."""
     up = Family("tpmsd_up", "gauge", "1 if the daemon answers on its socket")
     up.add(0 if document is None else 1)
     yield up
@@ -69,12 +69,14 @@ def families(document: Mapping[str, Any] | None) -> Iterator[Family]:
         family.add(document.get(key))
         yield family
     speed = Family("tpmsd_vehicle_speed_meters_per_second", "gauge", "Speed as estimated")
-    speed.add(_part(document, "estimator").get("speed_mps"))
+    speed.add(_table_or_empty(document, "estimator").get("speed_mps"))
     yield speed
 
 
 def _wheel_metrics(document: Mapping[str, Any]) -> Iterator[Family]:
-    wheels = {name: value for name, value in _part(document, "wheels").items() if isinstance(value, dict)}
+    wheels = {
+        name: value for name, value in _table_or_empty(document, "wheels").items() if isinstance(value, dict)
+    }
     for name, text, key, factor in (
         ("tpmsd_wheel_radius_deviation_meters", "Radius minus nominal", "deviation_mm", 1e-3),
         ("tpmsd_wheel_radius_deviation_std_meters", "Its standard deviation", "std_mm", 1e-3),
@@ -112,17 +114,17 @@ def _source_metrics(document: Mapping[str, Any]) -> Iterator[Family]:
     )
     faults = Family("tpmsd_source_faults", "counter", "Faults of an input by kind", ("source", "kind"))
     for source, count in (("can", "frames"), ("gnss", "fixes")):
-        part = _part(document, source)
+        part = _table_or_empty(document, source)
         if part.get("state") == "off":
             continue
         up.add(int(part.get("state") == "ok"), source)
         age.add(part.get("age_s"), source)
         received.add(part.get(count), source)
-        for kind, number_of in list(_part(part, "faults").items())[:_MAX_KINDS]:
+        for kind, number_of in list(_table_or_empty(part, "faults").items())[:_MAX_KINDS]:
             faults.add(number_of, source, str(kind)[:50])
     yield from (up, age, received, faults)
 
 
-def _part(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+def _table_or_empty(document: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     value = document.get(key)
     return value if isinstance(value, dict) else {}

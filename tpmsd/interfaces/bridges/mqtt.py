@@ -53,7 +53,7 @@ class MqttSettings:
 
 
 def tls_context(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
-    """Return a context that verifies the broker; raises ConfigError for files that are none."""
+    """Return a context that verifies the broker; ConfigError for a file that is not a certificate or key."""
     try:
         context = ssl.create_default_context(cafile=None if ca is None else str(ca))
         context.minimum_version = ssl.TLSVersion.TLSv1_2
@@ -111,12 +111,12 @@ class MqttBridge:
                 self.step(document, time.monotonic())
 
     def step(self, document: dict[str, Any] | None, now_s: float) -> None:
-        """Take one document, and publish what is due."""
+        """Take one document, and publish availability, state, alarms and events that are due."""
         self._available = document is not None
         if document is not None:
             self._summary = summarise(document)
             self.announcer.update(self._summary)
-        self._take_news(now_s)
+        self._handle_network_events(now_s)
         if not self._connected:
             return
         if self._published_available != self._available:
@@ -130,11 +130,11 @@ class MqttBridge:
         summary = self._summary
         if summary is None or not summary.ready or events or not self.announcer.is_ready:
             return
-        self._introduce(summary)
+        self._publish_discovery(summary)
         done = [self._publish(message) for message in self.announcer.state(summary, now_s, self._again)]
         self._again = not all(done) if done else self._again
 
-    def _introduce(self, summary: DaemonSummary) -> None:
+    def _publish_discovery(self, summary: DaemonSummary) -> None:
         """Announce the wheels to Home Assistant, when they are known and after every reconnection."""
         wheels = tuple(wheel.name for wheel in summary.wheels)
         settings = self._settings
@@ -144,7 +144,8 @@ class MqttBridge:
         if all(self._publish(Message(topic, json.dumps(config), True)) for topic, config in messages):
             self._introduced = wheels
 
-    def _take_news(self, now_s: float) -> None:
+    def _handle_network_events(self, now_s: float) -> None:
+        """Handle connections, disconnections and recalled alarms that paho's thread has queued."""
         while True:
             try:
                 what, payload = self._news.get_nowait()
@@ -168,12 +169,13 @@ class MqttBridge:
             self._client.unsubscribe(self._topics.alarms)
 
     def _publish(self, message: Message) -> bool:
-        """Hand it to paho; False if that holds as much as it may."""
+        """Queue a message at paho; return False if its queue is full."""
         done = self._client.publish(message.topic, message.payload, message.qos, message.retain)
         return done.rc != self._full
 
     @contextmanager
     def _network_loop(self) -> Iterator[None]:
+        """Run paho's network thread while the block runs."""
         settings = self._settings
         try:
             self._client.connect_async(settings.host, settings.port, KEEPALIVE_S)

@@ -48,22 +48,22 @@ class Topics:
 
     @property
     def state(self) -> str:
-        """Retained: the whole state as JSON."""
+        """Return the topic of the whole state as JSON, retained."""
         return f"{self.base}/state"
 
     @property
     def alarms(self) -> str:
-        """Retained: the alarms that stand."""
+        """Return the topic of the active alarms, retained."""
         return f"{self.base}/alarms"
 
     @property
     def event(self) -> str:
-        """Not retained: one message per alarm raised or cleared."""
+        """Return the topic of one message per alarm raised or cleared, not retained."""
         return f"{self.base}/event"
 
     @property
     def availability(self) -> str:
-        """Retained: online or offline; also the last will."""
+        """Return the topic of `online` or `offline`, retained; also the last will."""
         return f"{self.base}/availability"
 
 
@@ -89,13 +89,14 @@ class Announcer:
         return self._known is not None
 
     def recall(self, payload: bytes | None) -> None:
-        """Take the message that the broker retained on the topic `alarms`; None where it has none."""
-        self._known = {} if payload is None else {alarm.key: alarm for alarm in recalled(payload)}
+        """Take the retained message of the topic `alarms`, then the summaries queued until now; None: it has
+        none."""
+        self._known = {} if payload is None else {alarm.key: alarm for alarm in alarms_of_payload(payload)}
         while self._waiting:
             self.update(self._waiting.popleft())
 
     def update(self, summary: DaemonSummary) -> None:
-        """Note which alarms were raised and cleared since the last summary."""
+        """Queue an event for each alarm raised or cleared since the last summary."""
         if not summary.ready:
             return
         if self._known is None:
@@ -105,14 +106,14 @@ class Announcer:
         active = {alarm.key: alarm for alarm in summary.alarms}
         for key, alarm in self._known.items():
             if key not in active:
-                self._event("cleared", alarm)
+                self._queue_event("cleared", alarm)
         for key, alarm in active.items():
             if key not in self._known:
-                self._event("raised", alarm)
+                self._queue_event("raised", alarm)
         self._known = active
 
     def state(self, summary: DaemonSummary, now_s: float, again: bool = False) -> list[Message]:
-        """Return the state and alarms, if they are due; `again`: the broker may have forgotten them."""
+        """Return the messages of state and alarms, if due; `again`: the broker may have forgotten them."""
         discrete = (
             [(wheel.name, wheel.state, wheel.problem) for wheel in summary.wheels],
             [alarm.key for alarm in summary.alarms],
@@ -128,7 +129,7 @@ class Announcer:
             messages.append(Message(self._topics.alarms, _json(alarms), True))
         return messages
 
-    def _event(self, state: str, alarm: Alarm) -> None:
+    def _queue_event(self, state: str, alarm: Alarm) -> None:
         if len(self.events) == MAX_EVENTS:
             self.dropped += 1  # the oldest goes: the newest say how it is
         document = _alarm_document(alarm) | {"state": state}
@@ -136,7 +137,7 @@ class Announcer:
 
 
 def state_document(summary: DaemonSummary) -> dict[str, Any]:
-    """Return the state as it is published."""
+    """Return the state as the document that is published."""
     return {
         "schema": "tpmsd.mqtt/1",
         "health": summary.health,
@@ -155,8 +156,8 @@ def _wheel_document(wheel: WheelSummary) -> dict[str, Any]:
     return document
 
 
-def recalled(payload: bytes) -> Iterable[Alarm]:
-    """Return the alarms in a retained message; anything else that stands there counts for nothing."""
+def alarms_of_payload(payload: bytes) -> Iterable[Alarm]:
+    """Return the alarms in a retained message; empty for a payload that is not a list of alarms."""
     if len(payload) > MAX_PAYLOAD_BYTES:
         return []
     try:

@@ -39,7 +39,7 @@ class StatusCollector:
         self._said = ""
 
     def describe(self) -> list[Any]:
-        """Return nothing: so that registering asks no daemon."""
+        """Return no metrics, so that registering does not ask the daemon."""
         return []
 
     def collect(self) -> Iterator[Any]:
@@ -66,8 +66,7 @@ class StatusCollector:
 
 
 def serve(path: Path, address: str, port: int, log: logging.Logger) -> tuple[int, Callable[[], None]]:
-    """Begin to serve; return the port (chosen by the system where 0 was asked for), and a function that ends
-    it.
+    """Start the server; return its port (chosen by the system for 0) and a function that stops it.
 
     Raises ConfigError where prometheus-client is not installed, TpmsdError where nobody can listen there.
     """
@@ -87,6 +86,7 @@ def serve(path: Path, address: str, port: int, log: logging.Logger) -> tuple[int
     thread.start()
 
     def end() -> None:
+        """Stop the server and its thread."""
         server.shutdown()
         server.server_close()
         thread.join(2.0)
@@ -114,7 +114,7 @@ class _Server(ThreadingMixIn, WSGIServer):
         super().__init__(where, _Handler)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Begin a thread, or close the connection where all places are taken."""
+        """Start a thread for a request, or close the connection where all slots are taken."""
         if not self._slots.acquire(blocking=False):
             self.shutdown_request(request)
             return
@@ -125,8 +125,8 @@ class _Server(ThreadingMixIn, WSGIServer):
             raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer; a visitor that is not done in time finds its connection closed."""
-        late = threading.Timer(REQUEST_S, _shut, (request,))
+        """Answer a request; close the connection of a visitor that is not done in time."""
+        late = threading.Timer(REQUEST_S, _shut_down_socket, (request,))
         late.daemon = True
         late.start()
         try:
@@ -136,9 +136,9 @@ class _Server(ThreadingMixIn, WSGIServer):
             self._slots.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing: a visitor that leaves is no error."""
+        """Log nothing: a visitor that leaves is no error."""
 
 
-def _shut(request: socket.socket) -> None:
+def _shut_down_socket(request: socket.socket) -> None:
     with contextlib.suppress(OSError):
         request.shutdown(socket.SHUT_RDWR)

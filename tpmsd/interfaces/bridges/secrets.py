@@ -15,7 +15,7 @@ from tpmsd.foundation.text_file import read_text
 MAX_BYTES = 4096
 
 
-def secret(file: Path | None, credential: str, environment: Mapping[str, str]) -> str | None:
+def read_secret(file: Path | None, credential: str, environment: Mapping[str, str]) -> str | None:
     """Return the secret in `file`, else in the systemd credential of that name; None where there is neither.
 
     One line end at its end is taken off. Raises ConfigError.

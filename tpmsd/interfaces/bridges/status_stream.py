@@ -19,10 +19,11 @@ FIRST_DELAY_S, LONGEST_DELAY_S = 0.2, 1.0
 """A call to a bridge waits for the longest delay at most: `GetState` is answered within a second."""
 
 
-def documents(
+def follow_status(
     path: Path, log: logging.Logger, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[dict[str, Any] | None]:
-    """Yield documents as they come, and None after each try that meets no daemon; the log says it once."""
+    """Yield each status document, and None after each failed try to reach the daemon, which is logged
+    once."""
     delay_s, said = FIRST_DELAY_S, ""
     while True:
         try:

@@ -65,7 +65,8 @@ class DaemonSummary:
 
     @property
     def health(self) -> str:
-        """ok, or the first thing that is wrong, in a word or two."""
+        """Return `ok`, or the first fault in a word or two: `malfunction`, `bus STATE`, `receiver STATE`, `no
+        wheel`."""
         if self.malfunction:
             return MALFUNCTION
         for name, state in (("bus", self.can), ("receiver", self.gnss)):
@@ -78,37 +79,36 @@ def summarise(document: Mapping[str, Any]) -> DaemonSummary:
     """Return the summary of a document."""
     raw = document.get("alarms")
     alarms = tuple(_alarm_of(one) for one in raw if isinstance(one, dict)) if isinstance(raw, list) else ()
-    concerned = {name for alarm in alarms for name in _concerned(alarm)}
-    wheels = _mapping(document.get("wheels"))
+    concerned = {name for alarm in alarms for name in _affected_wheels(alarm)}
+    wheels = _mapping_or_empty(document.get("wheels"))
     return DaemonSummary(
-        version=_text(document.get("tpmsd"), "unknown"),
+        version=_text_or_default(document.get("tpmsd"), "unknown"),
         ready=number(document.get("time")) is not None,
         wheels=tuple(
-            _wheel_summary(name, _mapping(wheels[name]), name in concerned)
+            _wheel_summary(name, _mapping_or_empty(wheels[name]), name in concerned)
             for name in WHEELS
             if name in wheels
         ),
         alarms=alarms,
         malfunction=any(alarm.kind == MALFUNCTION for alarm in alarms),
-        can=_text(_mapping(document.get("can")).get("state"), "unknown"),
-        gnss=_text(_mapping(document.get("gnss")).get("state"), "unknown"),
+        can=_text_or_default(_mapping_or_empty(document.get("can")).get("state"), "unknown"),
+        gnss=_text_or_default(_mapping_or_empty(document.get("gnss")).get("state"), "unknown"),
     )
 
 
 def _alarm_of(raw: Mapping[str, Any]) -> Alarm:
     wheel = raw.get("wheel")
     return Alarm(
-        kind=_text(raw.get("kind"), "unknown"),
+        kind=_text_or_default(raw.get("kind"), "unknown"),
         wheel=wheel if wheel in WHEELS else None,
         time_s=number(raw.get("time")),
         deviation_mm=number(raw.get("deviation_mm")),
-        reason=_text(raw.get("reason"), ""),
+        reason=_text_or_default(raw.get("reason"), ""),
     )
 
 
-def _concerned(alarm: Alarm) -> tuple[str, ...]:
-    """Return the wheels of an alarm; one that names none concerns them all, unless it is tpmsd itself that
-    fails."""
+def _affected_wheels(alarm: Alarm) -> tuple[str, ...]:
+    """Return the wheels of an alarm: all for one without a wheel, none for a malfunction of tpmsd."""
     if alarm.wheel is not None:
         return (alarm.wheel,)
     return () if alarm.kind == MALFUNCTION else WHEELS
@@ -117,7 +117,7 @@ def _concerned(alarm: Alarm) -> tuple[str, ...]:
 def _wheel_summary(name: str, raw: Mapping[str, Any], concerned: bool) -> WheelSummary:
     return WheelSummary(
         name=name,
-        state=_text(raw.get("state"), "unavailable"),
+        state=_text_or_default(raw.get("state"), "unavailable"),
         problem=concerned,
         deviation_mm=number(raw.get("deviation_mm")),
         std_mm=number(raw.get("std_mm")),
@@ -127,9 +127,9 @@ def _wheel_summary(name: str, raw: Mapping[str, Any], concerned: bool) -> WheelS
     )
 
 
-def _mapping(value: object) -> Mapping[str, Any]:
+def _mapping_or_empty(value: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _text(value: object, default: str) -> str:
+def _text_or_default(value: object, default: str) -> str:
     return value[:200] if isinstance(value, str) and value else default

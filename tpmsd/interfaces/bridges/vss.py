@@ -50,7 +50,7 @@ class VssBridge:
         self._said = ""
 
     def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
-        """Send the documents until they end; at the end send that nothing is known any more."""
+        """Send the documents until they end; then send that nothing is known any more."""
         try:
             for document in documents:
                 self.step(document, time.monotonic())
@@ -59,7 +59,7 @@ class VssBridge:
             self._databroker.close()
 
     def step(self, document: dict[str, Any] | None, now_s: float) -> None:
-        """Take one document, and tell what is new in it."""
+        """Send the low-pressure values of one document that are new or due again."""
         values: dict[str, bool | None] = dict.fromkeys(IS_PRESSURE_LOW)
         if document is not None:
             summary = summarise(document)
@@ -79,7 +79,7 @@ class VssBridge:
             self._sent[wheel] = low
 
     def _publish(self, wheel: str, low: bool | None) -> bool:
-        """Send one value; return False if it is to be tried again."""
+        """Send one value; return False if it is to be sent again."""
         databroker = self._databroker
         point = databroker.types.Datapoint()
         point.timestamp.GetCurrentTime()
@@ -92,7 +92,7 @@ class VssBridge:
             databroker.call("PublishValue", request)
         except databroker.error as error:
             if (reason := databroker.failure(error)) != "not_found":
-                self._say(f"the databroker does not take values ({reason})")
+                self._warn_once(f"the databroker does not take values ({reason})")
                 return False
             self._absent.add(wheel)
             self._log.warning("the databroker does not know %s: left out", IS_PRESSURE_LOW[wheel])
@@ -102,7 +102,7 @@ class VssBridge:
             self._said = ""
         return True
 
-    def _say(self, text: str) -> None:
+    def _warn_once(self, text: str) -> None:
         if text != self._said:
             self._log.warning("%s; trying again", text)
         self._said = text

@@ -65,16 +65,16 @@ class DatabrokerConnection:
         self._header = [] if settings.token is None else [("authorization", f"Bearer {settings.token}")]
 
     def call(self, name: str, request: Any) -> Any:
-        """Return the answer to one call of the service, `PublishValue` for one; `error` if it fails."""
+        """Return the response of one unary call of the service, such as `PublishValue`; raises `error`."""
         return getattr(self._stub, name)(request, timeout=CALL_S, metadata=self._header)
 
     def stream(self, name: str, request: Any) -> Any:
-        """Return the answers to a call that has many; an iterator with `cancel`."""
+        """Return the iterator of responses of a streaming call; it has `cancel`."""
         return getattr(self._stub, name)(request, metadata=self._header)
 
     @staticmethod
     def failure(error: Any) -> str:
-        """Return gRPC's name of the reason: `not_found`, `unavailable`, `unauthenticated` and so on."""
+        """Return the name of the gRPC status: `not_found`, `unavailable`, `unauthenticated` and so on."""
         return str(error.code().name).lower()
 
     def close(self) -> None:

@@ -59,7 +59,8 @@ class Delays:
         self._min_s = self._before_s = math.inf
 
     def late(self, stamp_s: float, now_s: float) -> bool:
-        """Take one; `stamp_s` by the databroker's clock, `now_s` by the host's."""
+        """Note one delay and return whether it exceeds the least recent one by `LATE_S`; `stamp_s` by the
+        databroker's clock, `now_s` by the host's."""
         if not 0.0 <= now_s - self._began_s <= WINDOW_S:
             self._before_s, self._min_s, self._began_s = self._min_s, math.inf, now_s
         delay_s = now_s - stamp_s
@@ -78,7 +79,7 @@ class VssFrames:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """All signals that may be sent, the wheels first."""
+        """Return all signals that may be sent, the wheels first."""
         return tuple(self._messages)
 
     def note(self, path: str, stamp_s: float) -> None:
@@ -87,7 +88,7 @@ class VssFrames:
             self._stamps_s[path] = stamp_s
 
     def to_frame(self, path: str, stamp_s: float, value: object, now_s: float) -> VssFrame | NotSent:
-        """Return the frame of a value, or why there is none.
+        """Return the frame of a value, or the reason why it is not sent.
 
         `path` is one of `paths`; `value` is None where the databroker has none.
         """
@@ -100,7 +101,7 @@ class VssFrames:
         if value is None:
             return NotSent.NO_VALUE
         signal = message.signals[0]
-        number = _number(path, value, flag=signal.maximum == 1)
+        number = _value_number(path, value, flag=signal.maximum == 1)
         if number is None:
             return NotSent.MALFORMED
         if not signal.minimum <= number <= signal.maximum:
@@ -108,9 +109,8 @@ class VssFrames:
         return VssFrame(message.frame_id, message.encode({signal.name: number}))
 
 
-def _number(path: str, value: object, flag: bool) -> float | None:
-    """Return a value in the unit of its signal; None where it is not what the specification says of that
-    path."""
+def _value_number(path: str, value: object, flag: bool) -> float | None:
+    """Return a value in its signal's unit; None where its type or text is not that of the specification."""
     if path in _TEXTS:
         return _TEXTS[path](value) if isinstance(value, str) else None
     if isinstance(value, bool) is not flag or not isinstance(value, int | float):
@@ -119,7 +119,7 @@ def _number(path: str, value: object, flag: bool) -> float | None:
 
 
 def _unix_ms(text: str) -> float | None:
-    """Return ISO 8601 with a time; UTC where it does not say its zone, as the specification has it."""
+    """Return an ISO 8601 instant as Unix milliseconds, UTC without a zone; None where it is none."""
     try:
         moment = datetime.fromisoformat(text)
         if "T" not in text:
@@ -129,11 +129,11 @@ def _unix_ms(text: str) -> float | None:
         return None
 
 
-def _fix(text: str) -> float | None:
-    """Return `NONE`, or a fix in two or three dimensions whatever it was augmented by."""
+def _fix_flag(text: str) -> float | None:
+    """Return 0 for `NONE`, 1 for a fix in two or three dimensions however augmented; None for other text."""
     if text == "NONE":
         return 0.0
     return 1.0 if text.startswith(("TWO_D", "THREE_D")) else None
 
 
-_TEXTS: dict[str, Callable[[str], float | None]] = {GNSS_TIME: _unix_ms, FIX_TYPE: _fix}
+_TEXTS: dict[str, Callable[[str], float | None]] = {GNSS_TIME: _unix_ms, FIX_TYPE: _fix_flag}

@@ -44,7 +44,7 @@ class VssInput:
         """Values that were sent, those for which the bus was away, and those of each `NotSent`."""
 
     def run(self) -> None:
-        """Hand on values until something is raised, a signal for one."""
+        """Send values to the bus until an exception, such as that of a signal, ends it."""
         try:
             while True:
                 self._wire.open()
@@ -56,20 +56,20 @@ class VssInput:
             self._log.info("%s", ", ".join(f"{count} {name}" for name, count in self.counts.items()))
 
     def listen(self) -> None:
-        """Subscribe, and hand on values until the databroker ends the call or is silent."""
+        """Subscribe, and send values until the databroker ends the call or is silent."""
         try:
-            paths = self._known()
+            paths = self._available_paths()
             if any(map(is_wheel, paths)):
-                self._hand_on_all(paths)
+                self._forward_all(paths)
             else:
-                self._say("the databroker has no wheel speed")
+                self._warn_once("the databroker has no wheel speed")
         except self._databroker.error as error:
             reason = self._databroker.failure(error)
             if reason == "cancelled":  # by us
                 reason = f"silent for {SILENCE_S:g} s"
-            self._say(f"the databroker gives no values ({reason})")
+            self._warn_once(f"the databroker gives no values ({reason})")
 
-    def _known(self) -> list[str]:
+    def _available_paths(self) -> list[str]:
         """Return the signals that the databroker has and lets us read."""
         known, absent = [], []
         types, requests = self._databroker.types, self._databroker.requests
@@ -88,7 +88,7 @@ class VssInput:
             self._absent = absent
         return known
 
-    def _hand_on_all(self, paths: list[str]) -> None:
+    def _forward_all(self, paths: list[str]) -> None:
         request = self._databroker.requests.SubscribeRequest(signal_paths=paths, buffer_size=BUFFER)
         call = self._databroker.stream("Subscribe", request)
         with cancelled_by_silence(call, SILENCE_S) as received:
@@ -101,10 +101,11 @@ class VssInput:
                     if number == 0:  # what it knew before we asked, of whatever age
                         self._frames.note(path, stamp_s(point))
                     elif path in self._frames.paths:
-                        self._hand_on(path, point)
-        self._say("the databroker gives no values (it has ended the subscription)")
+                        self._forward(path, point)
+        self._warn_once("the databroker gives no values (it has ended the subscription)")
 
-    def _hand_on(self, path: str, point: Any) -> None:
+    def _forward(self, path: str, point: Any) -> None:
+        """Send one value as a frame, or count and log why it is not sent."""
         made = self._frames.to_frame(path, stamp_s(point), value_of(point), time.time())
         if isinstance(made, VssFrame):
             self.counts["values sent" if self._wire.send(made) else "while the bus was away"] += 1
@@ -115,28 +116,28 @@ class VssInput:
             self._logged.add((what, made))
             self._log.warning("%s %s: not sent (said once)", what, made)
 
-    def _say(self, text: str) -> None:
+    def _warn_once(self, text: str) -> None:
         if text != self._said:
             self._log.warning("%s; trying again", text)
         self._said = text
 
 
 def stamp_s(point: Any) -> float:
-    """Return the Unix time at which the databroker got a data point, by its clock; 0 where it does not state
-    it."""
+    """Return the Unix time (s) at which the databroker got a data point, by its clock; 0 where it states
+    none."""
     return float(point.timestamp.seconds + point.timestamp.nanos * 1e-9)
 
 
 def value_of(point: Any) -> object:
-    """Return its value, whatever its type; None where there is none."""
+    """Return the value of a data point, whatever its type; None where it has none."""
     kind = point.value.WhichOneof("typed_value")
     return None if kind is None else getattr(point.value, kind)
 
 
 @contextlib.contextmanager
 def cancelled_by_silence(call: Any, patience_s: float) -> Iterator[Callable[[], None]]:
-    """Cancel a call that is silent for one to two times `patience_s`; yield the function that notes a sign of
-    life."""
+    """Cancel a call that is silent for one to two times `patience_s`; yield the function to be called at each
+    response."""
     received, over = threading.Event(), threading.Event()
 
     def watch() -> None:

@@ -29,5 +29,5 @@ FIX_TYPE = "Vehicle.CurrentLocation.GNSSReceiver.FixType"
 
 
 def is_wheel(path: str) -> bool:
-    """Return whether it is the speed of a wheel."""
+    """Return whether a path is the speed of a wheel."""
     return ".Wheel." in path and path.endswith(WHEEL_SPEEDS)

@@ -122,7 +122,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the bridge until it is told to stop."""
+    """Run `tpmsd bridge` until a signal stops it; return the exit code."""
     from tpmsd.onboard.daemon.journal import set_up_logging
 
     if args.bridge == "vss" and args.print_dbc:
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     log = set_up_logging(args.verbose)
     if args.bridge == "vss" and args.input is not None:
-        return _vss_input(args, log)
+        return _run_vss_input(args, log)
     path = daemon_socket(args)
     if args.bridge == "prometheus":
         from tpmsd.interfaces.bridges.prometheus import serve
@@ -146,11 +146,11 @@ def run(args: argparse.Namespace) -> int:
             stopped.wait()
         end()
         return 0
-    from tpmsd.interfaces.bridges.status_stream import documents
+    from tpmsd.interfaces.bridges.status_stream import follow_status
 
     bridge = _make_bridge(args, log)
     with contextlib.suppress(_Stop, KeyboardInterrupt), _until_signalled(None):
-        bridge.run(documents(path, log))
+        bridge.run(follow_status(path, log))
     return 0
 
 
@@ -160,20 +160,20 @@ def _make_bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | 
 
         return DbusBridge(args.bus, log)
     if args.bridge == "vss":
-        return _vss(args, log)
+        return _make_vss_bridge(args, log)
     from tpmsd.interfaces.bridges.mqtt import MqttBridge
 
     return MqttBridge(_mqtt_settings(args), log)
 
 
-def _vss(args: argparse.Namespace, log: logging.Logger) -> VssBridge:
+def _make_vss_bridge(args: argparse.Namespace, log: logging.Logger) -> VssBridge:
     from tpmsd.interfaces.bridges.vss import VssBridge
 
     _check_period(args.period)
     return VssBridge(_databroker_settings(args), log, args.period)
 
 
-def _vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
+def _run_vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
     from tpmsd.interfaces.bridges.can_wire import CanWire
     from tpmsd.interfaces.bridges.vss_input import VssInput
 
@@ -184,15 +184,15 @@ def _vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
 
 
 def _databroker_settings(args: argparse.Namespace) -> DatabrokerSettings:
-    from tpmsd.interfaces.bridges.secrets import secret
+    from tpmsd.interfaces.bridges.secrets import read_secret
     from tpmsd.interfaces.bridges.vss_connection import DatabrokerSettings
 
     if args.databroker is None:
         raise ConfigError("--databroker HOST is needed")
-    host, port = _address("--databroker", args.databroker, VSS_PORT)
-    token = secret(args.token_file, VSS_CREDENTIAL, os.environ)
+    host, port = _parse_address("--databroker", args.databroker, VSS_PORT)
+    token = read_secret(args.token_file, VSS_CREDENTIAL, os.environ)
     if token is not None and args.ca is None:
-        _refuse_in_the_clear("a token", host, "--ca")
+        _refuse_cleartext("a token", host, "--ca")
     return DatabrokerSettings(host, port, args.ca, token)
 
 
@@ -219,7 +219,7 @@ def _until_signalled(stopped: threading.Event | None) -> Iterator[None]:
 
 def _mqtt_settings(args: argparse.Namespace) -> MqttSettings:
     from tpmsd.interfaces.bridges.mqtt import MqttSettings, tls_context
-    from tpmsd.interfaces.bridges.secrets import secret
+    from tpmsd.interfaces.bridges.secrets import read_secret
 
     for option, value, pattern in (("--node", args.node, _NAME), ("--base", args.base, _TOPIC)):
         if pattern.fullmatch(value) is None:
@@ -230,12 +230,12 @@ def _mqtt_settings(args: argparse.Namespace) -> MqttSettings:
     if (args.cert is None) != (args.key is None):
         raise ConfigError("--cert and --key go together")
     tls = args.tls or args.ca is not None or args.cert is not None
-    host, port = _address("--broker", args.broker, MQTT_TLS_PORT if tls else MQTT_PORT)
-    password = secret(args.password_file, CREDENTIAL, os.environ)
+    host, port = _parse_address("--broker", args.broker, MQTT_TLS_PORT if tls else MQTT_PORT)
+    password = read_secret(args.password_file, CREDENTIAL, os.environ)
     if password is not None and args.user is None:
         raise ConfigError("a password without --user")
     if password is not None and not tls:
-        _refuse_in_the_clear("a password", host, "--tls or --ca")
+        _refuse_cleartext("a password", host, "--tls or --ca")
     return MqttSettings(
         host=host,
         port=port,
@@ -254,12 +254,13 @@ def _check_period(period_s: float) -> None:
         raise ConfigError(f"--period {period_s:g}: 0.1 to 86400 s")
 
 
-def _refuse_in_the_clear(what: str, host: str, options: str) -> None:
+def _refuse_cleartext(what: str, host: str, options: str) -> None:
+    """Raise ConfigError if a secret would go to another host without TLS."""
     if host not in ("localhost", "127.0.0.1", "::1"):
         raise ConfigError(f"{what} to {host} without TLS: others on the network could read it ({options})")
 
 
-def _address(option: str, text: str, default_port: int) -> tuple[str, int]:
+def _parse_address(option: str, text: str, default_port: int) -> tuple[str, int]:
     match = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9.\-]+))(?::(\d{1,5}))?", text)
     port = default_port if match is None or match[3] is None else int(match[3])
     if match is None or not 1 <= port <= 65535:

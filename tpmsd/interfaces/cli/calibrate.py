@@ -78,7 +78,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Calibrate."""
+    """Run `tpmsd calibrate`; return the exit code."""
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         at = refusal.drive
         where = args.drives[at] if at is not None else ", ".join(str(drive) for drive in args.drives)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
-    refuse_the_impossible(found, config)
+    check_radii(found, config)
     outputs.say(summary(found, config.bus_radii_m))
     if args.write is not None:
         write_vehicle(config, found, args.write)
@@ -130,9 +130,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list[Recording], Config]:
-    """Return the drives as arrays, and the configuration of the first; InputError where they do not go
-    together.
-    """
+    """Return the drives as arrays, and the configuration of the first; InputError if they are of different
+    cars."""
     from tpmsd.car.config.load import load_config
     from tpmsd.interfaces.cli.drive_reading import read_ticks
     from tpmsd.offline.inference.recording import record
@@ -159,8 +158,8 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
     return recordings, first
 
 
-def refuse_the_impossible(found: FittedGeometry, config: Config) -> None:
-    """InputError where a radius is none of a wheel, or none of this car's: a unit or the teeth are wrong."""
+def check_radii(found: FittedGeometry, config: Config) -> None:
+    """Raise InputError where a radius is far from the configured one: a unit or the teeth are wrong."""
     from tpmsd.foundation.wheels import WHEELS
 
     nominal = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))

@@ -73,7 +73,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Check and report."""
+    """Run `tpmsd check`; return the exit code."""
     if args.schema:
         from tpmsd.car.config.json_schema import vehicle_schema
 
@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         print(line, file=sys.stderr)
     suspected = None
     if args.drive is not None and result.plan is not None:
-        suspected = _against_drive(result.plan, args.drive)
+        suspected = _suspicions_by_line(result.plan, args.drive)
     outputs.write({"--json": lambda: json_text(_check_document(result, args.drive, suspected))})
     if result.plan is None:
         count = len(result.problems)
@@ -108,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_outputs(plan: ConfigurationPlan) -> None:
-    """ConfigError where a frame of `[[can.output]]` cannot be made."""
+    """Raise ConfigError where a frame of `[[can.output]]` cannot be made."""
     if not plan.config.can.output:
         return
     from tpmsd.onboard.sinks.can_output import CanOutputs
@@ -120,8 +120,8 @@ def _check_outputs(plan: ConfigurationPlan) -> None:
         raise ConfigError(f"{plan.file}: {error}") from None
 
 
-def _against_drive(plan: ConfigurationPlan, drive: Path) -> list[dict[str, object]]:
-    """Return what the drive says against the configuration, with the line of each key."""
+def _suspicions_by_line(plan: ConfigurationPlan, drive: Path) -> list[dict[str, object]]:
+    """Return each contradiction between drive and configuration, with the line of its key."""
     from tpmsd.car.config.document import read_document
     from tpmsd.interfaces.cli.drive_reading import say
     from tpmsd.offline.drive_checks.check_drive import suspicions
@@ -150,7 +150,7 @@ def verdict(
     suspected: list[dict[str, object]] | None,
     colour: bool = False,
 ) -> list[str]:
-    """Return the answer in its first line; below it the suspicions, or what was not looked at."""
+    """Return the answer in its first line; below it the suspicions, or what was not checked."""
 
     def painted(style: str, text: str) -> str:
         return f"\x1b[{style}m{text}\x1b[0m" if colour else text
@@ -178,36 +178,38 @@ def summary(plan: ConfigurationPlan) -> list[str]:
     config = plan.config
     lines = ["It would monitor:", ""]
     wheels = " ".join(wheel.wheel for wheel in plan.wheels)
-    lines += _item("wheels", f"{wheels}, nominal radius {_radii(plan)}")
+    lines += _labelled_line("wheels", f"{wheels}, nominal radius {_radii_text(plan)}")
     for wheel in plan.wheels:
-        lines += _item(wheel.wheel, f"{_signal(wheel.source)}, {_wheel(wheel)}")
-    lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}{_periods(plan)}")
+        lines += _labelled_line(wheel.wheel, f"{_signal_text(wheel.source)}, {_wheel_text(wheel)}")
+    lines += _labelled_line(
+        "bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}{_missing_periods_note(plan)}"
+    )
     for signal in plan.optional:
-        lines += _item(signal.role, f"{_signal(signal)} in {signal.unit}")
-    lines += _item("receiver", _receiver(plan))
+        lines += _labelled_line(signal.role, f"{_signal_text(signal)} in {signal.unit}")
+    lines += _labelled_line("receiver", _receiver_text(plan))
     settings = config.filter
     particles = "usual number of" if settings.particles is None else settings.particles
-    lines += _item(
+    lines += _labelled_line(
         "filter",
         f"{settings.method}, {particles} particles, {settings.rate_hz:g} Hz, "
         f"memory {settings.window_s:g} s, learns above {settings.min_speed_mps:g} m/s",
     )
     monitor = config.monitor
-    lines += _item(
+    lines += _labelled_line(
         "monitor",
         f"deflation from -{monitor.deflation_percent:g} % of radius, radius_deviation from "
         f"+-{monitor.deviation_percent:g} %, at a probability of {monitor.raise_probability:g}",
     )
-    lines += _item("alarms", _alarm_outputs_line(plan))
+    lines += _labelled_line("alarms", _alarm_outputs_line(plan))
     for output in config.can.output:
         what = output.message or f"j1939 {output.j1939}"
         period = "" if output.when == "change" else f" every {output.period_s:g} s"
-        lines += _item("output", f"{what} on {output.bus or plan.channel}, {output.when}{period}")
+        lines += _labelled_line("output", f"{what} on {output.bus or plan.channel}, {output.when}{period}")
     if config.notify.command:
-        lines += _item("notify", f"runs {config.notify.command[0]}")
-    lines += _item("status", f"{config.status.socket} (mode {config.status.mode:04o})")
+        lines += _labelled_line("notify", f"runs {config.notify.command[0]}")
+    lines += _labelled_line("status", f"{config.status.socket} (mode {config.status.mode:04o})")
     state = f"{config.state.file}, every {config.state.interval_s:g} s" if config.state.file else "not kept"
-    lines += _item("state", state)
+    lines += _labelled_line("state", state)
     if plan.losses:
         lines += ["", "What is missing, and what that costs:"]
         width = max(len(name) for name in plan.losses)
@@ -215,52 +217,52 @@ def summary(plan: ConfigurationPlan) -> list[str]:
     return lines
 
 
-def _receiver(plan: ConfigurationPlan) -> str:
+def _receiver_text(plan: ConfigurationPlan) -> str:
     gnss = plan.config.gnss
     source = source_of(gnss)
     baud = f" at {gnss.baud} baud" if source is not None and source.kind == "serial" else ""
     label = "none" if source is None else source.label
-    return f"{label}{baud}, antenna {_antenna(gnss)}"
+    return f"{label}{baud}, antenna {_antenna_text(gnss)}"
 
 
-def _item(label: str, text: str) -> list[str]:
+def _labelled_line(label: str, text: str) -> list[str]:
     return [f"  {label:{_LABEL_WIDTH - 2}}{text}"]
 
 
-def _radii(plan: ConfigurationPlan) -> str:
+def _radii_text(plan: ConfigurationPlan) -> str:
     radii = [wheel.radius_m for wheel in plan.wheels]
     values = radii[:1] if len(set(radii)) == 1 else radii
     return " ".join(f"{1000 * radius:.1f}" for radius in values) + " mm"
 
 
-def _signal(signal: SignalPosition) -> str:
+def _signal_text(signal: SignalPosition) -> str:
     identifier = f"0x{signal.frame_id:0{8 if signal.extended else 3}X}"
     period = "" if signal.period_s is None else f", every {1000 * signal.period_s:g} ms"
     return f"{signal.signal} (id {identifier}{period}{', multiplexed' if signal.multiplexed else ''})"
 
 
-def _periods(plan: ConfigurationPlan) -> str:
+def _missing_periods_note(plan: ConfigurationPlan) -> str:
     signals = [*(wheel.source for wheel in plan.wheels), *plan.optional]
     return "" if all(signal.period_s for signal in signals) else ", which gives no period for some messages"
 
 
-def _wheel(wheel: WheelPlan) -> str:
+def _wheel_text(wheel: WheelPlan) -> str:
     if wheel.resolution_mm is None or wheel.rollover_m is None or wheel.unambiguous_s is None:
         step = f"{wheel.speed_step_mps:.2g} m/s" if wheel.speed_step_mps is not None else "?"
         return f"{wheel.bits}-bit speed in {wheel.source.unit}, steps of {step}"
     return (
         f"{wheel.bits}-bit counter, {wheel.resolution_mm:.3g} mm of road per step, "
-        f"rolls over every {_road(wheel.rollover_m)}"
+        f"rolls over every {_road_length_text(wheel.rollover_m)}"
     )
 
 
-def _antenna(gnss: GnssConfig) -> str:
+def _antenna_text(gnss: GnssConfig) -> str:
     along = f"{abs(gnss.antenna_forward_m):g} m {'behind' if gnss.antenna_forward_m < 0 else 'ahead'}"
     across = f"{abs(gnss.antenna_left_m):g} m {'right' if gnss.antenna_left_m < 0 else 'left'}"
     return f"{along} and {across} of the middle of the rear axle"
 
 
-def _road(metres: float) -> str:
+def _road_length_text(metres: float) -> str:
     return f"{metres:.3g} m" if metres < 1000 else f"{metres / 1000:.4g} km"
 
 

@@ -61,7 +61,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the script."""
+    """Write the completion script of a shell."""
     from tpmsd.interfaces.cli.main import full_parser
 
     scripts = {"bash": bash, "zsh": zsh, "fish": fish}
@@ -80,20 +80,21 @@ def commands_of(parser: argparse.ArgumentParser) -> list[Command]:
         for action in each._actions:
             choices = tuple(map(str, action.choices or SUGGESTED.get((name, action.dest), tuple)()))
             if action.option_strings:
-                options.append((action.option_strings[-1], _plain(action.help), choices))
+                options.append((action.option_strings[-1], _unquoted_line(action.help), choices))
             else:
                 words += choices
-        found.append(Command(name, _plain(helps.get(name)), tuple(options), tuple(words)))
+        found.append(Command(name, _unquoted_line(helps.get(name)), tuple(options), tuple(words)))
     return found
 
 
-def _plain(text: str | None) -> str:
-    """Return one line without what the three shells treat specially."""
+def _unquoted_line(text: str | None) -> str:
+    """Return a help text on one line, without characters that the three shells treat specially."""
     return " ".join((text or "").split()).translate(str.maketrans("", "", "'\"`$\\[]:")).replace("%%", "%")
 
 
 def bash(commands: list[Command]) -> str:
-    """Return a function for `complete -F`; where nothing fits, files are completed."""
+    """Return bash's completion script: a function for `complete -F`; where nothing fits, files are
+    completed."""
     lines = [
         "# bash completion of tpmsd",
         "_tpmsd() {",
@@ -114,7 +115,7 @@ def bash(commands: list[Command]) -> str:
 
 
 def zsh(commands: list[Command]) -> str:
-    """Return a function for zsh's completion system."""
+    """Return zsh's completion script: a function for its completion system."""
     lines = ["#compdef tpmsd", "_tpmsd() {", "  if (( CURRENT == 2 )); then", "    local -a found=("]
     lines += [f"      '{each.name}:{each.help}'" for each in commands]
     lines += ["    )", "    _describe command found", "    return", "  fi", "  case $words[2] in"]
@@ -129,7 +130,7 @@ def zsh(commands: list[Command]) -> str:
 
 
 def fish(commands: list[Command]) -> str:
-    """Return one `complete` per command and option."""
+    """Return fish's completion script: one `complete` per command and option."""
     lines = ["# fish completion of tpmsd"]
     for each in commands:
         lines.append(f"complete -c tpmsd -n __fish_use_subcommand -f -a {each.name} -d '{each.help}'")

@@ -12,7 +12,7 @@ from tpmsd.car.config.model import StatusConfig
 
 
 def add_socket_options(parser: argparse.ArgumentParser) -> None:
-    """`--socket` and `--config`, one of them."""
+    """Add `--socket` and `--config`, which exclude each other."""
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
         "--socket", metavar="PATH", type=Path, help=f"the daemon's socket ({StatusConfig().socket})"
@@ -23,7 +23,7 @@ def add_socket_options(parser: argparse.ArgumentParser) -> None:
 
 
 def daemon_socket(args: argparse.Namespace) -> Path:
-    """Return what is given, else what the configuration says, else the default."""
+    """Return the path of the daemon's socket: as given, else as configured, else the default."""
     if args.socket is not None:
         return Path(args.socket)
     if args.config is not None:

@@ -67,7 +67,7 @@ def demonstrate(
     record: Path | None = None,
     method: str = DEFAULT_METHOD,
 ) -> int:
-    """Simulate, play, watch, judge; `method`: the estimator."""
+    """Simulate a puncture, play it to the daemon, and return 0 if the right wheel was found."""
     fault = Fault("puncture", LOSS_PERCENT, "percent", wheel, PUNCTURE_AT_S, PUNCTURE_OVER_S)
     drive = simulate_drive(DriveSpec(duration_s=DURATION_S, seed=seed, faults=(fault,)))
     loss_mm = LOSS_PERCENT / 100.0 * drive.spec.vehicle.wheel_radius_m[WHEELS.index(wheel)] * 1e3
@@ -79,7 +79,7 @@ def demonstrate(
         "This is what an instrument panel hears on the bus:",
     )
     for line in introduction:
-        print(_wrapped(line, out), file=out)
+        print(_wrap_to_terminal(line, out), file=out)
     print(file=out, flush=True)
     show = _DemoDisplay(drive, out)
     with tempfile.TemporaryDirectory(prefix="tpmsd-demo-") as folder, show.listening():
@@ -114,14 +114,14 @@ class _DemoDisplay:
         database = cantools.database.load_file(str(dbc))
         assert isinstance(database, Database)
         self._ids = [message.frame_id for message in database.messages]
-        self._panel = Panel(database, out, colour_wanted(out), self._now, PUNCTURE_AT_S)
+        self._panel = Panel(database, out, colour_wanted(out), self._drive_time_s, PUNCTURE_AT_S)
 
-    def _now(self) -> float:
+    def _drive_time_s(self) -> float:
         return 0.0 if self._clock is None else self._clock.now() - self._start_s
 
     @contextlib.contextmanager
     def listening(self) -> Iterator[None]:
-        """While it lasts the panel hears the bus, in a thread of its own: it is another device."""
+        """Let the panel receive the bus in a thread of its own while the block runs: it is another device."""
         filters: Any = [{"can_id": i, "can_mask": 0x7FF, "extended": False} for i in self._ids]
         with can.Bus(interface="virtual", channel=CHANNEL, can_filters=filters) as bus:
             thread = threading.Thread(target=listen, args=(bus, self._panel, self._stop), daemon=True)
@@ -137,13 +137,17 @@ class _DemoDisplay:
         self._clock, self._daemon = clock, daemon
 
     def enough(self, step: Step) -> None:
-        """End the drive some time after the alarm."""
+        """Stop the daemon some time after the alarm."""
         found = next((alarm for alarm in self._panel.alarms if alarm.kind == "deflation"), None)
-        if found is not None and self._now() > found.time_s + AFTER_ALARM_S and self._daemon is not None:
+        if (
+            found is not None
+            and self._drive_time_s() > found.time_s + AFTER_ALARM_S
+            and self._daemon is not None
+        ):
             self._daemon.stop("shown")
 
     def judge(self, wheel: str) -> int:
-        """Say how it went; 0 if the right wheel was found on the bus and no other."""
+        """Print the verdict; return 0 if the right wheel and no other was found on the bus."""
         panel = self._panel
         alarms = [alarm for alarm in panel.alarms if alarm.kind != "malfunction"]
         found = next((a for a in alarms if a.kind == "deflation" and a.wheel == wheel), None)
@@ -162,14 +166,18 @@ class _DemoDisplay:
         if panel.damaged:
             verdict += f" {panel.damaged} frames had a wrong checksum."
         print("\n\n" if self._out.isatty() else "\n", end="", file=self._out)
-        print(panel.paint(_wrapped(verdict, self._out), GREEN if good else RED), file=self._out, flush=True)
+        print(
+            panel.paint(_wrap_to_terminal(verdict, self._out), GREEN if good else RED),
+            file=self._out,
+            flush=True,
+        )
         if good:
-            print(_wrapped(_NEXT, self._out), file=self._out, flush=True)
+            print(_wrap_to_terminal(_NEXT, self._out), file=self._out, flush=True)
         return 0 if good else 1
 
 
-def _wrapped(text: str, out: IO[str]) -> str:
-    """Return the text in lines that fit the terminal; as it is where `out` is none."""
+def _wrap_to_terminal(text: str, out: IO[str]) -> str:
+    """Return the text in lines that fit the terminal; unchanged where `out` is none."""
     width = terminal_width(out)
     return text if width is None else textwrap.fill(text, width - 1)
 

@@ -61,7 +61,7 @@ class Panel:
         self._learned = False
 
     def decode(self, frame: can.Message) -> None:
-        """Decode one frame."""
+        """Decode one frame: count it as damaged, show an alarm, or keep the status."""
         message = self._database.get_message_by_frame_id(frame.arbitration_id)
         data = bytes(frame.data)
         is_alarm = message.name == "TPMSD_ALARM"
@@ -127,11 +127,11 @@ class Panel:
         self._overwrite(f"{drive_time(self.now()):>6}  {word:<11} {gap.join(tyres)}{unit}")
 
     def paint(self, text: str, style: str) -> str:
-        """Coloured where that is wanted."""
+        """Return the text in the style of a terminal; unchanged without colours."""
         return f"\x1b[{style}m{text}\x1b[0m" if self._colour else text
 
     def _columns(self) -> int:
-        """Return one less than the terminal has: a full line would move the cursor on."""
+        """Return the terminal's columns less one: a full line would move the cursor on."""
         return (terminal_width(self._out) or WIDTH + 1) - 1
 
     def _wrapped(self, text: str) -> list[str]:

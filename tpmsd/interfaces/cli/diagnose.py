@@ -82,7 +82,7 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument(
         "--certify",
-        type=_count,
+        type=_replicates_argument,
         metavar="N",
         help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
         f" not sure enough is a suspicion and makes no mismatch (default: {REPLICATES}, and 0 with a baseline"
@@ -120,20 +120,20 @@ def add_parser(subparsers: Subparsers) -> None:
     add_json_option(parser)
 
 
-def _count(text: str) -> int:
-    """Return a number of replicates."""
+def _replicates_argument(text: str) -> int:
+    """Return the number of replicates that an argument states; ArgumentTypeError if it is none."""
     if not text.isdigit():
         raise argparse.ArgumentTypeError(f"{text!r} is no number of replicates (0 or more)")
     return int(text)
 
 
-def _most(given: int | None) -> int:
-    """Return the most replicates of a certificate of the rolling baseline."""
+def _max_replicates(given: int | None) -> int:
+    """Return the given number of replicates, or the default for the rolling baseline."""
     return REPLICATES if given is None else given
 
 
 def run(args: argparse.Namespace) -> int:
-    """Diagnose."""
+    """Run `tpmsd diagnose`; return the exit code."""
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -163,7 +163,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
     files = (("--model-out", args.model_out), ("--html", args.html), ("--plot", args.plot))
     outputs = Outputs(*files, ("--json", args.json))
     _check_options(args)
-    names = names_of(args.drives)
+    names = unique_names(args.drives)
     recordings, simulation = _recordings(args, names)
     given, known_file = known_effects(args)
     with contextlib.ExitStack() as stack:
@@ -173,7 +173,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
         propose = args.propose is not None
         with Progress(1.0, "diagnose", rate=False) as progress:
             if simulation is None:
-                certify = Certification(_most(args.certify), np.random.default_rng(CERTIFY_SEED))
+                certify = Certification(_max_replicates(args.certify), np.random.default_rng(CERTIFY_SEED))
                 diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update, propose)
@@ -185,7 +185,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
             alarms = replays.compared(diagnosis)
     known = diagnosis.verdict != INSUFFICIENT
     model_file = str(args.model_out) if known and args.model_out is not None else None
-    read = [*_read(args), *([] if known_file is None else [known_file])]
+    read = [*_folders_read(args), *([] if known_file is None else [known_file])]
     origin = cache(lambda: provenance(SCHEMA, read, args.config or args.drives[0]))
     reason = None if known else diagnosis.reason
     code = say_verdict(reason, lambda: diagnosis_summary(diagnosis, model_file, alarms), outputs)
@@ -204,7 +204,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
         }
     )
     if args.propose is not None and diagnosis.proposals:
-        _propose(args.propose, diagnosis.proposals[0], ", ".join(names))
+        _write_proposal(args.propose, diagnosis.proposals[0], ", ".join(names))
     return code
 
 
@@ -219,7 +219,7 @@ def _recordings(args: argparse.Namespace, names: Sequence[str]) -> tuple[list[Re
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """ConfigError on options that do not go together, before anything is read."""
+    """Raise ConfigError on options that do not go together, before anything is read."""
     from tpmsd.offline.report.diagnosis_plot import check_plot_target
     from tpmsd.offline.report.page import check_report_packages
 
@@ -235,8 +235,8 @@ def _check_options(args: argparse.Namespace) -> None:
         raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
 
 
-def _propose(folder: Path, proposal: Proposal, source: str) -> None:
-    """Write the effect's file; TpmsdError if that cannot be."""
+def _write_proposal(folder: Path, proposal: Proposal, source: str) -> None:
+    """Write the file of a proposed effect; TpmsdError if it cannot be written."""
     from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
 
     name, text = effect_file(proposal, source)
@@ -269,13 +269,13 @@ def known_effects(args: argparse.Namespace) -> tuple[ExtendedModel | None, Path 
     return (None, None) if file is None else (load_model(file), file)
 
 
-def _read(args: argparse.Namespace) -> list[Path]:
+def _folders_read(args: argparse.Namespace) -> list[Path]:
+    """Return the folders of the drives, and that of the simulation if there is one."""
     return [*args.drives, *([] if args.simulation is None else [args.simulation])]
 
 
-def names_of(folders: Sequence[Path]) -> list[str]:
-    """Return what reports call each drive: its folder's name, or the path as given where names are not
-    unique.
+def unique_names(folders: Sequence[Path]) -> list[str]:
+    """Return the name of each drive in reports: its folder's name, or the path where names are not unique.
 
     ConfigError if a drive is given twice: it would count as independent evidence.
     """

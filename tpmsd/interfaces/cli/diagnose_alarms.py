@@ -31,13 +31,13 @@ class AlarmReplays:
         self._before: list[Future[ReplayResult]] = []
 
     def __enter__(self) -> AlarmReplays:
-        self._before = [self._start(drive, None) for drive in self._drives]
+        self._before = [self._submit_replay(drive, None) for drive in self._drives]
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._pool.shutdown(wait=kind is None, cancel_futures=True)
 
-    def _start(self, drive: Path, model: ExtendedModel | None) -> Future[ReplayResult]:
+    def _submit_replay(self, drive: Path, model: ExtendedModel | None) -> Future[ReplayResult]:
         return self._pool.submit(replayed, drive, self._config_file, model)
 
     def compared(self, diagnosis: RollingDiagnosis) -> list[AlarmsCompared]:
@@ -53,7 +53,7 @@ class AlarmReplays:
             config = load_config(drive if self._config_file is None else self._config_file)
             notes.append(tuple(uncompensated_effects(config, model)))
             nothing = all(effect.kind is Kind.FAULT for effect in model)
-            after.append(None if nothing else self._start(drive, model))
+            after.append(None if nothing else self._submit_replay(drive, model))
         return [
             compare_alarms(
                 drive.resolve().name,
@@ -67,7 +67,7 @@ class AlarmReplays:
 
 
 def replayed(drive: Path, config_file: Path | None, model: ExtendedModel | None) -> ReplayResult:
-    """Replay a drive quietly: the diagnosis has told already what is wrong with its files."""
+    """Replay a drive with its notes suppressed: the diagnosis has printed them already."""
     from tpmsd.car.config.load import load_config
     from tpmsd.interfaces.cli.replay import replay
 

@@ -30,7 +30,7 @@ CERTIFY_SEED = 0
 
 
 def run_dynamics(args: argparse.Namespace) -> int:
-    """Diagnose one drive with a baseline of vehicle dynamics."""
+    """Run `tpmsd diagnose` with a baseline of vehicle dynamics; return the exit code."""
     import numpy as np
 
     from tpmsd.car.physics.dynamics_model import DynamicsModel, bound_to_time, format_dynamics_model
@@ -48,16 +48,16 @@ def run_dynamics(args: argparse.Namespace) -> int:
     folder = args.drives[0]
     baseline, drive = read_dynamics_drive(folder, args.config, args.baseline)
     given = model_effects(args.model, drive.key)
-    simulation = None if args.simulation is None else _simulated(args.simulation, drive, folder)
+    simulation = None if args.simulation is None else _simulated_outputs(args.simulation, drive, folder)
     replicates = Replicates(args.certify or 0, np.random.default_rng(CERTIFY_SEED))
     with Progress(1.0, "diagnose") as progress:
         try:
             simulated = None
             if simulation is not None:
                 like = as_recorded(drive, simulation, np.random.default_rng(CERTIFY_SEED))
-                simulated = effects_of_simulation(baseline, like, partial(_part, progress, 0.0, 0.4))
+                simulated = effects_of_simulation(baseline, like, partial(_update_part, progress, 0.0, 0.4))
                 drive = against_simulation(baseline, drive, simulation, simulated)
-            say = progress.update if simulated is None else partial(_part, progress, 0.4, 1.0)
+            say = progress.update if simulated is None else partial(_update_part, progress, 0.4, 1.0)
             diagnosis = diagnose_dynamics(
                 baseline, drive, given, say, replicates, args.propose is not None, simulated
             )
@@ -84,8 +84,8 @@ def run_dynamics(args: argparse.Namespace) -> int:
     return code
 
 
-def _part(progress: Progress, first: float, last: float, share: float) -> None:
-    """Show the progress of a part of the work."""
+def _update_part(progress: Progress, first: float, last: float, share: float) -> None:
+    """Show the progress `share` of a part of the work that goes from `first` to `last`."""
     progress.update(first + (last - first) * share)
 
 
@@ -103,7 +103,7 @@ def _page(diagnosis: DynamicsDiagnosis, name: str, origin: Mapping[str, Any]) ->
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """ConfigError on options that do not go together or lack a package, before anything is read."""
+    """Raise ConfigError on options that do not go together or lack a package, before anything is read."""
     from tpmsd.offline.report.page import check_report_packages
     from tpmsd.offline.report.replay_plot import check_plot_target
 
@@ -136,7 +136,7 @@ def _write_proposal(folder: Path, diagnosis: DynamicsDiagnosis, source: str) -> 
     print(f"tpmsd: proposed {path}: review it, then name its folder with --effects-path", file=sys.stderr)
 
 
-def _simulated(simulation: Path, drive: DynamicsDrive, recording: Path) -> dict[str, FloatArray]:
+def _simulated_outputs(simulation: Path, drive: DynamicsDrive, recording: Path) -> dict[str, FloatArray]:
     """Return the outputs of a user's simulation of the drive, (n,) each; InputError if none is usable."""
     from tpmsd.offline.signals.fmu import fmu_table
     from tpmsd.offline.signals.read import read_signals
@@ -165,8 +165,8 @@ def read_dynamics_drive(folder: Path, config: Path | None, baseline: str) -> tup
 
 
 def model_effects(path: Path | None, key: str) -> tuple[DynamicsEffect, ...]:
-    """Return the effects of a model file that hold on the drive with this key; others are named and left
-    out."""
+    """Return the effects of a model file that hold on the drive with this key; others are named on standard
+    error."""
     from tpmsd.car.physics.dynamics_model import parse_dynamics_model
     from tpmsd.foundation.text_file import read_text
 

@@ -55,7 +55,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Find and report."""
+    """Run `tpmsd discover`; return the exit code."""
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.api.car_library import load_cars
     from tpmsd.interfaces.cli.drive_reading import say
@@ -70,9 +70,9 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--dbc and --no-dbc contradict each other")
     dbc = None if args.no_dbc else args.dbc or _dbc_of_drive(args.drive)
     if args.write is not None:
-        refuse(args.write, args.force)
+        check_writable(args.write, args.force)
         if dbc is None or _is_copied(dbc, args.write):
-            refuse(args.write.with_suffix(".dbc"), args.force)
+            check_writable(args.write.with_suffix(".dbc"), args.force)
     outputs = Outputs(("--json", args.json))
     database = None if dbc is None else load_database(dbc)
     drive = read_drive(args.drive, say)
@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
         print(fitted_to(sys.stdout, "\n".join(summary(found))))
     if args.write is not None:
         written = [] if found.kind is None else write_files(found, dbc, args.write)
-        what_was_written(
+        print_written(
             written, args.drive, found.wheels_decided, sys.stderr if args.json == "-" else sys.stdout
         )
     head = provenance(SCHEMA, [drive.can_log, drive.nmea_log], dbc)
@@ -95,8 +95,8 @@ def _dbc_of_drive(paths: list[Path]) -> Path | None:
     return dbc if dbc.is_file() else None
 
 
-def refuse(path: Path, force: bool) -> None:
-    """ConfigError where a file is there already, or its folder is not."""
+def check_writable(path: Path, force: bool) -> None:
+    """Raise ConfigError if the file exists (without `force`), is a folder, or its folder is missing."""
     if path.is_dir():
         raise ConfigError(f"{path}: a folder; the name of a file is wanted")
     if path.exists() and not force:
@@ -146,7 +146,7 @@ def _is_copied(dbc: Path, target: Path) -> bool:
     return _lies_elsewhere(dbc, target) and not is_there
 
 
-def what_was_written(written: list[Path], drive: list[Path], decided: bool, out: IO[str]) -> None:
+def print_written(written: list[Path], drive: list[Path], decided: bool, out: IO[str]) -> None:
     """Print which files were written and the command that comes next, or that nothing was written."""
     if not written:
         print("\nNothing was written: no wheels were found.", file=out)
@@ -162,7 +162,7 @@ def what_was_written(written: list[Path], drive: list[Path], decided: bool, out:
 
 
 def replace_file(path: Path, content: str | bytes) -> None:
-    """Write beside, then rename: a full disk leaves the old file."""
+    """Write a temporary file next to it, then rename: a full disk leaves the old file."""
     temporary = path.with_name(f".{path.name}.new")
     try:
         temporary.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
@@ -173,7 +173,7 @@ def replace_file(path: Path, content: str | bytes) -> None:
 
 
 def summary(found: BusDiscovery) -> list[str]:
-    """Return what was found, for people."""
+    """Return the discovered signals and measures in lines for people."""
     from tpmsd.offline.discovery.settings import SETTINGS
 
     lines = [f"{found.duration_s:.0f} s of driving with fixes, {found.frames} frames"]
@@ -183,7 +183,7 @@ def summary(found: BusDiscovery) -> list[str]:
         lines += ["", f"wheels ({found.kind}) and other signals:"]
     width = max((len(role) for role in found.roles), default=0)
     for role, one in found.roles.items():
-        lines.append(f"  {role:{width}}  {_role(found, one)}")
+        lines.append(f"  {role:{width}}  {_role_text(found, one)}")
     if found.counts_per_rev is not None:
         counts = found.counts_per_rev
         probability = found.counts_probability
@@ -212,7 +212,7 @@ def summary(found: BusDiscovery) -> list[str]:
     return lines
 
 
-def _role(found: BusDiscovery, one: FoundRole) -> str:
+def _role_text(found: BusDiscovery, one: FoundRole) -> str:
     """Return the signal of a role with its qualities, probability and alternatives."""
     alternatives = "".join(f"; {name} {p:.2f}" for name, p in one.alternatives)
     extra = f", modulus {one.modulus}" if one.modulus else ""

@@ -40,12 +40,12 @@ def open_drive(folder: Path, config: Config) -> tuple[FolderStream, Database]:
 
 
 def span_s(folder: Path) -> float:
-    """Duration of a drive by the receiver's log, for progress bars; 0 if it is not known cheaply."""
+    """Return the duration of a drive by the receiver's log (s), for progress bars; 0 if not known cheaply."""
     return FolderStream(folder).span_s() if folder.is_dir() else 0.0
 
 
 def play(drive: FolderStream, core: Core[Out], label: str) -> Iterator[Out]:
-    """Yield what the core makes of the whole drive, in order, with a progress bar on a terminal.
+    """Yield the core's output over the whole drive, in order, with a progress bar on a terminal.
 
     InputError at the end if no frame had an identifier that the configured signals need.
     """

@@ -38,7 +38,7 @@ def add_effects_option(command: str, subparsers: Subparsers) -> None:
 
 
 def use_own_effects(args: argparse.Namespace) -> None:
-    """Take the effects of the folders that the command line or its configuration names; else ConfigError."""
+    """Load the effects in the folders that the command line or its configuration names; else ConfigError."""
     wanted: list[Path] = []
     if (given := getattr(args, "effects_path", None)) is not None:
         wanted.append(given)
@@ -50,10 +50,11 @@ def use_own_effects(args: argparse.Namespace) -> None:
 
         use_folder(folder)
     if not wanted:
-        _say_what_is_not_followed(args)
+        _note_ignored_paths(args)
 
 
-def _say_what_is_not_followed(args: argparse.Namespace) -> None:
+def _note_ignored_paths(args: argparse.Namespace) -> None:
+    """Print a note for each drive folder whose `[physics] effects_path` is ignored."""
     drives = [getattr(args, "drive", None), getattr(args, "onto", None), getattr(args, "config", None)]
     more = getattr(args, "drives", None)
     for drive in [*drives, *(more if isinstance(more, list) else [])]:

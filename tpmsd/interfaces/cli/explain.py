@@ -62,25 +62,25 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Explain; raises TpmsdError with one line where the daemon or the drive cannot be asked."""
+    """Run `tpmsd explain`; TpmsdError with one line where the daemon or the drive cannot be read."""
     if args.drive is not None and args.socket is not None:
         raise ConfigError("give a drive or the daemon's --socket, not both")
     if args.drive is None:
         refuse_without_drive(args)
     outputs = Outputs(("--json", args.json))
-    document = _of_daemon(args) if args.drive is None else _of_drive(args.drive, args)
+    document = _explanation_of_daemon(args) if args.drive is None else _explanation_of_drive(args.drive, args)
     outputs.say(explanation_text(document), end="")
     outputs.write({"--json": lambda: json_text(document)})
     return 0
 
 
-def _of_daemon(args: argparse.Namespace) -> dict[str, Any]:
+def _explanation_of_daemon(args: argparse.Namespace) -> dict[str, Any]:
     from tpmsd.onboard.sinks.status_client import read_explanation
 
     return {**provenance(SCHEMA, [], args.config), **read_explanation(daemon_socket(args))}
 
 
-def _of_drive(folder: Path, args: argparse.Namespace) -> dict[str, Any]:
+def _explanation_of_drive(folder: Path, args: argparse.Namespace) -> dict[str, Any]:
     from tpmsd.interfaces.cli.drive_reading import say, span_s
     from tpmsd.offline.drives.drive import Drive
     from tpmsd.offline.drives.playing import explained

@@ -57,8 +57,8 @@ def with_filter(config: Config, args: argparse.Namespace) -> Config:
 
 
 def model_of(config: Config, args: argparse.Namespace, note: Callable[[str], None]) -> ExtendedModel | None:
-    """Return the model of `--model`, else that of `[filter] model`, else None; `note` hears what of it cannot
-    be compensated.
+    """Return the model of `--model`, else of `[filter] model`, else None; `note` gets a line for each effect
+    that cannot be compensated.
 
     Raises:
         ConfigError: the file is no model.

@@ -64,7 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
     add.add_argument("drives", nargs="+", metavar="DRIVE", help="drive folder, folder of drives, glob or URL")
     add.add_argument("--car", metavar="NAME", help="car of these drives (default: the folder above each)")
     add.add_argument("--model", metavar="NAME", help="model of the car (default: by its table [vehicle])")
-    _optional_json(add)
+    _add_optional_json(add)
     work = parts.add_parser("run", help="work on what is missing")
     work.add_argument("store", type=Path, metavar="STORE")
     where = work.add_mutually_exclusive_group()
@@ -81,10 +81,10 @@ def add_parser(subparsers: Subparsers) -> None:
     work.add_argument(
         "--recompute", action="store_true", help="again where another version of the program worked"
     )
-    _optional_json(work)
+    _add_optional_json(work)
     status = parts.add_parser("status", help="how far the store is")
     status.add_argument("store", type=Path, metavar="STORE")
-    _optional_json(status)
+    _add_optional_json(status)
     report = parts.add_parser("report", help="what the fleet shows, for its manager and its engineer")
     report.add_argument("store", type=Path, metavar="STORE")
     report.add_argument("--html", type=Path, metavar="FILE", help="write a page that opens offline")
@@ -93,7 +93,7 @@ def add_parser(subparsers: Subparsers) -> None:
         action="store_true",
         help="with --html: also the page of every drive with an alarm, in FILE-drives, linked",
     )
-    _optional_json(report)
+    _add_optional_json(report)
     sql = parts.add_parser(
         "sql",
         help="ask the tables: drives wheels alarms findings statistics",
@@ -106,10 +106,10 @@ def add_parser(subparsers: Subparsers) -> None:
     sql.set_defaults(free_text=("query",))
     sql.add_argument("--csv", metavar="FILE", help="write it as CSV to FILE ('-': standard output)")
     sql.add_argument("--parquet", metavar="FILE", type=Path, help="write it as Parquet to FILE")
-    _optional_json(sql)
+    _add_optional_json(sql)
 
 
-def _optional_json(parser: argparse.ArgumentParser) -> None:
+def _add_optional_json(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json",
         metavar="FILE",
@@ -120,7 +120,7 @@ def _optional_json(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what is asked."""
+    """Run the action of `tpmsd fleet`; return the exit code."""
     actions = {
         "add": _run_add,
         "run": _run_jobs,
@@ -153,7 +153,7 @@ def _run_add(args: argparse.Namespace) -> int:
     for line in unusable:
         print(escaped_lines(f"tpmsd: {line}"), file=sys.stderr)
     document = {
-        **_head("tpmsd.fleet.add/1", args.store),
+        **_document_head("tpmsd.fleet.add/1", args.store),
         "added": added,
         "known": known,
         "unusable": unusable,
@@ -165,8 +165,8 @@ def _run_add(args: argparse.Namespace) -> int:
     return InputError.exit_code if unusable and not added + known else 0
 
 
-def _trust(scheduler: str) -> str:
-    """Who is trusted by a run on a cluster, as one line."""
+def _scheduler_warning(scheduler: str) -> str:
+    """Return one line on who can run code through a run on a cluster."""
     who = (
         "whoever holds a key of the cluster"
         if scheduler.startswith("tls://")
@@ -189,14 +189,14 @@ def _run_jobs(args: argparse.Namespace) -> int:
     store = Store.open(args.store)
     stages = tuple(stage for stage in STAGES if stage not in args.without)
     if args.scheduler is not None:
-        print(f"tpmsd: {_trust(args.scheduler)}", file=sys.stderr)
+        print(f"tpmsd: {_scheduler_warning(args.scheduler)}", file=sys.stderr)
     shown = _ProgressDisplay()
     tally = fleet_run.run(store, args.scheduler, args.jobs, args.memory, stages, args.recompute, shown.update)
     shown.close()
     rows = write_tables(store)
-    _say_damaged(store)
+    _print_damaged(store)
     document = {
-        **_head("tpmsd.fleet.run/1", args.store),
+        **_document_head("tpmsd.fleet.run/1", args.store),
         "worked_on": tally.done,
         "outcomes": tally.outcomes,
         "elapsed_s": tally.elapsed_s,
@@ -217,8 +217,8 @@ def _run_status(args: argparse.Namespace) -> int:
 
     outputs = Outputs(("--json", args.json))
     store = Store.open(args.store)
-    document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(store)}
-    _say_damaged(store)
+    document = {**_document_head("tpmsd.fleet.status/1", args.store), **status_document(store)}
+    _print_damaged(store)
     if not outputs.fill_stdout:
         print(escaped_lines(_status_text(document)))
     outputs.write({"--json": lambda: json_text(document)})
@@ -239,8 +239,8 @@ def _run_report(args: argparse.Namespace) -> int:
         check_report_packages()
     store = Store.open(args.store)
     tables = rows_of_files(store) or rows_of(store)
-    _say_damaged(store)
-    document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
+    _print_damaged(store)
+    document = {**_document_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:
         outputs.say(escaped_lines(report_text(document)))
     pages = write_drive_pages(args.html, tables) if args.drive_pages else {}
@@ -269,7 +269,7 @@ def _run_sql(args: argparse.Namespace) -> int:
     made = [dict(zip(names, row, strict=True)) for row in rows]
     outputs.write(
         {
-            "--json": lambda: json_text({**_head("tpmsd.fleet.sql/1", args.store), "rows": made}),
+            "--json": lambda: json_text({**_document_head("tpmsd.fleet.sql/1", args.store), "rows": made}),
             "--csv": lambda: as_csv(names, rows),
             "--parquet": lambda: as_parquet(names, rows),
         }
@@ -277,7 +277,7 @@ def _run_sql(args: argparse.Namespace) -> int:
     return 0
 
 
-def _say_damaged(store: Store) -> None:
+def _print_damaged(store: Store) -> None:
     """Print a line for each file that was left out, of twenty at most."""
     lines = [line for file, line in sorted(store.damaged.items()) if file.exists()]
     for line in lines[:20]:
@@ -286,7 +286,7 @@ def _say_damaged(store: Store) -> None:
         print(f"tpmsd: and {len(lines) - 20} more damaged files", file=sys.stderr)
 
 
-def _head(schema: str, store: Path) -> dict[str, Any]:
+def _document_head(schema: str, store: Path) -> dict[str, Any]:
     """Return the keys `schema`, `program` and `input`; a store's hash would take as long as reading all of
     it.
     """
@@ -321,7 +321,7 @@ class _ProgressDisplay:
         self._width = 0
 
     def update(self, tally: Tally) -> None:
-        """Tell how far it is."""
+        """Show the drives done, the rate and the time left, unless shown recently."""
         from tpmsd.offline.fleet.settings import SETTINGS
 
         now = time.monotonic()
@@ -338,6 +338,6 @@ class _ProgressDisplay:
             print(f"tpmsd: {line}", file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Leave the line."""
+        """End the line of progress."""
         if self._terminal and self._width:
             print(file=sys.stderr)

@@ -16,7 +16,7 @@ from tpmsd.foundation.errors import TpmsdError
 
 
 def write_drive_pages(report: Path, tables: Mapping[str, Sequence[Mapping[str, Any]]]) -> dict[str, str]:
-    """Write the pages; returns the link of each drive's key, relative to the report."""
+    """Write the pages; return drive key -> link relative to the report."""
     from tpmsd.interfaces.api.functions import replay
     from tpmsd.offline.fleet.settings import SETTINGS
 

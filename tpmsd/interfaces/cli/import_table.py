@@ -93,9 +93,9 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read, write, report."""
+    """Run `tpmsd import`; return the exit code."""
     if args.guess:
-        return _guess(args)
+        return _run_guess(args)
 
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.api.import_table import load_table
@@ -128,8 +128,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _guess(args: argparse.Namespace) -> int:
-    """Print the guessed map."""
+def _run_guess(args: argparse.Namespace) -> int:
+    """Print the guessed map; return 0 if both rear wheels have a column."""
     from tpmsd.interfaces.api.import_table import guess_map
 
     for given, name in ((args.drive, "DRIVE"), (args.map, "--map"), (args.json, "--json")):
@@ -143,7 +143,7 @@ def _guess(args: argparse.Namespace) -> int:
 
 
 def _run_vbo(args: argparse.Namespace, outputs: Outputs) -> int:
-    """Read a Racelogic VBO file, write a folder with `signals.csv`, report."""
+    """Write the folder of a Racelogic VBO file with its `signals.csv`; return the exit code."""
     from tpmsd.foundation.provenance import provenance
     from tpmsd.foundation.text_file import read_text
     from tpmsd.interfaces.cli.drive_reading import say

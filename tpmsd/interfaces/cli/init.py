@@ -37,10 +37,10 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List, print or write."""
+    """List the known cars, or print or write the configuration of one; return the exit code."""
     from tpmsd.car.config.suggest import nearest
     from tpmsd.interfaces.api.car_library import load_cars
-    from tpmsd.interfaces.cli.discover import refuse, write_files
+    from tpmsd.interfaces.cli.discover import check_writable, write_files
     from tpmsd.offline.discovery.car_start import discovery_of_car
     from tpmsd.offline.discovery.result_files import vehicle_text
 
@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     if args.write is None:
         print(vehicle_text(found, f"{args.car}.dbc"), end="")
         return 0
-    refuse(args.write, args.force)
-    refuse(args.write.with_suffix(".dbc"), args.force)
+    check_writable(args.write, args.force)
+    check_writable(args.write.with_suffix(".dbc"), args.force)
     written = write_files(found, None, args.write)
     print(f"Wrote {' and '.join(map(str, written))}.")
     print(f"Next: {shlex.join(['tpmsd', 'check', str(args.write)])}")

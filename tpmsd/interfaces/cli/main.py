@@ -107,10 +107,10 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
             sys.stdout.flush()
     except TpmsdError as error:
         for line in str(error).splitlines():
-            _say(line)
+            _print_error(line)
         return error.exit_code
     except KeyboardInterrupt:
-        _say("interrupted")
+        _print_error("interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         forget_stdout()
@@ -121,26 +121,26 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
         if isinstance(error, OSError):
             forget_stdout()  # it may be the disk under standard output that is full
             if error.filename is not None and error.strerror:
-                _say(f"{_shortened(str(error.filename))}: {error.strerror}")
+                _print_error(f"{_shortened_name(str(error.filename))}: {error.strerror}")
                 return 1
             if error.errno in _CANNOT_WRITE:  # files are written by functions that name them
-                _say(f"standard output: {error.strerror}")
+                _print_error(f"standard output: {error.strerror}")
                 return 1
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        _say(f"internal error: {reason} (set TPMSD_DEBUG=1 for the traceback)")
+        _print_error(f"internal error: {reason} (set TPMSD_DEBUG=1 for the traceback)")
         return 1
     return code
 
 
-def _shortened(name: str, longest: int = 100) -> str:
-    """Return a file's name on one line; of a long one the beginning."""
+def _shortened_name(name: str, longest: int = 100) -> str:
+    """Return a file's name on one line, cut after `longest` characters."""
     name = " ".join(name.split())
     return name if len(name) <= longest else f"{name[:longest]}..."
 
 
 def _refuse_control_characters(args: argparse.Namespace) -> None:
-    """ConfigError on a value with a line end or the like: messages and logs are one line each. What a command
-    lists as `free_text` may hold them."""
+    """Raise ConfigError on an argument with a control character, as messages and logs are one line each. The
+    arguments that a command lists as `free_text` may hold them."""
     for name, value in vars(args).items():
         for one in value if isinstance(value, list) else [value]:
             held = (
@@ -151,6 +151,7 @@ def _refuse_control_characters(args: argparse.Namespace) -> None:
 
 
 def _run_command(arguments: list[str], commands: Commands) -> int:
+    """Import the chosen command's module alone, parse the arguments, and return its exit code."""
     parser, subparsers = _top_parser()
     wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
     runner, chosen = None, parser
@@ -207,7 +208,7 @@ def full_parser(commands: Commands = COMMANDS) -> Parser:
     return parser
 
 
-def _say(line: str) -> None:
+def _print_error(line: str) -> None:
     from tpmsd.car.config.problems import escaped_lines  # of no use where all goes well
 
     # Where nobody listens on standard error, the exit code still tells.

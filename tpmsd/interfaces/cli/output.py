@@ -38,12 +38,12 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
 
 
 def dumps(obj: Any, indent: int | None = 2) -> str:
-    """`obj` as JSON text."""
+    """Return `obj` as JSON text."""
     return json.dumps(plain(obj), indent=indent, allow_nan=False, ensure_ascii=False)
 
 
 def json_text(obj: Any) -> str:
-    """`obj` as a JSON document that ends with a line end."""
+    """Return `obj` as a JSON document that ends with a line end."""
     return dumps(obj) + "\n"
 
 
@@ -109,7 +109,7 @@ class Progress:
         return f"{self._label} [{bar}] {share:4.0%}{speed}"
 
     def close(self) -> None:
-        """Take the bar away, so that the next line starts on clean ground."""
+        """Remove the bar, so that the next line starts in column one."""
         if self._shown and self._width:
             self._overwrite_line("")
         self._shown = False

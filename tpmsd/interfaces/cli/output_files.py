@@ -46,7 +46,7 @@ class Outputs:
         problems = [
             line
             for option, target in self._targets.items()
-            if (line := _problem(option, target, option == configuration))
+            if (line := _why_unwritable(option, target, option == configuration))
         ]
         seen: dict[str, str] = {}
         for option, target in self._targets.items():
@@ -75,7 +75,7 @@ class Outputs:
             forget_stdout()
 
     def asked(self, option: str) -> bool:
-        """Return whether the command line has this option."""
+        """Return whether this output was asked for on the command line."""
         return option in self._targets
 
     def write(self, contents: Mapping[str, Content]) -> None:
@@ -91,7 +91,7 @@ class Outputs:
                 if content is None:
                     continue
                 if target == STDOUT:
-                    _to_stdout(content)
+                    _write_stdout(content)
                 else:
                     write_whole(Path(target), content)
             except TpmsdError as error:
@@ -123,7 +123,7 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        Path(temporary).chmod(real.stat().st_mode & 0o777 if real.exists() else 0o666 & ~_umask())
+        Path(temporary).chmod(real.stat().st_mode & 0o777 if real.exists() else 0o666 & ~_current_umask())
         if backup and real.exists():
             kept = real.with_name(f"{real.name}.bak")
             kept.unlink(missing_ok=True)
@@ -139,8 +139,8 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
                 Path(temporary).unlink()
 
 
-def _problem(option: str, target: str, configuration: bool) -> str | None:
-    """Return why nothing can be written there, in one line; None where nothing speaks against it."""
+def _why_unwritable(option: str, target: str, configuration: bool) -> str | None:
+    """Return why the output cannot be written there, in one line; None if nothing prevents it."""
     if target == STDOUT:
         return None
     if not target.strip():
@@ -153,7 +153,7 @@ def _problem(option: str, target: str, configuration: bool) -> str | None:
             return f"{option} {target}: cannot be written: no permission"
         if path.exists() and not path.is_file():
             return None  # a device or a pipe
-        if path.exists() and (kept := _kept(path, configuration)):
+        if path.exists() and (kept := _protected_kind(path, configuration)):
             return f"{option} {target}: {kept} is there, which no report replaces"
         if not path.resolve().parent.is_dir():
             return f"{option} {target}: there is no folder {path.parent}"
@@ -167,8 +167,9 @@ def _problem(option: str, target: str, configuration: bool) -> str | None:
     return None
 
 
-def _kept(path: Path, configuration: bool) -> str:
-    """Return what stands there that a command reads and does not make; empty if it may be replaced."""
+def _protected_kind(path: Path, configuration: bool) -> str:
+    """Return the kind of an input file that must not be overwritten (`a recording`, `a DBC`); empty if
+    none."""
     from tpmsd.onboard.sources.can.log import is_can_log
     from tpmsd.onboard.sources.drive import NMEA_LOGS
 
@@ -179,7 +180,7 @@ def _kept(path: Path, configuration: bool) -> str:
     return "a configuration" if not configuration and names_configuration(path) else ""
 
 
-def _to_stdout(content: str | bytes) -> None:
+def _write_stdout(content: str | bytes) -> None:
     if sys.stdout is None:
         raise OutputError("standard output is closed")
     sys.stdout.write(content if isinstance(content, str) else content.decode("utf-8"))
@@ -187,14 +188,15 @@ def _to_stdout(content: str | bytes) -> None:
 
 
 def forget_stdout() -> None:
-    """Point standard output elsewhere, so that the interpreter's last flush does not fail once more."""
+    """Point standard output to the null device, so that the interpreter's last flush does not fail once
+    more."""
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, sys.stdout.fileno())
         os.close(null)
 
 
-def _umask() -> int:
+def _current_umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -34,13 +34,13 @@ class HelpFormatter(argparse.RawDescriptionHelpFormatter):
         return "\n".join(indent + line for line in fitted(text, width))
 
     def _metavar_formatter(self, action: argparse.Action, default_metavar: str) -> Any:
-        if action.metavar is None and _long_choices(action):
+        if action.metavar is None and _has_long_choices(action):
             return super()._metavar_formatter(_without_choices(action), action.dest.upper())
         return super()._metavar_formatter(action, default_metavar)
 
     def _expand_help(self, action: argparse.Action) -> str:
         text = super()._expand_help(action)
-        if action.metavar is None and _long_choices(action):
+        if action.metavar is None and _has_long_choices(action):
             text += f" (one of: {', '.join(map(str, action.choices or ()))})"
         return text
 
@@ -74,11 +74,11 @@ class Parser(argparse.ArgumentParser):
         super().__init__(*args, **kwargs)
 
     def error(self, message: str) -> NoReturn:
-        """Wrong usage, in one line whatever the arguments hold."""
+        """Raise ConfigError with one line for wrong usage, whatever the arguments hold."""
         raise ConfigError(f"{' '.join(message.split())} (usage: {self.prog} --help)")
 
     def refuse_unknown(self, unknown: list[str]) -> NoReturn:
-        """Arguments that this command does not have, with the nearest option where one is near."""
+        """Raise ConfigError on the first unknown argument, with the nearest option if one is near."""
         first = unknown[0]
         near = nearest(first.partition("=")[0], list(self._option_string_actions))
         hint = f"; did you mean {near}?" if first.startswith("-") and near else ""
@@ -115,7 +115,7 @@ def wrapped(line: str, width: int) -> list[str]:
     return textwrap.wrap(line.strip(), width, initial_indent=indent, subsequent_indent=hang)
 
 
-def _long_choices(action: argparse.Action) -> bool:
+def _has_long_choices(action: argparse.Action) -> bool:
     return len(",".join(map(str, action.choices or ()))) > _LONGEST_CHOICES
 
 

@@ -63,7 +63,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan."""
+    """Run `tpmsd plan`; return the exit code."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from tpmsd.foundation.provenance import provenance
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.offline.simulator.manoeuvres import LIBRARY, format_route
 
     outputs = Outputs(("--write", args.write), ("--json", args.json))
-    effects = _effects(args.effects)
+    effects = _checked_effects(args.effects)
     if not 0.1 <= args.receiver_hz <= 50.0:
         raise ConfigError(f"--receiver-hz {args.receiver_hz:g} is outside 0.1 to 50")
     library = [one for one in LIBRARY if one.fastest_mps <= args.max_speed and (one.flat or not args.flat)]
@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def document(plan: Plan, route_file: str | None) -> dict[str, Any]:
-    """Return the plan for JSON."""
+    """Return the plan as the document for JSON."""
     from tpmsd.offline.planning.search import TARGET
 
     return {
@@ -146,8 +146,8 @@ def summary(plan: Plan) -> str:
     return "\n".join(lines)
 
 
-def _effects(names: list[str]) -> list[str]:
-    """Return the names, each once; ConfigError on one that no manoeuvre shows."""
+def _checked_effects(names: list[str]) -> list[str]:
+    """Return the names, each once; ConfigError on one that no manoeuvre identifies."""
     from tpmsd.car.physics.catalogue import EFFECTS, parameters_of, probes
 
     looked_for = {probe.effect for probe in probes()}

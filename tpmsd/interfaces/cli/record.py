@@ -55,7 +55,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record."""
+    """Run `tpmsd record`; return the exit code."""
     from tpmsd.car.config.gnss_source import parse_source
     from tpmsd.car.config.model import CanConfig, GnssConfig
     from tpmsd.car.config.problems import BadValueError
@@ -93,7 +93,9 @@ def run(args: argparse.Namespace) -> int:
     for number in before:
         signal.signal(number, lambda got, _: stopped.append(got))
     try:
-        seen = recording.run(lambda: bool(stopped), lambda now: _show(now, bus.reason), args.duration)
+        seen = recording.run(
+            lambda: bool(stopped), lambda now: _show_progress(now, bus.reason), args.duration
+        )
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
@@ -113,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _show(seen: RecordingProgress, down: str) -> None:
+def _show_progress(seen: RecordingProgress, down: str) -> None:
     if not sys.stderr.isatty():
         return
     bus = down if down else f"{seen.frames_per_s:.0f} frames/s, {len(seen.identifiers)} ids"

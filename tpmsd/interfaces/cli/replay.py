@@ -89,11 +89,11 @@ _KINDS = ("csv", "parquet", "mcap")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay the drive."""
+    """Run `tpmsd replay`; return the exit code."""
     if has_signals_alone(args.drive):
         return run_signals(args)
     outputs = _outputs(args)
-    config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
+    config = load_config(args.config if args.config is not None else _checked_folder(args.drive))
     config = _with_vehicle_state(with_filter(config, args), args)
     model = model_of(config, args, say)
     wanted = args.html is not None or any(outputs.asked(f"--{kind}") for kind in _KINDS)
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
         {
             "--plot": lambda: _plot(result, args.plot),
             "--html": lambda: _page(result, table, origin()),
-            **_tables(table, config),
+            **_table_writers(table, config),
             "--json": lambda: json_text({**origin(), **replay_document(result)}),
         }
     )
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _outputs(args: argparse.Namespace) -> Outputs:
-    """Return what is to be written; ConfigError where a package for it is missing."""
+    """Return the outputs that were asked for; ConfigError where a package for one is missing."""
     asked = [(f"--{kind}", getattr(args, kind)) for kind in _KINDS]
     outputs = Outputs(("--plot", args.plot), ("--html", args.html), *asked, ("--json", args.json))
     if args.plot is not None:
@@ -134,8 +134,8 @@ def _outputs(args: argparse.Namespace) -> Outputs:
     return outputs
 
 
-def _tables(table: TickTable | None, config: Config) -> dict[str, Callable[[], str | bytes]]:
-    """Return the writers of the tick table, by option; none where there is no table."""
+def _table_writers(table: TickTable | None, config: Config) -> dict[str, Callable[[], str | bytes]]:
+    """Return option -> function that makes the tick table's text or bytes; empty where there is no table."""
     if table is None:
         return {}
     # Imported where it is used: most replays write none.
@@ -163,7 +163,8 @@ def _page(result: ReplayResult, table: TickTable | None, origin: dict[str, Any])
     return replay_html(result, table, Origin.now(origin))
 
 
-def _vehicle_of(drive: Path) -> Path:
+def _checked_folder(drive: Path) -> Path:
+    """Return the drive's folder; InputError if it is none."""
     if not drive.is_dir():
         raise InputError(drive, "not a folder" if drive.exists() else "no such drive folder")
     return drive
@@ -186,7 +187,7 @@ def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> 
 def replayed(
     folder: Path, config: Config, model: ExtendedModel | None = None, table: bool = False
 ) -> tuple[ReplayResult, TickTable | None]:
-    """Return the same with a row per tick if wanted; progress and notes on standard error."""
+    """Return result and tick table (None unless `table`) of a drive; progress and notes on standard error."""
     recording = FolderRecording(folder)
     drive = Drive(folder.resolve().name, config, recording)
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "replay") as progress:

@@ -34,7 +34,7 @@ def has_signals_alone(folder: Path) -> bool:
 
 
 def run_signals(args: argparse.Namespace) -> int:
-    """Run the filter over the table."""
+    """Run the vehicle-state filter over the table of signals; return the exit code."""
     import numpy as np
 
     from tpmsd.car.config.dynamics import load_car
@@ -85,7 +85,8 @@ def run_signals(args: argparse.Namespace) -> int:
 
 
 def state_table(signals: SignalTable, time_s: Any, states: Any) -> TickTable:
-    """Return the tick table of rows (n,) with the recorded signals and a state each; the rest is unknown."""
+    """Return the tick table of rows (n,) with the recorded signals and a state each; other columns are
+    NaN."""
     import numpy as np
 
     from tpmsd.car.vehicle_state.record import VehicleState
@@ -107,7 +108,7 @@ def state_table(signals: SignalTable, time_s: Any, states: Any) -> TickTable:
 
 
 def _document(name: str, time_s: Any, summary: StateSummary) -> dict[str, Any]:
-    """Return the keys of a replay, those of radii and receiver empty."""
+    """Return the keys of a replay's document, those of radii and receiver empty."""
     return {
         "drive": name,
         "start_time": float(time_s[0]),

@@ -46,12 +46,12 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask, wait for the tick that takes it, and say what became of it."""
+    """Request a reset, wait for the tick that takes it, and print the outcome; 1 if it was refused."""
     outputs = Outputs(("--json", args.json))
     path = daemon_socket(args)
-    before = _resets(request_reset(path, args.tyres))
+    before = _reset_count(request_reset(path, args.tyres))
     until_s = time.monotonic() + WAIT_S
-    while _resets(document := read_status(path)) <= before:
+    while _reset_count(document := read_status(path)) <= before:
         if time.monotonic() > until_s:
             raise TpmsdError(
                 f"{path}: tpmsd has not taken up the reset within {WAIT_S:g} s: are there ticks?"
@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     return 1 if baseline.get("reset") == "refused" else 0
 
 
-def _resets(document: dict[str, Any]) -> int:
+def _reset_count(document: dict[str, Any]) -> int:
     """Return how many requests the daemon has taken."""
     baseline = document.get("baseline")
     count = baseline.get("resets") if isinstance(baseline, dict) else None

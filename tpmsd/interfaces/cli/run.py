@@ -122,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
-    """Return the configuration with the command line worked in, and warnings; raises ConfigError."""
+    """Return the configuration with the command line's changes, and warnings; raises ConfigError."""
     from tpmsd.car.config.check import check
     from tpmsd.car.config.problems import ConfigProblems
 
@@ -137,14 +137,14 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     if args.interface is not None:
         can = dataclasses.replace(can, interface=known_interface(args.interface))
     if args.channel is not None:
-        can = dataclasses.replace(can, channel=_named("--channel", args.channel))
+        can = dataclasses.replace(can, channel=_nonempty("--channel", args.channel))
     if args.device is not None:
-        gnss = _receiver(gnss, args.device.strip())
+        gnss = _with_receiver(gnss, args.device.strip())
     state, status = config.state, config.status
     warnings = [warning.text for warning in result.warnings]
     if args.state is not None:
         state = dataclasses.replace(state, file=args.state if args.state != Path() else None)
-    elif source.is_dir() and state.file is not None and not _inside(state.file, source):
+    elif source.is_dir() and state.file is not None and not _is_inside(state.file, source):
         # What is learned with a recording's configuration must not replace what the service learned.
         warnings.append(f"{source}: a drive folder: {state.file} is left alone (--state FILE keeps a state)")
         state = dataclasses.replace(state, file=None)
@@ -156,8 +156,8 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     return with_filter(config, args), warnings
 
 
-def _receiver(gnss: GnssConfig, device: str) -> GnssConfig:
-    """Return the receiver that --device names: a serial line, or an address as in [gnss] source."""
+def _with_receiver(gnss: GnssConfig, device: str) -> GnssConfig:
+    """Return `gnss` with the receiver of --device: a serial line, or an address as in [gnss] source."""
     if "://" not in device:
         return dataclasses.replace(gnss, device=device or None, source=None)
     try:
@@ -167,7 +167,7 @@ def _receiver(gnss: GnssConfig, device: str) -> GnssConfig:
     return dataclasses.replace(gnss, device=None, source=device)
 
 
-def _inside(file: Path, folder: Path) -> bool:
+def _is_inside(file: Path, folder: Path) -> bool:
     return file.resolve().is_relative_to(folder.resolve())
 
 
@@ -184,7 +184,7 @@ def known_interface(name: str) -> str:
     raise ConfigError(f"--interface {name}: no such python-can interface; {hint}")
 
 
-def _named(option: str, value: str) -> str:
+def _nonempty(option: str, value: str) -> str:
     if not value.strip():
         raise ConfigError(f"{option} is empty")
     return value.strip()

@@ -148,7 +148,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate, write, play, report."""
+    """Run `tpmsd simulate`; return the exit code."""
     if args.onto is not None or args.conceal is not None:
         return run_onto(args)
     if args.baseline is not None or args.inputs is not None:
@@ -176,9 +176,9 @@ def run(args: argparse.Namespace) -> int:
     if args.live is None:
         drive = simulate_drive(spec, motion)
         document = report(drive)
-        _write(args.out, drive, None)
+        _write_folder(args.out, drive, None)
     else:
-        document = _play(args, spec, motion)
+        document = _play_live(args, spec, motion)
     if args.out is not None:
         document["folder"] = str(args.out)
     outputs.say(summary(document))
@@ -210,24 +210,24 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
         vehicle=vehicle,
         antenna_forward_m=forward,
         antenna_left_m=left,
-        radius_offset_m=_four_mm(args.radius_offset_mm),
+        radius_offset_m=_parse_four_mm(args.radius_offset_mm),
         flat=args.flat,
         faults=_parse_faults(args),
         model=model_of(args),
         receiver=ReceiverSpec(
             rate_hz=args.receiver_hz,
-            position_std_m=_at_least_0("--position-std", args.position_std),
-            latency_s=_at_least_0("--latency", args.latency),
+            position_std_m=_nonnegative("--position-std", args.position_std),
+            latency_s=_nonnegative("--latency", args.latency),
             outages=tuple(_parse_span(text) for text in args.outage),
-            outages_per_hour=_at_least_0("--outages-per-hour", args.outages_per_hour),
-            jumps_per_hour=_at_least_0("--jumps-per-hour", args.jumps_per_hour),
+            outages_per_hour=_nonnegative("--outages-per-hour", args.outages_per_hour),
+            jumps_per_hour=_nonnegative("--jumps-per-hour", args.jumps_per_hour),
             sentences=tuple(word.strip().upper() for word in args.sentences.split(",") if word.strip()),
         ),
         bus=BusSpec(
             kind=args.bus,
             wheels=args.wheels,
-            lost_fraction=_share("--lost-percent", args.lost_percent),
-            repeated_fraction=_share("--repeated-percent", args.repeated_percent),
+            lost_fraction=_fraction_of_percent("--lost-percent", args.lost_percent),
+            repeated_fraction=_fraction_of_percent("--repeated-percent", args.repeated_percent),
             resets_s=tuple(args.reset),
         ),
         clocks=Clocks(
@@ -240,7 +240,7 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
 
 
 def report(drive: SimulatedDrive) -> dict[str, Any]:
-    """Return what was simulated, for JSON and for people."""
+    """Return the document of the simulated drive, for JSON and for people."""
     truth = drive.truth()
     kept = ("seed", "route", "duration_s", "distance_m", "start_host_s", "nominal_radius_m", "effects")
     return {
@@ -260,7 +260,7 @@ def summary(document: dict[str, Any]) -> str:
         f"{document['frames']} frames, {document['sentences']} sentences"
     ]
     for effect in document["effects"]:
-        values = ", ".join(f"{key} = {_value(value)}" for key, value in effect["parameters"].items())
+        values = ", ".join(f"{key} = {_value_text(value)}" for key, value in effect["parameters"].items())
         lines.append(f"  {effect['name']}" + (f": {values}" if values else ""))
     offsets = "  ".join(f"{wheel} {value:+.2f}" for wheel, value in document["final_deviation_mm"].items())
     lines.append(f"  radius minus nominal at the end, mm: {offsets}")
@@ -269,19 +269,19 @@ def summary(document: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _value(value: object) -> str:
+def _value_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _write(out: Path, drive: SimulatedDrive, vehicle_toml: str | None) -> None:
+def _write_folder(out: Path, drive: SimulatedDrive, vehicle_toml: str | None) -> None:
     from tpmsd.offline.simulator.drive_writer import write_drive
 
     with Progress(drive.spec.duration_s, "writing") as progress:
         write_drive(out, drive, progress.update, vehicle_toml)
 
 
-def _play(args: argparse.Namespace, spec: DriveSpec, motion: Motion | None) -> dict[str, Any]:
-    """Write the configuration, then simulate and play; the report."""
+def _play_live(args: argparse.Namespace, spec: DriveSpec, motion: Motion | None) -> dict[str, Any]:
+    """Write the configuration, simulate and play live; return the document."""
     import can
 
     from tpmsd.offline.simulator.drive import live_configuration, live_dbc, simulate_drive
@@ -306,7 +306,7 @@ def _play(args: argparse.Namespace, spec: DriveSpec, motion: Motion | None) -> d
         )
         drive = simulate_drive(spec, motion)
         if args.out is not None:
-            _write(args.out, drive, configuration)
+            _write_folder(args.out, drive, configuration)
         print(f"receiver on {device}, bus on {args.interface} {args.live}", file=sys.stderr, flush=True)
         with Progress(drive.spec.duration_s, "playing") as progress:
             player = LivePlayer(
@@ -373,7 +373,7 @@ def _parse_faults(args: argparse.Namespace) -> tuple[Fault, ...]:
     )
 
 
-def _four_mm(text: str | None) -> tuple[float, float, float, float] | None:
+def _parse_four_mm(text: str | None) -> tuple[float, float, float, float] | None:
     if text is None:
         return None
     try:
@@ -396,13 +396,13 @@ def _parse_span(text: str) -> tuple[float, float]:
     return span
 
 
-def _share(option: str, percent: float) -> float:
+def _fraction_of_percent(option: str, percent: float) -> float:
     if not 0.0 <= percent <= 100.0:
         raise ConfigError(f"{option} {percent:g} is outside 0 to 100")
     return percent / 100.0
 
 
-def _at_least_0(option: str, value: float) -> float:
+def _nonnegative(option: str, value: float) -> float:
     if not 0.0 <= value < 1e6:
         raise ConfigError(f"{option} {value:g} is not a number of at least 0")
     return value

@@ -18,7 +18,7 @@ SCHEMA = "tpmsd.simulation/2"
 
 
 def run_inputs(args: argparse.Namespace) -> int:
-    """Predict and write."""
+    """Predict the outputs of a baseline from recorded inputs and write the folder; return the exit code."""
     from tpmsd.car.config.document import VEHICLE_FILE
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.dynamics.simulate import simulated_outputs

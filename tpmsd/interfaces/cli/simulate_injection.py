@@ -29,7 +29,7 @@ _OWN = ("out", "force", "seed", "effect", "model", "json", "onto", "conceal", "h
 
 
 def add_onto_options(parser: Parser) -> None:
-    """Add the options, behind all others of the command."""
+    """Add the options of an injection, behind all others of the command."""
     onto = parser.add_argument_group("into a recording")
     onto.add_argument(
         "--onto",
@@ -43,16 +43,16 @@ def add_onto_options(parser: Parser) -> None:
         type=int,
         help="draw N effects that DRIVE can show instead, and seal the truth: tpmsd unseal opens it",
     )
-    others = {dest: parser.get_default(dest) for dest in _dests(parser) if dest not in _OWN}
+    others = {dest: parser.get_default(dest) for dest in _option_dests(parser) if dest not in _OWN}
     parser.set_defaults(of_simulation=others)
 
 
-def _dests(parser: Parser) -> list[str]:
+def _option_dests(parser: Parser) -> list[str]:
     return [action.dest for action in parser._actions]
 
 
 def run_onto(args: argparse.Namespace) -> int:
-    """Inject, write, report."""
+    """Inject effects into a recording and write the folder; return the exit code."""
     from tpmsd.car.config.load import load_config
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.cli.drive_reading import open_drive, read_ticks
@@ -64,7 +64,7 @@ def run_onto(args: argparse.Namespace) -> int:
         write_truth,
     )
 
-    _check(args)
+    _check_options(args)
     outputs = Outputs(("--json", args.json))
     check_target(args.out, args.onto, args.force)
     config = load_config(args.onto)
@@ -77,7 +77,7 @@ def run_onto(args: argparse.Namespace) -> int:
         write_truth(args.out, onto, model)
         document |= {"effects": effects_of(model), "sealed": None, "concealed": None}
     else:
-        changed, sha256 = _conceal(args, onto)
+        changed, sha256 = _inject_sealed(args, onto)
         document |= {"effects": [], "sealed": sha256, "concealed": args.conceal}
     document["changed"] = changed
     outputs.say(summary(document))
@@ -90,7 +90,7 @@ def summary(document: dict[str, Any]) -> str:
     """Return the report in lines for people."""
     lines = []
     for effect in document["effects"]:
-        values = ", ".join(f"{key} = {_value(value)}" for key, value in effect["parameters"].items())
+        values = ", ".join(f"{key} = {_value_text(value)}" for key, value in effect["parameters"].items())
         lines.append(f"  {effect['name']}" + (f": {values}" if values else ""))
     if document["sealed"] is not None:
         count = document["concealed"]
@@ -106,8 +106,8 @@ def summary(document: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _conceal(args: argparse.Namespace, onto: InjectionTarget) -> tuple[list[str], str]:
-    """Draw, inject and seal; the changed files and the seal's SHA-256."""
+def _inject_sealed(args: argparse.Namespace, onto: InjectionTarget) -> tuple[list[str], str]:
+    """Draw effects, inject and seal them; return the changed files and the seal's SHA-256."""
     import numpy as np
 
     from tpmsd.car.physics.model import ExtendedModel
@@ -124,8 +124,8 @@ def _conceal(args: argparse.Namespace, onto: InjectionTarget) -> tuple[list[str]
     return changed, seal(args.out / SEALED, truth, secrets.token_bytes(SALT_BYTES))
 
 
-def _check(args: argparse.Namespace) -> None:
-    """ConfigError with one line on what does not go together."""
+def _check_options(args: argparse.Namespace) -> None:
+    """Raise ConfigError with one line on options that do not go together."""
     if args.onto is None:
         raise ConfigError("--conceal N goes with --onto DRIVE")
     if args.out is None:
@@ -158,5 +158,5 @@ def model_of(args: argparse.Namespace) -> ExtendedModel:
     return model.plus(*(parse_effect(text) for text in args.effect))
 
 
-def _value(value: object) -> str:
+def _value_text(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -50,7 +50,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Ask and show; raises TpmsdError with one line where the daemon cannot be asked."""
+    """Run `tpmsd status`; TpmsdError with one line where the daemon cannot be asked."""
     Outputs(("--json", args.json))  # before the daemon is asked
     path = daemon_socket(args)
     if not args.watch:
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         if args.json is None:
             watch(documents, sys.stdout)
         else:
-            _write_lines(documents, args.json)
+            _write_json_lines(documents, args.json)
     return 0
 
 
@@ -88,36 +88,36 @@ def watch(
 
 
 def can_move(out: IO[str], environment: Mapping[str, str] | None = None) -> bool:
-    """Return whether lines can be written again in place: on a terminal that knows how."""
+    """Return whether `out` is a terminal on which lines can be written again in place."""
     environment = os.environ if environment is None else environment
     return out.isatty() and environment.get("TERM") != "dumb"
 
 
 def colour_wanted(out: IO[str], environment: Mapping[str, str] | None = None) -> bool:
-    """Colours only on a terminal that knows them, and where nobody objects (https://no-color.org)."""
+    """Return whether `out` is a terminal with colours and NO_COLOR is not set (https://no-color.org)."""
     environment = os.environ if environment is None else environment
     return can_move(out, environment) and not environment.get("NO_COLOR")
 
 
 def terminal_width(out: IO[str]) -> int | None:
-    """Columns of the terminal; None for a file or a pipe, which takes lines of any length."""
+    """Return the columns of the terminal; None for a file or a pipe, which takes lines of any length."""
     if not out.isatty():
         return None
     return shutil.get_terminal_size((WIDTH, 24)).columns
 
 
-def _write_lines(documents: Iterable[Mapping[str, Any]], target: str) -> None:
+def _write_json_lines(documents: Iterable[Mapping[str, Any]], target: str) -> None:
     if target == "-":
-        _write_each(documents, sys.stdout)
+        _write_line_per_document(documents, sys.stdout)
         return
     try:
         with Path(target).open("w", encoding="utf-8") as file:
-            _write_each(documents, file)
+            _write_line_per_document(documents, file)
     except OSError as error:
         raise TpmsdError(f"{target}: cannot write: {error.strerror or error}") from error
 
 
-def _write_each(documents: Iterable[Mapping[str, Any]], out: IO[str]) -> None:
+def _write_line_per_document(documents: Iterable[Mapping[str, Any]], out: IO[str]) -> None:
     for document in documents:
         out.write(dumps(document, indent=None) + "\n")
         out.flush()

@@ -41,7 +41,7 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False, width: i
     least).
     """
     paint = _paint if colour else _plain
-    alarms = [alarm for alarm in _list(document, "alarms") if isinstance(alarm, dict)]
+    alarms = [alarm for alarm in _list_or_empty(document, "alarms") if isinstance(alarm, dict)]
     lines = [
         paint(_heading(document), _BOLD),
         "",
@@ -58,62 +58,63 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False, width: i
         _loop_line(document),
     ]
     if width is not None:
-        lines = [part for line in lines for part in (_wrapped(line, max(width, NARROWEST)) if line else [""])]
+        lines = [
+            part for line in lines for part in (_wrap_coloured(line, max(width, NARROWEST)) if line else [""])
+        ]
     return "\n".join(lines) + "\n"
 
 
-def _wrapped(line: str, width: int) -> list[str]:
-    """Return the line in lines of at most `width` visible characters, the later ones indented; colours run
-    on.
+def _wrap_coloured(line: str, width: int) -> list[str]:
+    """Return the line in lines of at most `width` visible characters, the later ones indented; colours
+    continue.
 
     A column of blanks is kept where the line fits, a word longer than a line is broken.
     """
-    if _visible(line) <= width:
+    if _visible_length(line) <= width:
         return [line]
     hang = _HANG if width >= _FULL_WIDTH else _NARROW_HANG
     out, now = [], ""
     for word in line.split(" "):
         longer = f"{now} {word}" if now else word
-        if _visible(longer) <= width:
+        if _visible_length(longer) <= width:
             now = longer
             continue
         out.append(now)
         now = hang + word
-        while _visible(now) > width and "\x1b" not in now:
+        while _visible_length(now) > width and "\x1b" not in now:
             out.append(now[:width])
             now = hang + now[width:]
     return [part for part in [*out, now] if part.strip()]
 
 
-def _visible(text: str) -> int:
+def _visible_length(text: str) -> int:
     return len(_COLOURS.sub("", text))
 
 
 def _not_watched_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
-    """Return the wheels that nobody watches, those that are learned show so in the table; what would not be
-    seen.
-    """
+    """Return the wheels that are not monitored, other than those being learned, and the losses that would not
+    be detected."""
     missing = {
         str(name): str(why)
-        for name, why in _dict(_dict(document, "watch"), "not_watched").items()
+        for name, why in _dict_or_empty(_dict_or_empty(document, "watch"), "not_watched").items()
         if why != "its normal radius is being learned"
     }
     lines = []
     if missing:
         said = "; ".join(f"{name} ({why})" for name, why in missing.items())
         lines.append(paint(f"not watched: {said}", _BOLD))
-    asked = _dict(document, "watch").get("questions")
+    asked = _dict_or_empty(document, "watch").get("questions")
     for one in asked if isinstance(asked, list) else []:
         if isinstance(one, dict):
             lines.append(paint(f"question: {one.get('question')}", _BOLD))
-    unseen = _dict(document, "watch").get("cannot_see")
+    unseen = _dict_or_empty(document, "watch").get("cannot_see")
     if isinstance(unseen, list) and unseen:
         lines.append(paint("cannot see now: " + "; ".join(map(str, unseen)), _DIM))
     return lines
 
 
 def _heading(document: Mapping[str, Any]) -> str:
-    uptime_s = _number(document, "uptime_s")
+    uptime_s = _plausible_number(document, "uptime_s")
     up = "" if uptime_s is None else f", up for {_duration_text(uptime_s)}"
     return f"tpmsd {_text(document, 'tpmsd')}{up}"
 
@@ -121,7 +122,7 @@ def _heading(document: Mapping[str, Any]) -> str:
 def _wheel_lines(
     document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: _Paint, narrow: bool
 ) -> list[str]:
-    wheels = _dict(document, "wheels")
+    wheels = _dict_or_empty(document, "wheels")
     if not wheels:
         return ["No wheel has been heard of yet."]
     if narrow:
@@ -129,10 +130,10 @@ def _wheel_lines(
     else:
         lines = [paint(f"{'wheel':<13} {'tyre':<15} {'change in mm':>14} {'from nominal':>14}", _DIM)]
     for name in [w for w in WHEELS if w in wheels] + sorted(w for w in wheels if w not in WHEEL_NAMES):
-        wheel = _dict(wheels, name)
-        word, style = _tyre(name, wheel, alarms, _number(document, "learning_fraction"))
-        change, aged = _change(wheel)
-        deviation = _plus_minus(_number(wheel, "deviation_mm"), _number(wheel, "std_mm"))
+        wheel = _dict_or_empty(wheels, name)
+        word, style = _tyre_word(name, wheel, alarms, _plausible_number(document, "learning_fraction"))
+        change, aged = _change_text(wheel)
+        deviation = _plus_minus(_plausible_number(wheel, "deviation_mm"), _plausible_number(wheel, "std_mm"))
         label = printable(wheel_name(name))
         if narrow:
             lines.append(f"{label:<11} {paint(f'{word:<13}', style)} {change:>13}")
@@ -143,26 +144,26 @@ def _wheel_lines(
     return lines
 
 
-def _change(wheel: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the change of a radius; where none is known now, the last one and its age in words."""
-    now = _number(wheel, "change_mm")
-    last, age_s = _number(wheel, "last_change_mm"), _number(wheel, "last_change_age_s")
+def _change_text(wheel: Mapping[str, Any]) -> tuple[str, str]:
+    """Return the change of a radius and ''; where none is known now, the last one and its age in words."""
+    now = _plausible_number(wheel, "change_mm")
+    last, age_s = _plausible_number(wheel, "last_change_mm"), _plausible_number(wheel, "last_change_age_s")
     if now is not None or last is None or age_s is None:
-        return _plus_minus(now, _number(wheel, "change_std_mm")), ""
-    return _plus_minus(last, _number(wheel, "last_change_std_mm")), f"{_duration_text(age_s)} ago"
+        return _plus_minus(now, _plausible_number(wheel, "change_std_mm")), ""
+    return _plus_minus(last, _plausible_number(wheel, "last_change_std_mm")), f"{_duration_text(age_s)} ago"
 
 
 def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
-    """Return what the wheels' resonances say, where they are listened to."""
-    wheels = _dict(document, "resonance")
+    """Return the table of the wheels' resonances; empty where they are not evaluated."""
+    wheels = _dict_or_empty(document, "resonance")
     if not wheels:
         return []
     lines = [paint(f"{'resonance':<13} {'state':<15} {'in Hz':>15}  {'when learned':>15}  soft tyre", _DIM)]
     for name in [w for w in WHEELS if w in wheels]:
-        wheel = _dict(wheels, name)
-        now = _number(wheel, "frequency_hz")
-        learned, ratio = _number(wheel, "baseline_hz"), _number(wheel, "log_ratio_soft")
-        text = "-" if now is None else f"{now:.2f} +- {_number(wheel, 'std_hz') or 0.0:.2f}"
+        wheel = _dict_or_empty(wheels, name)
+        now = _plausible_number(wheel, "frequency_hz")
+        learned, ratio = _plausible_number(wheel, "baseline_hz"), _plausible_number(wheel, "log_ratio_soft")
+        text = "-" if now is None else f"{now:.2f} +- {_plausible_number(wheel, 'std_hz') or 0.0:.2f}"
         before = "-" if learned is None else f"{learned:.2f}"
         # As odds, for few people think in natural logarithms.
         odds = "" if ratio is None or learned is None else f"  {math.exp(min(ratio, 50.0)):.2g} to 1"
@@ -172,10 +173,10 @@ def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
     return [*lines, ""]
 
 
-def _tyre(
+def _tyre_word(
     name: str, wheel: Mapping[str, Any], alarms: list[dict[str, Any]], learned: float | None
 ) -> tuple[str, str]:
-    """Return what to call the state of a tyre, and in which colour."""
+    """Return the word for the state of a tyre, and its style."""
     kinds = {_text(alarm, "kind") for alarm in alarms if alarm.get("wheel") == name}
     state = _text(wheel, "state")
     if "deflation" in kinds:
@@ -192,7 +193,7 @@ def _tyre(
         return "not watched", _SUSPECT if "malfunction" in kinds else _DIM
     if state != "monitoring":
         return state[:15], _SUSPECT
-    if (_number(wheel, "deflation_probability") or 0.0) >= _SUSPICION:
+    if (_plausible_number(wheel, "deflation_probability") or 0.0) >= _SUSPICION:
         return "soft?", _SUSPECT
     return "OK", _GOOD
 
@@ -200,19 +201,21 @@ def _tyre(
 def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: _Paint) -> list[str]:
     if not alarms:
         return [paint("No alarms.", _GOOD)]
-    now_s = _number(document, "time")
+    now_s = _plausible_number(document, "time")
     lines = []
     for alarm in alarms:
-        raised_s = _number(alarm, "time")
+        raised_s = _plausible_number(alarm, "time")
         since = ""
         if now_s is not None and raised_s is not None and now_s >= raised_s:
             since = f" (for {_duration_text(now_s - raised_s)})"
         reason = _text(alarm, "reason")
-        lines.append(paint(f"ALARM{since}: {_sentence(alarm)}" + (f" ({reason})" if reason else ""), _BAD))
+        lines.append(
+            paint(f"ALARM{since}: {_alarm_clause(alarm)}" + (f" ({reason})" if reason else ""), _BAD)
+        )
     return lines
 
 
-def _sentence(alarm: Mapping[str, Any]) -> str:
+def _alarm_clause(alarm: Mapping[str, Any]) -> str:
     kind, wheel = _text(alarm, "kind"), _text(alarm, "wheel") or None
     if kind not in set(AlarmKind):
         return f"{wheel_name(wheel)}: {kind.replace('_', ' ') or 'of no known kind'}"
@@ -221,26 +224,26 @@ def _sentence(alarm: Mapping[str, Any]) -> str:
 
 
 def _can_line(document: Mapping[str, Any], paint: _Paint) -> str:
-    can = _dict(document, "can")
-    frames = _number(can, "frames")
+    can = _dict_or_empty(document, "can")
+    frames = _plausible_number(can, "frames")
     counted = "" if frames is None else f", {frames:.0f} frames"
     return _source_line("bus", can, "channel", counted, paint)
 
 
 def _gnss_line(document: Mapping[str, Any], paint: _Paint) -> str:
-    gnss = _dict(document, "gnss")
-    fixes, age_s = _number(gnss, "fixes"), _number(gnss, "age_s")
+    gnss = _dict_or_empty(document, "gnss")
+    fixes, age_s = _plausible_number(gnss, "fixes"), _plausible_number(gnss, "age_s")
     counted = "" if fixes is None else f", {fixes:.0f} fixes"
     counted += "" if age_s is None else f", the last {age_s:.1f} s ago"
     return _source_line("receiver", gnss, "device", counted, paint)
 
 
 def _obd_lines(document: Mapping[str, Any]) -> list[str]:
-    """Return what the car itself says of its speed, where it is asked."""
-    obd = _dict(document, "obd")
+    """Return the car's own speed by OBD and what contradicts it; empty where OBD is not used."""
+    obd = _dict_or_empty(document, "obd")
     if not obd:
         return []
-    kmh, stopped = _number(obd, "speed_kmh"), _text(obd, "stopped")
+    kmh, stopped = _plausible_number(obd, "speed_kmh"), _text(obd, "stopped")
     said = "does not answer" if kmh is None else f"{kmh:.0f} km/h"
     words = {"wheels_agree": "the wheels", "receiver_agrees": "the receiver"}
     against = [word for key, word in words.items() if obd.get(key) is False]
@@ -249,8 +252,8 @@ def _obd_lines(document: Mapping[str, Any]) -> list[str]:
 
 
 def _vehicle_state_lines(document: Mapping[str, Any]) -> list[str]:
-    """Return side slip and speeds of the vehicle state, where `[vehicle_state] method` is set."""
-    state = _dict(document, "vehicle_state")
+    """Return side slip and speeds of the vehicle state; empty where `[vehicle_state] method` is not set."""
+    state = _dict_or_empty(document, "vehicle_state")
     if not state:
         return []
     parts = []
@@ -259,7 +262,7 @@ def _vehicle_state_lines(document: Mapping[str, Any]) -> list[str]:
         ("lateral speed", "velocity_lat{}_mps", "m/s"),
         ("speed", "velocity_long{}_mps", "m/s"),
     ):
-        value, std = _number(state, key.format("")), _number(state, key.format("_std"))
+        value, std = _plausible_number(state, key.format("")), _plausible_number(state, key.format("_std"))
         if value is not None and std is not None:
             parts.append(f"{words} {value:+.3f} +- {std:.3f} {unit}")
     said = ", ".join(parts) or "not known now"
@@ -270,26 +273,28 @@ def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: 
     state = _text(source, "state")
     word = _SOURCE_WORDS.get(state, state or "unknown")
     style = _GOOD if state == "ok" else _DIM if state == "off" else _SUSPECT
-    faults = _dict(source, "faults")
+    faults = _dict_or_empty(source, "faults")
     recent = source.get("faults_last_minute")
     name, detail = _text(source, name_key), _text(source, "detail")
     parts = f"{label:<9} {name + ' ' if name else ''}{paint(word, style)}{counted}"
     parts += f" ({detail})" if detail else ""
     if not isinstance(recent, dict):  # of an older daemon
-        total = _counts(faults)
+        total = _counts_text(faults)
         return parts + (printable(f"; faults: {total}") if total else "")
-    if total := _counts(faults):
-        parts += printable(f"; faults in the last minute: {_counts(recent) or 'none'}; in all: {total}")
+    if total := _counts_text(faults):
+        parts += printable(f"; faults in the last minute: {_counts_text(recent) or 'none'}; in all: {total}")
     return parts
 
 
-def _counts(faults: Mapping[str, Any]) -> str:
-    return ", ".join(f"{kind} {count:.0f}" for kind in sorted(faults) if (count := _number(faults, kind)))
+def _counts_text(faults: Mapping[str, Any]) -> str:
+    return ", ".join(
+        f"{kind} {count:.0f}" for kind in sorted(faults) if (count := _plausible_number(faults, kind))
+    )
 
 
 def _loop_line(document: Mapping[str, Any]) -> str:
     """Return the line about the daemon's loop: its ticks, and those that missed their deadline."""
-    ticks, missed = _number(document, "ticks"), _number(document, "missed_deadlines")
+    ticks, missed = _plausible_number(document, "ticks"), _plausible_number(document, "missed_deadlines")
     if ticks is None or missed is None:
         return f"{'loop':<9} unknown"
     return f"{'loop':<9} {ticks:.0f} ticks, {missed:.0f} late"
@@ -312,7 +317,7 @@ def _duration_text(seconds: float) -> str:
     return f"{minutes // 1440} days"
 
 
-def _number(table: Mapping[str, Any], key: str) -> float | None:
+def _plausible_number(table: Mapping[str, Any], key: str) -> float | None:
     value = number(table.get(key))
     return value if value is not None and abs(value) < 1e15 else None
 
@@ -322,12 +327,12 @@ def _text(table: Mapping[str, Any], key: str) -> str:
     return printable(value) if isinstance(value, str) else ""
 
 
-def _dict(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+def _dict_or_empty(table: Mapping[str, Any], key: str) -> dict[str, Any]:
     value = table.get(key)
     return value if isinstance(value, dict) else {}
 
 
-def _list(table: Mapping[str, Any], key: str) -> list[Any]:
+def _list_or_empty(table: Mapping[str, Any], key: str) -> list[Any]:
     value = table.get(key)
     return value if isinstance(value, list) else []
 

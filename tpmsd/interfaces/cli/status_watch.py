@@ -47,7 +47,7 @@ class View:
     _now: Mapping[str, Any] = field(default_factory=dict)
 
     def update(self, document: Mapping[str, Any]) -> None:
-        """Keep the numbers of a document."""
+        """Keep a document and the radius changes in it."""
         self._before, self._now = self._now, document
         time_s = number(document.get("time"))
         wheels = document.get("wheels")
@@ -62,7 +62,7 @@ class View:
             kept.append((time_s, math.nan if change is None else change))
 
     def key(self, letter: str) -> None:
-        """Act on a key: `r` the next range, blank a pause."""
+        """Act on a key: `r` selects the next range, blank pauses."""
         if letter == "r":
             self.range_s = RANGES_S[(RANGES_S.index(self.range_s) + 1) % len(RANGES_S)]
         elif letter == " ":
@@ -72,11 +72,11 @@ class View:
         """Return the screen: at most `height` lines of at most `width` characters (40 at least)."""
         width = max(width, NARROWEST)
         table = render_status(self._now, colour=colour, width=width).rstrip("\n").split("\n")
-        below = ["", *self._trends(width, blocks), *self._rates(width), self._keys()[:width]]
+        below = ["", *self._trend_lines(width, blocks), *self._rate_line(width), self._key_help()[:width]]
         room = max(height - len(below), 1)
         return "\n".join((table[:room] + below)[:height])
 
-    def _trends(self, width: int, blocks: str) -> list[str]:
+    def _trend_lines(self, width: int, blocks: str) -> list[str]:
         """Return a line per wheel whose change is known: its trend, the least and the greatest value."""
         lines = []
         columns = width - 28 if width >= 60 else width - 14
@@ -90,25 +90,27 @@ class View:
         head = f"change in mm over {self.range_s / 60.0:.0f} min"
         return [head, *lines, ""] if lines else []
 
-    def _rates(self, width: int) -> list[str]:
-        """Frames, fixes and ticks per second, from one document to the next."""
+    def _rate_line(self, width: int) -> list[str]:
+        """Return the line of frames, fixes and ticks per second between two documents; empty before the
+        second."""
         uptimes = [number(one.get("uptime_s")) for one in (self._before, self._now)]
         if uptimes[0] is None or uptimes[1] is None or uptimes[1] <= uptimes[0]:
             return []
         span_s = uptimes[1] - uptimes[0]
         parts = []
         for table, key, name, unit in _COUNTS:
-            counts = [number(_table(one, table).get(key)) for one in (self._before, self._now)]
+            counts = [number(_table_or_empty(one, table).get(key)) for one in (self._before, self._now)]
             if counts[0] is not None and counts[1] is not None and counts[1] >= counts[0]:
                 parts.append(f"{name} {(counts[1] - counts[0]) / span_s:.0f} {unit}")
         return [", ".join(parts)[:width]] if parts else []
 
-    def _keys(self) -> str:
+    def _key_help(self) -> str:
         return f"q ends  r range  blank {'goes on (paused)' if self.paused else 'pauses'}"
 
 
 def binned(kept: deque[tuple[float, float]], range_s: float, columns: int) -> list[float]:
-    """Means of the last `range_s` seconds in `columns` parts of equal length; NaN where nothing is known."""
+    """Return the means of the last `range_s` seconds in `columns` equal parts; NaN for a part without a
+    value."""
     sums, counts = [0.0] * columns, [0] * columns
     if not kept:
         return [math.nan] * columns
@@ -124,7 +126,7 @@ def binned(kept: deque[tuple[float, float]], range_s: float, columns: int) -> li
 
 
 def sparkline(values: list[float], blocks: str = _BLOCKS) -> str:
-    """Return a character per value between the least and the greatest; a blank where there is none."""
+    """Return a character per value between the least and the greatest; a blank for NaN."""
     known = [value for value in values if math.isfinite(value)]
     if not known:
         return " " * len(values)
@@ -170,7 +172,7 @@ def watch_screen(documents: Iterable[Mapping[str, Any]], out: IO[str], colour: b
 
 @contextlib.contextmanager
 def keys(press: Callable[[str], None]) -> Iterator[None]:
-    """Hand each key to `press` while the block runs; nothing where standard input is no terminal."""
+    """Call `press` with each key while the block runs; never where standard input is no terminal."""
     import termios
     import tty
 
@@ -209,6 +211,6 @@ def _can_encode(out: IO[str], text: str) -> bool:
     return True
 
 
-def _table(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+def _table_or_empty(document: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     one = document.get(name)
     return one if isinstance(one, dict) else {}

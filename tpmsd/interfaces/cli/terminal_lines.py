@@ -26,13 +26,13 @@ def fitted_to(out: IO[str], text: str) -> str:
     if not getattr(out, "isatty", lambda: False)():
         return text
     width = max(shutil.get_terminal_size().columns, _NARROWEST)
-    return "\n".join(part for line in text.split("\n") for part in _parts(line, width))
+    return "\n".join(part for line in text.split("\n") for part in _wrap_line(line, width))
 
 
-def _parts(line: str, width: int) -> list[str]:
-    """Return a line in parts of `width` visible characters at most; the colour of a whole line runs on."""
+def _wrap_line(line: str, width: int) -> list[str]:
+    """Return a line in parts of at most `width` visible characters; the colour of a whole line continues."""
     if painted := _PAINTED.fullmatch(line):
-        parts = _parts(painted[2], width)
+        parts = _wrap_line(painted[2], width)
         return [painted[1] + parts[0], *parts[1:-1], parts[-1] + painted[3]] if parts[1:] else [line]
     if len(line) <= width or "\x1b" in line:
         return [line]

@@ -62,7 +62,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Open, score, report."""
+    """Open the sealed truth, score the report, and print the score."""
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.report.unsealed import score, unsealed_summary
     from tpmsd.offline.simulator.sealed import SEALED, unseal

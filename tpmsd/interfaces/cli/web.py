@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def settings_of(args: argparse.Namespace) -> WebSettings:
-    """Host, port and secrets; ConfigError where others could look on unasked."""
+    """Return host, port and secrets; ConfigError where the page would be open to others without a token."""
     from tpmsd.interfaces.web.guard import LOOPBACK
     from tpmsd.interfaces.web.settings import WebSettings
 
@@ -100,7 +100,7 @@ def settings_of(args: argparse.Namespace) -> WebSettings:
     for file in (args.certificate, args.key):
         if file is not None and not file.is_file():
             raise ConfigError(f"{file}: no such file")
-    token = None if args.token_file is None else _token(args.token_file)
+    token = None if args.token_file is None else _read_token(args.token_file)
     if args.host not in LOOPBACK and (token is None or args.certificate is None):
         raise ConfigError(
             f"--host {args.host}: others could look on; that takes --certificate, --key and --token-file"
@@ -120,7 +120,7 @@ def _writable_for_all(path: Path) -> bool:
         return False
 
 
-def _token(file: Path) -> str:
+def _read_token(file: Path) -> str:
     token = read_text(file, _LONGEST_TOKEN + 2, "a token").strip()
     if not _SHORTEST_TOKEN <= len(token) <= _LONGEST_TOKEN or not token.isascii() or not token.isprintable():
         raise ConfigError(f"{file}: a token has {_SHORTEST_TOKEN} to {_LONGEST_TOKEN} ASCII characters")

@@ -37,7 +37,7 @@ from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.api.results import Replay
 from tpmsd.interfaces.web import drive as drive_data
 from tpmsd.interfaces.web.diagnosis import DiagnosisJob
-from tpmsd.interfaces.web.guard import COOKIE, LOGIN, Guard, same
+from tpmsd.interfaces.web.guard import COOKIE, LOGIN, Guard, secrets_equal
 from tpmsd.interfaces.web.live import LiveHub
 from tpmsd.interfaces.web.settings import WebSettings
 from tpmsd.offline.report.page import ASSETS
@@ -48,7 +48,7 @@ Handler = Callable[[Request], Any]
 
 
 def live_app(socket: Path, settings: WebSettings) -> Starlette:
-    """Return the page of a running daemon."""
+    """Return the application that shows a running daemon."""
     hub = LiveHub(socket, settings)
     csrf = secrets.token_urlsafe(32)
 
@@ -76,7 +76,7 @@ def live_app(socket: Path, settings: WebSettings) -> Starlette:
         return JSONResponse({"version": __version__, "csrf": csrf, "resets": settings.resets})
 
     async def reset(request: Request) -> Response:
-        if not same(request.headers.get("x-csrf-token", ""), csrf):
+        if not secrets_equal(request.headers.get("x-csrf-token", ""), csrf):
             return PlainTextResponse("wrong CSRF token\n", 403)
         if not settings.resets:
             return PlainTextResponse("a reset over this page takes tpmsd web --token-file\n", 403)
@@ -120,7 +120,7 @@ class _Live(StreamingResponse):
 
 
 def drive_app(replay: Replay, settings: WebSettings, model: Path | None = None) -> Starlette:
-    """Return the pages of a recorded drive: the drive, and the diagnosis where it lies in a folder.
+    """Return the application that shows a recorded drive, and its diagnosis if it lies in a folder.
 
     `model`: effects that belong to the baseline of the diagnosis, those of `[filter] model` unless given.
     """
@@ -197,7 +197,7 @@ def _guarded_app(routes: list[Route], settings: WebSettings, lifespan: Any) -> S
         if request.method == "GET":
             return FileResponse(STATIC / "login.html", media_type="text/html")
         body = (await request.body()).decode("utf-8", "replace").strip()
-        if settings.token is None or not same(body, settings.token):
+        if settings.token is None or not secrets_equal(body, settings.token):
             return PlainTextResponse("wrong token\n", 403)
         answer = PlainTextResponse("welcome\n")
         answer.set_cookie(COOKIE, settings.token, httponly=True, samesite="strict", secure=settings.secure)
@@ -211,12 +211,12 @@ def _guarded_app(routes: list[Route], settings: WebSettings, lifespan: Any) -> S
             Mount("/assets", StaticFiles(directory=ASSETS)),
         ],
         middleware=[Middleware(Guard, settings=settings)],
-        exception_handlers={TpmsdError: _refused, HTTPException: _http_error},
+        exception_handlers={TpmsdError: _bad_request, HTTPException: _http_error},
         lifespan=lifespan,
     )
 
 
-async def _refused(_: Request, error: Exception) -> Response:
+async def _bad_request(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error)}, 400)
 
 
@@ -226,7 +226,7 @@ async def _http_error(_: Request, error: Exception) -> Response:
 
 
 def _number(text: str | None, usual: float) -> float:
-    """Return a finite number of a query, `usual` where it is not given; ConfigError where it is none."""
+    """Return a query's finite number, `usual` if not given; ConfigError if it is not a number."""
     if text is None:
         return usual
     try:
@@ -239,4 +239,5 @@ def _number(text: str | None, usual: float) -> float:
 
 
 def _points(text: str | None, settings: WebSettings) -> int:
+    """Return the number of points that a query asks for, limited to 2 to `max_points`."""
     return int(min(max(_number(text, 2000.0), 2.0), settings.max_points))

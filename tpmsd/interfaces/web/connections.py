@@ -52,7 +52,8 @@ class Connections:
         return len(self._open)
 
     def admit(self, opened: socket.socket, address: tuple[Any, ...]) -> bool:
-        """Take a connection, if need be in the place of one that waits; False: no place, close it."""
+        """Take a connection, if need be in place of a waiting one; return False if there is no room and it is
+        to be closed."""
         origin = origin_of(address[0])
         same_origin = [peer for peer, one in self._open.items() if one.origin == origin]
         if len(same_origin) >= self._settings.max_connections_per_address:
@@ -66,34 +67,34 @@ class Connections:
         return taken
 
     def attach(self, address: tuple[Any, ...], abort: Callable[[], object]) -> None:
-        """Name the way in which a connection is closed from now on."""
+        """Set the function that closes a connection from now on."""
         if one := self._open.get(peer_of(address)):
             one.abort = abort
 
     def mark_answering(self, address: tuple[Any, ...]) -> None:
-        """Note that a whole request is there."""
+        """Note that a whole request has arrived."""
         if one := self._open.get(peer_of(address)):
             one.waiting = False
 
     def mark_waiting(self, address: tuple[Any, ...]) -> None:
-        """Note that an answer is complete: the time of the next request begins."""
+        """Note that an answer is complete and the time limit of the next request begins."""
         if one := self._open.pop(peer_of(address), None):
             one.waiting, one.since_s = True, self._clock()
             self._open[peer_of(address)] = one
 
     def mark_stalled(self, address: tuple[Any, ...], stalled: bool) -> None:
-        """Note that a visitor takes nothing more of an answer, or does again."""
+        """Note whether a visitor has stopped reading its answer."""
         if one := self._open.get(peer_of(address)):
             one.stalled_s = self._clock() if stalled else None
 
     def forget(self, opened: socket.socket, address: tuple[Any, ...]) -> None:
-        """Let go of a connection that is closed; another one may have its port by now."""
+        """Remove a closed connection, unless another one has its port by now."""
         one = self._open.get(peer_of(address))
         if one is not None and one.opened is opened:
             del self._open[peer_of(address)]
 
     def expire(self) -> None:
-        """Close what has waited or stalled for too long."""
+        """Close the connections that have waited or stalled for too long."""
         now = self._clock()
         for peer, one in list(self._open.items()):
             waited = one.waiting and now - one.since_s > self._settings.request_s
@@ -101,7 +102,7 @@ class Connections:
                 self._close(peer)
 
     def _evict(self, peers: list[Peer]) -> bool:
-        """Close the one of `peers` that has waited longest; False where none waits."""
+        """Close the one of `peers` that has waited longest; return False where none waits."""
         oldest = next((peer for peer in peers if self._open[peer].waiting), None)
         if oldest is not None:
             self._close(oldest)
@@ -125,12 +126,12 @@ class Listener(socket.socket):
         self._connections = connections
 
     def listen(self, backlog: int = LISTEN_BACKLOG) -> None:
-        """Listen with a backlog of its own: the event loop's one is how many it accepts at a time."""
+        """Listen with `LISTEN_BACKLOG`: the event loop's value is how many it accepts at a time."""
         del backlog
         super().listen(LISTEN_BACKLOG)
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """Accept the next connection for which there is a place; BlockingIOError where no more come."""
+        """Accept the next connection for which there is room; BlockingIOError where no more come."""
         while True:
             accepted, address = super().accept()
             opened = _Opened(accepted, address, self._connections)
@@ -148,18 +149,19 @@ class _Opened(socket.socket):
         self._connections = connections
 
     def close(self) -> None:
-        """Close, and free the place."""
+        """Close the socket, and remove the connection."""
         self._connections.forget(self, self._address)
         super().close()
 
 
 def peer_of(address: tuple[Any, ...]) -> Peer:
-    """Address and port; IPv6 has more behind them."""
+    """Return address and port of a socket address; IPv6 has more elements."""
     return str(address[0]), int(address[1])
 
 
 def origin_of(host: str) -> str:
-    """Whose connections count together: an IPv4 address, or the 64 bits that one IPv6 subscriber has."""
+    """Return the key by which a visitor's connections are counted: an IPv4 address, or the /64 network of an
+    IPv6 address."""
     try:
         address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:

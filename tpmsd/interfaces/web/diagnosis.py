@@ -38,12 +38,12 @@ class DiagnosisJob:
     _task: asyncio.Task[None] | None = None
 
     def start(self) -> None:
-        """Begin, if nobody has: a second visit changes nothing."""
+        """Begin the diagnosis unless it has begun."""
         if self._task is None:
             self._task = asyncio.create_task(self._run_process())
 
     def document(self) -> dict[str, Any]:
-        """Return how far it is, as plain JSON values."""
+        """Return state, progress and reason of a failure, as plain JSON values."""
         begun = "waiting" if self._task is None else "running"
         state = "failed" if self.reason else begun if self.page is None else "done"
         return {"state": state, "share": self.share, "reason": self.reason or None}
@@ -67,7 +67,7 @@ class DiagnosisJob:
         )
         try:
             assert process.stdout is not None
-            page, last = await asyncio.gather(process.stdout.read(), self._follow(process))
+            page, last = await asyncio.gather(process.stdout.read(), self._read_progress(process))
             if await process.wait() == 0:
                 self.page = page.decode("utf-8")
             else:
@@ -77,8 +77,8 @@ class DiagnosisJob:
                 process.kill()
                 await process.wait()
 
-    async def _follow(self, process: asyncio.subprocess.Process) -> str:
-        """Read the progress; the last line that is none."""
+    async def _read_progress(self, process: asyncio.subprocess.Process) -> str:
+        """Read the process's progress to its end; return the last line that is not progress."""
         last = ""
         assert process.stderr is not None
         while line := await process.stderr.readline():
@@ -91,7 +91,8 @@ class DiagnosisJob:
 
 
 def main(folder: Path, model: Path | None = None) -> int:
-    """Return the process: 0 with the page on standard output, else a line on standard error."""
+    """Diagnose and write the page to standard output; return 0, or an exit code with a line on standard
+    error."""
     os.nice(NICE)
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy is imported

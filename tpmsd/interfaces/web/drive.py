@@ -35,7 +35,7 @@ BANDS = {f"{stem}_{wheel}_m": f"{stem}_std_{wheel}_m" for stem in ("change", "de
 
 
 def overview(replay: Replay) -> dict[str, Any]:
-    """Return what the page needs before it asks for series."""
+    """Return the document that the page needs before it asks for series."""
     table = replay.table
     if table is None:
         raise ConfigError("the replay has no tick table")
@@ -64,7 +64,7 @@ def overview(replay: Replay) -> dict[str, Any]:
 def series(
     replay: Replay, names: list[str], from_s: float, to_s: float, points: int
 ) -> dict[str, list[float | None]]:
-    """Columns between two drive times, with at most `points` values each; `x` is the time in s.
+    """Return columns between two drive times, with at most `points` values each; `x` is the time in s.
 
     Columns of `BANDS` come with `<name>:low` and `<name>:high`, two standard deviations either side.
 
@@ -109,5 +109,5 @@ def track(replay: Replay, colour: str, points: int) -> dict[str, list[float | No
 
 
 def plain_list(values: FloatArray) -> list[float | None]:
-    """For JSON: six significant digits, None for what is not finite."""
+    """Return values with seven significant digits for JSON, None for what is not finite."""
     return [float(f"{value:.7g}") if math.isfinite(value) else None for value in values.tolist()]

@@ -66,15 +66,16 @@ class Guard:
 
         refusal = self._refusal(scope)
         if refusal is None and scope["method"] not in SAFE_METHODS:
-            body = await _body(receive, self._settings.max_body_bytes)
+            body = await _read_body(receive, self._settings.max_body_bytes)
             if body is None:
                 return  # gone before the whole of it was there
             if len(body) > self._settings.max_body_bytes:
                 refusal = _TOO_LARGE
-            receive = _replayed(body, receive)
+            receive = _with_body(body, receive)
         await (self._app if refusal is None else refusal)(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> PlainTextResponse | None:
+        """Return the refusal of a request by its headers; None if it may pass."""
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if host_name(host) not in self._names:
@@ -90,22 +91,22 @@ class Guard:
                 return PlainTextResponse("the length of the body is wanted\n", 411, _CLOSE)
             if len(length) > _LENGTH_DIGITS or int(length) > self._settings.max_body_bytes:
                 return _TOO_LARGE
-        if self._settings.token is not None and scope["path"] != LOGIN and not self._known(headers):
+        if self._settings.token is not None and scope["path"] != LOGIN and not self._has_token(headers):
             if scope["method"] == "GET" and "text/html" in headers.get("accept", ""):
                 return PlainTextResponse("", 303, {"Location": LOGIN})
             return PlainTextResponse("a token is wanted\n", 401, {"WWW-Authenticate": "Bearer"})
         return None
 
-    def _known(self, headers: Headers) -> bool:
+    def _has_token(self, headers: Headers) -> bool:
+        """Return whether a request carries the token, as a bearer or in the cookie."""
         kind, _, given = headers.get("authorization", "").partition(" ")
         if kind.lower() != "bearer":
             given = cookie_parser(headers.get("cookie", "")).get(COOKIE, "")
-        return same(given.strip(), self._settings.token or "")
+        return secrets_equal(given.strip(), self._settings.token or "")
 
 
-async def _body(receive: Receive, most: int) -> bytes | None:
-    """Return the body, bytes counted as they come; more than `most` where it is larger, None where the
-    visitor left.
+async def _read_body(receive: Receive, most: int) -> bytes | None:
+    """Return the body, at most one message beyond `most` bytes; None where the visitor left.
 
     What the headers say of its length is not relied on: in chunks a body has none.
     """
@@ -120,8 +121,8 @@ async def _body(receive: Receive, most: int) -> bytes | None:
     return body
 
 
-def _replayed(body: bytes, receive: Receive) -> Receive:
-    """`receive` with a body that has been read already."""
+def _with_body(body: bytes, receive: Receive) -> Receive:
+    """Return a `receive` that first gives a body that has been read already."""
     waiting: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
     async def replay() -> Message:
@@ -130,8 +131,8 @@ def _replayed(body: bytes, receive: Receive) -> Receive:
     return replay
 
 
-def same(given: str, wanted: str) -> bool:
-    """Return whether two secrets are equal, in a time that tells nothing about where they differ."""
+def secrets_equal(given: str, wanted: str) -> bool:
+    """Return whether two secrets are equal, in a time that does not depend on where they differ."""
     return hmac.compare_digest(given.encode("utf-8"), wanted.encode("utf-8"))
 
 

@@ -47,7 +47,7 @@ class LiveHub:
     _changed: asyncio.Condition = field(default_factory=asyncio.Condition)
 
     async def run(self) -> None:
-        """Follow the daemon for ever; a daemon that goes away is asked again until it is back."""
+        """Follow the daemon until cancelled; reconnect when it goes away."""
         while True:
             try:
                 await self._follow_daemon()
@@ -105,8 +105,8 @@ class LiveHub:
         ):
             self.history.popleft()
 
-    async def _newer_than(self, version: int) -> bool:
-        """Wait for an update, as long as a stream may be silent; whether there is one."""
+    async def _wait_for_update(self, version: int) -> bool:
+        """Wait for a version other than `version`, at most `heartbeat_s`; return whether there is one."""
         try:
             async with asyncio.timeout(self.settings.heartbeat_s), self._changed:
                 await self._changed.wait_for(lambda: self._version != version)
@@ -115,12 +115,12 @@ class LiveHub:
         return True
 
     async def events(self) -> AsyncIterator[bytes]:
-        """Server-sent events for one visitor: the history first, then every update it can take."""
+        """Yield server-sent events for one visitor: the history first, then every update it can take."""
         seen = -1
         self._past = self._past or event("history", list(self.history))
         yield self._past
         while True:
-            if not await self._newer_than(seen):
+            if not await self._wait_for_update(seen):
                 yield b": still here\n\n"
                 continue
             seen = self._version

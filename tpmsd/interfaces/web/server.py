@@ -37,7 +37,7 @@ def make_server(
         host=settings.host,
         port=settings.port,
         loop="asyncio",  # uvloop would not accept by the listener
-        http=_protocol(connections),
+        http=_protocol_class(connections),
         ws="none",
         log_level="warning",
         access_log=False,
@@ -56,8 +56,8 @@ def make_server(
     return uvicorn.Server(config), listener
 
 
-def _protocol(connections: Connections) -> type[H11Protocol]:
-    """Return a protocol that tells `connections` what it does."""
+def _protocol_class(connections: Connections) -> type[H11Protocol]:
+    """Return an HTTP protocol class that reports to `connections` what each connection does."""
 
     class Protocol(H11Protocol):
         """HTTP/1.1 by h11; a request counts as there with the last byte of its body."""
@@ -91,5 +91,5 @@ def _protocol(connections: Connections) -> type[H11Protocol]:
 
 
 def port_of(listener: socket.socket) -> int:
-    """Return the port on which it listens."""
+    """Return the port on which a socket listens."""
     return int(listener.getsockname()[1])
