@@ -144,7 +144,7 @@ def test_straight_driving_only_integrates_the_acceleration() -> None:
 def test_braking_is_carried_by_slip() -> None:
     """The wheels' longitudinal forces together are m a_x, split as the brakes split it."""
     state = np.array([0.0, 20.0, 0.0])
-    along = model.wheels(PAPER_CAR, state, steering(0.0, -2.0)).forces.along_n
+    along = model.wheel_states(PAPER_CAR, state, steering(0.0, -2.0)).forces.along_n
     assert -2.0 * PAPER_CAR.mass_kg == pytest.approx(along.sum())
     assert PAPER_CAR.brake_front_share == pytest.approx(along[:2].sum() / along.sum())
 

@@ -34,11 +34,13 @@ class RobustSettings:
     """c1, 3 to 8."""
 
     def weights(self, innovation: FloatArray, std: FloatArray) -> FloatArray:
-        """Equivalent weights of readings by their innovations, floored so that they can divide."""
+        """Return the (k,) equivalent weights (IGG-III) of readings by their innovations, at least
+        `MIN_WEIGHT`."""
         return np.maximum(igg3(innovation / std, self.believe, self.refuse), MIN_WEIGHT)
 
     def factor(self, correction: FloatArray, variance: FloatArray) -> float:
-        """Adaptive factor by how far the readings pull the prediction (n,), given its variances (n,).
+        """Return the adaptive factor, `MIN_FACTOR` to 1, by the correction of the state (n,) and its
+        variances (n,).
 
         The printed norm adds metres to radians per second; here each state counts in its own standard
         deviations.

@@ -70,12 +70,12 @@ class CarDynamics:
 
     @property
     def wheelbase_m(self) -> float:
-        """Front to rear axle."""
+        """Return the distance from front to rear axle, metres."""
         return self.front_m + self.rear_m
 
     @property
     def understeer_gradient_s2pm(self) -> float:
-        """K in delta = (l + K u^2) r / u of the linear bicycle: m / l * (b / C_f - a / C_r), axle
+        """Return K in delta = (l + K u^2) r / u of the linear bicycle: m / l * (b / C_f - a / C_r), axle
         stiffnesses."""
         front, rear = 2 * self.cornering_front_n, 2 * self.cornering_rear_n
         return self.mass_kg / self.wheelbase_m * (self.rear_m / front - self.front_m / rear)

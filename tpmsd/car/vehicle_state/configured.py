@@ -17,7 +17,8 @@ DRIVE_SHARES = {"front": 1.0, "rear": 0.0, "all": 0.5}
 def configured_car(
     dynamics: DynamicsConfig, track_front_m: float, track_rear_m: float, driven_axle: str
 ) -> CarDynamics:
-    """Return the car; each wheel has half of its axle's cornering stiffness."""
+    """Return the car, each wheel with half of its axle's cornering stiffness; ConfigError if a key is
+    missing."""
     given = {name: getattr(dynamics, name) for name in NEEDED}
     if missing := [name for name, value in given.items() if value is None]:
         raise ConfigError(f"[dynamics] {' '.join(missing)}: missing; the vehicle state needs it")

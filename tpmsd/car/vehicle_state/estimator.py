@@ -95,7 +95,7 @@ class VehicleStateEstimator:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the motion so far (behind a pause)."""
+        """Discard the motion so far (after a pause)."""
         self._filter: StateFilter | None = None
         self._rejected_s = np.zeros(3)
         self._steer_rad = self._ahead_mps2 = self._speed_mps = math.nan
@@ -111,7 +111,7 @@ class VehicleStateEstimator:
         steer_rad: float,
         speed_mps: float,
     ) -> VehicleState | None:
-        """Take one tick; each reading may be NaN.
+        """Update by one tick and return the state, None while it is unknown; each reading may be NaN.
 
         The estimate begins with the first tick that has steering, yaw rate and a speed of at least
         `MIN_SPEED_MPS`, and ends where the car is slower or the steering is lost. Without longitudinal
@@ -121,7 +121,7 @@ class VehicleStateEstimator:
             self.reset()
             return None
         steer_rad = self._held_steer(dt_s, steer_rad)
-        ahead_mps2 = self._held_ahead(dt_s, accel_long_mps2, speed_mps)
+        ahead_mps2 = self._held_accel_long(dt_s, accel_long_mps2, speed_mps)
         if self._filter is None:
             if not all(map(math.isfinite, (steer_rad, yaw_rate_radps, speed_mps))):
                 return None
@@ -136,7 +136,7 @@ class VehicleStateEstimator:
         except np.linalg.LinAlgError:
             self.reset()
             return None
-        if not self._sound(belief, dt_s):
+        if not self._is_plausible(belief, dt_s):
             self.reset()
             return None
         return state_of(belief)
@@ -171,15 +171,16 @@ class VehicleStateEstimator:
         return make_filter(self._method, self._car, noise, start, self._rng, self._particles)
 
     def _held_steer(self, dt_s: float, steer_rad: float) -> float:
-        """Return the steering angle, the last one where a tick has none."""
+        """Return the steering angle; without a reading the last one for at most `hold_s`, then NaN."""
         if math.isfinite(steer_rad):
             self._steer_rad, self._steer_age_s = steer_rad, 0.0
         else:
             self._steer_age_s += dt_s
         return self._steer_rad if self._steer_age_s <= self._settings.hold_s else math.nan
 
-    def _held_ahead(self, dt_s: float, accel_long_mps2: float, speed_mps: float) -> float:
-        """Return the longitudinal acceleration: measured, held, by the speed, or none at all."""
+    def _held_accel_long(self, dt_s: float, accel_long_mps2: float, speed_mps: float) -> float:
+        """Return the longitudinal acceleration: measured, else held up to `hold_s`, else from the speed, else
+        0."""
         before, self._speed_mps = self._speed_mps, speed_mps
         if math.isfinite(accel_long_mps2):
             self._ahead_mps2, self._ahead_age_s = accel_long_mps2, 0.0
@@ -190,8 +191,9 @@ class VehicleStateEstimator:
         by_speed = (speed_mps - before) / dt_s
         return by_speed if math.isfinite(by_speed) else 0.0
 
-    def _sound(self, belief: GaussianState, dt_s: float) -> bool:
-        """Return whether the belief is one of a car that drives forward and whose readings are heard."""
+    def _is_plausible(self, belief: GaussianState, dt_s: float) -> bool:
+        """Return whether the state is finite, drives forward, and has rejected no reading beyond
+        `rejection_timeout_s`."""
         if not (np.isfinite(belief.mean).all() and np.isfinite(belief.covariance).all()):
             return False
         if belief.mean[U] < MIN_SPEED_MPS or (np.diag(belief.covariance) < 0.0).any():
@@ -204,7 +206,7 @@ class VehicleStateEstimator:
 
 
 def state_of(belief: GaussianState) -> VehicleState:
-    """Return speeds, side slip beta = atan2(v, u) and yaw rate of a belief with their standard deviations.
+    """Return speeds, side slip beta = atan2(v, u) and yaw rate of a Gaussian with their standard deviations.
 
     The side slip's is that to first order: d beta = (u dv - v du) / (u^2 + v^2).
     """

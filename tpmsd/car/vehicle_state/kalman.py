@@ -33,11 +33,11 @@ class FilterNoise:
     """Lateral acceleration (m/s2), yaw rate (rad/s), speed by the wheels (m/s)."""
 
     def process_covariance(self, dt_s: float) -> FloatArray:
-        """(3, 3) growth over one step."""
+        """Return the (3, 3) growth of the covariance over a step of `dt_s`."""
         return np.diag(np.square(self.process)) * dt_s
 
     def measurement_covariance(self) -> FloatArray:
-        """(3, 3)"""
+        """Return the (3, 3) covariance of the readings."""
         return np.diag(np.square(self.readings))
 
 
@@ -55,7 +55,7 @@ class StateFilter(Protocol):
     """A filter of the vehicle state."""
 
     def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
-        """Advance by one tick and take its readings (3,); NaN is left out."""
+        """Advance by one tick and update with its readings (3,); NaN is left out."""
         ...
 
 
@@ -66,7 +66,7 @@ class Ekf:
         self._car, self._noise, self._belief = car, noise, start
 
     def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
-        """Update by one tick."""
+        """Advance by one tick and update with its readings (3,); NaN is left out."""
         mean, by_state = advance_jacobian(self._car, self._belief.mean, inputs)
         covariance = by_state @ self._belief.covariance @ by_state.T
         covariance += self._noise.process_covariance(inputs.dt_s)
@@ -103,7 +103,7 @@ class Corrected:
 def predict(
     car: CarDynamics, mean: FloatArray, covariance: FloatArray, inputs: StepInputs, noise: FilterNoise
 ) -> tuple[FloatArray, FloatArray]:
-    """Eq. (16): means (N, 3) and covariances (N, 3, 3) after the tick."""
+    """Return means (N, 3) and covariances (N, 3, 3) after the tick, eq. (16)."""
     points = model.advance(car, sigma_points(mean, covariance, SIGMA), inputs)
     ahead, spread, _ = moments(points, SIGMA)
     return ahead, spread + noise.process_covariance(inputs.dt_s)
@@ -118,7 +118,8 @@ def correct(
     noise: FilterNoise,
     robust: RobustSettings | None,
 ) -> Corrected:
-    """Eqs (17), (18) with K = P_xz inv(P_zz); with `robust` also (19)-(21).
+    """Return the N Gaussians after a reading (3,), eqs (17), (18), K = P_xz inv(P_zz); `robust`: also
+    (19)-(21).
 
     Whether a reading is an outlier is a matter of the reading: weights and factor are judged once, by all N
     together, and are the same for each.
@@ -142,7 +143,7 @@ def correct(
 
 
 def joint_variance(mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n,) variances of the equal mixture of N Gaussians, means (N, n)."""
+    """Return the (n,) variances of the equal mixture of N Gaussians, means (N, n)."""
     own = np.diagonal(covariance, axis1=-2, axis2=-1).mean(axis=0)
     return np.asarray(own + mean.var(axis=0))
 
@@ -167,12 +168,12 @@ class _Update:
         self._mean, self._covariance = mean, covariance
 
     def joint_innovation(self, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) innovation of the N together, and its standard deviation."""
+        """Return the (k,) mean innovation of the N Gaussians, and the standard deviation of their mixture."""
         variance = joint_variance(self._expected, self._spread) + np.diag(noise)
         return self._innovation.mean(axis=0), np.sqrt(variance)
 
     def apply(self, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Means (N, 3) and covariances (N, 3, 3) after the update."""
+        """Return means (N, 3) and covariances (N, 3, 3) after the update."""
         total = self._spread + noise
         gain = np.swapaxes(np.linalg.solve(total, np.swapaxes(self._cross, -1, -2)), -1, -2)
         mean = self._mean + np.einsum("...nk,...k->...n", gain, self._innovation)
@@ -193,7 +194,7 @@ class Ukf:
         self.factor = 1.0
 
     def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
-        """Update by one tick."""
+        """Advance by one tick and update with its readings (3,); NaN is left out."""
         mean, covariance = self._belief.mean[None], self._belief.covariance[None]
         mean, covariance = predict(self._car, mean, covariance, inputs, self._noise)
         done = correct(self._car, mean, covariance, inputs, reading, self._noise, self._robust)

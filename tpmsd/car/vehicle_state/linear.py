@@ -19,7 +19,7 @@ from tpmsd.car.vehicle_state.model import (
     rates,
     road_wheel_cos_sin,
     substeps,
-    wheels,
+    wheel_states,
 )
 from tpmsd.foundation.wheels import FloatArray
 
@@ -27,8 +27,8 @@ from tpmsd.foundation.wheels import FloatArray
 def _force_gradients(
     car: CarDynamics, state: FloatArray, inputs: StepInputs
 ) -> tuple[FloatArray, FloatArray]:
-    """(3,) derivatives of lateral acceleration and of yaw acceleration by the state."""
-    at = wheels(car, state, inputs)
+    """Return the (3,) derivatives of lateral acceleration and of yaw acceleration by the state."""
+    at = wheel_states(car, state, inputs)
     forces = car.tyres.gradients(at.slip, at.slip_angle_rad, at.load_n)
     # d(angle) = -d atan2(left, along); a hub slower than MIN_SPEED_MPS has its along speed held.
     free = at.hub_along_mps > MIN_SPEED_MPS
@@ -52,7 +52,7 @@ def _force_gradients(
 
 
 def rates_jacobian(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
-    """(3, 3) derivative of `model.rates`; rows are the rates, columns the states."""
+    """Return the (3, 3) derivative of `model.rates`; rows are the rates, columns the states."""
     lateral, yaw = _force_gradients(car, state, inputs)
     turning = np.array([0.0, state[R], state[U]])
     return np.stack([lateral - turning, np.array([state[R], 0.0, state[V]]), yaw])
@@ -73,7 +73,7 @@ def advance_jacobian(
 
 
 def measurement_jacobian(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
-    """(3, 3) derivative of `model.measurements`."""
+    """Return the (3, 3) derivative of `model.measurements`; rows are the readings, columns the states."""
     lateral, _ = _force_gradients(car, state, inputs)
     out = np.zeros((3, 3))
     out[0] = (1.0 + GRAVITY_MPS2 * car.roll_rad_per_mps2) * lateral

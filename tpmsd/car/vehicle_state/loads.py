@@ -13,7 +13,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 def wheel_loads(car: CarDynamics, accel_long_mps2: FloatArray, accel_lat_mps2: FloatArray) -> FloatArray:
-    """(..., 4) loads in N; their sum is m g whatever the accelerations. Negative where a wheel would lift.
+    """Return (..., 4) loads in N, whose sum is m g for any acceleration; negative where a wheel would lift.
 
     Eq. (8) with the division by the wheelbase: each axle takes the lateral transfer of the mass it carries,
     and braking moves load to the front.

@@ -64,7 +64,8 @@ class Wheels:
 
 
 def carried_slip(car: CarDynamics, accel_long_mps2: FloatArray | float) -> FloatArray:
-    """(..., 4) longitudinal slip of wheels that carry m * a_x: sigma / (1 + sigma) = F_x / C_sigma."""
+    """Return the (..., 4) longitudinal slip of wheels that carry m * a_x: sigma / (1 + sigma) = F_x /
+    C_sigma."""
     accel = np.asarray(accel_long_mps2, dtype=np.float64)
     front = np.where(accel > 0.0, car.drive_front_share, car.brake_front_share)
     share = np.stack([front, front, 1.0 - front, 1.0 - front], axis=-1) / 2
@@ -73,8 +74,8 @@ def carried_slip(car: CarDynamics, accel_long_mps2: FloatArray | float) -> Float
     return np.asarray(force / (1.0 - force))
 
 
-def wheels(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> Wheels:
-    """Return what happens at the four wheels in the states (..., 3)."""
+def wheel_states(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> Wheels:
+    """Return slips, loads, forces and hub speeds of the four wheels, (..., 4), in the states (..., 3)."""
     v, u, r = state[..., V, None], state[..., U, None], state[..., R, None]
     along = u - r * car.left_m
     left = v + r * car.forward_m
@@ -89,9 +90,12 @@ def wheels(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> Wheels:
 _STEERED = np.array([1.0, 1.0, 0.0, 0.0])
 
 
-def lateral_and_yaw(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> tuple[FloatArray, FloatArray]:
-    """(...,) lateral acceleration, eq. (5), and yaw acceleration, eqs (1) and (3), by the tyres' forces."""
-    forces = wheels(car, state, inputs).forces
+def lateral_and_yaw_accel(
+    car: CarDynamics, state: FloatArray, inputs: StepInputs
+) -> tuple[FloatArray, FloatArray]:
+    """Return (...,) lateral acceleration, eq. (5), and yaw acceleration, eqs (1) and (3), by the tyres'
+    forces."""
+    forces = wheel_states(car, state, inputs).forces
     cos, sin = road_wheel_cos_sin(inputs)
     ahead = forces.along_n * cos - forces.left_n * sin
     side = forces.along_n * sin + forces.left_n * cos
@@ -100,19 +104,19 @@ def lateral_and_yaw(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> 
 
 
 def road_wheel_cos_sin(inputs: StepInputs) -> tuple[FloatArray, FloatArray]:
-    """(4,) cosine and sine of the angle at which each wheel stands."""
+    """Return (4,) cosine and sine of the steering angle of each wheel, 0 for the rear ones."""
     return np.cos(inputs.steer_rad * _STEERED), np.sin(inputs.steer_rad * _STEERED)
 
 
 def rates(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
-    """(..., 3) time derivative of the state, eq. (1)."""
-    lateral, yaw = lateral_and_yaw(car, state, inputs)
+    """Return the (..., 3) time derivative of the state, eq. (1)."""
+    lateral, yaw = lateral_and_yaw_accel(car, state, inputs)
     v, u, r = state[..., V], state[..., U], state[..., R]
     return np.stack([lateral - u * r, inputs.accel_long_mps2 + v * r, yaw], axis=-1)
 
 
 def advance(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
-    """(..., 3) state at the end of the tick, by the midpoint rule in `substeps`."""
+    """Return the (..., 3) state at the end of the tick, by the midpoint rule in `substeps`."""
     count, step = substeps(state, inputs)
     for _ in range(count):
         half = state + step / 2 * rates(car, state, inputs)
@@ -121,8 +125,8 @@ def advance(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArr
 
 
 def substeps(state: FloatArray, inputs: StepInputs) -> tuple[int, float]:
-    """Number and length of the integration steps in a tick: they shrink with the lowest forward speed,
-    where lateral dynamics are stiffest."""
+    """Return number and length (s) of a tick's integration steps, shorter at low speed, where the dynamics
+    are stiffest."""
     lowest_mps = float(np.min(state[..., U]))
     longest = min(max(STEP_S_PER_MPS * lowest_mps, MIN_STEP_S), MAX_STEP_S)
     count = max(int(np.ceil(inputs.dt_s / longest - 1e-9)), 1)
@@ -130,7 +134,7 @@ def substeps(state: FloatArray, inputs: StepInputs) -> tuple[int, float]:
 
 
 def measurements(car: CarDynamics, state: FloatArray, inputs: StepInputs) -> FloatArray:
-    """(..., 3) what the sensors would read: lateral acceleration (with the body's roll), yaw rate, speed."""
-    lateral, _ = lateral_and_yaw(car, state, inputs)
+    """Return the (..., 3) expected readings: lateral acceleration (with the body's roll), yaw rate, speed."""
+    lateral, _ = lateral_and_yaw_accel(car, state, inputs)
     gain = 1.0 + GRAVITY_MPS2 * car.roll_rad_per_mps2
     return np.stack([gain * lateral, state[..., R], state[..., U]], axis=-1)

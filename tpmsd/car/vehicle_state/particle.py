@@ -57,7 +57,7 @@ class UnscentedParticleFilter:
         """Effective number of particles before the last resampling."""
 
     def step(self, inputs: StepInputs, reading: FloatArray) -> GaussianState:
-        """Update by one tick."""
+        """Advance by one tick and update with its readings (3,); NaN is left out."""
         car, process = self._car, self._noise.process_covariance(inputs.dt_s)
         if self._covariance is None:
             own = ahead = model.advance(car, self._states, inputs)
@@ -81,7 +81,7 @@ class UnscentedParticleFilter:
         mean = weights @ states
         centred = states - mean
         belief = GaussianState(mean, (centred * weights[:, None]).T @ centred)
-        chosen = _systematic(self._rng, weights)
+        chosen = _systematic_resampling(self._rng, weights)
         self._states = states[chosen]
         if self._covariance is not None:
             self._covariance = done.covariance[chosen]
@@ -89,21 +89,22 @@ class UnscentedParticleFilter:
 
 
 def _draw(rng: np.random.Generator, mean: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(N, n) one draw from each Gaussian."""
+    """Return one draw from each of N Gaussians, (N, n)."""
     root = np.linalg.cholesky(covariance)
     return np.asarray(mean + np.einsum("...ij,...j->...i", root, rng.standard_normal(mean.shape)))
 
 
 def _log_density(off: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(N,) log of the normal density at `off` (N, n), less a constant; covariance (n, n) or (N, n, n)."""
+    """Return the (N,) log normal density at deviations `off` (N, n), less a constant; covariance (n, n) or
+    (N, n, n)."""
     root = np.linalg.cholesky(covariance)
     white = np.linalg.solve(root, off[..., None])[..., 0]
     volume = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
     return np.asarray(-0.5 * np.square(white).sum(axis=-1) - volume)
 
 
-def _systematic(rng: np.random.Generator, weights: FloatArray) -> FloatArray:
-    """(N,) indices, each as often as its weight times N, up to one."""
+def _systematic_resampling(rng: np.random.Generator, weights: FloatArray) -> FloatArray:
+    """Return (N,) indices, each as often as its weight times N, rounded up or down."""
     count = weights.size
     rungs = (np.arange(count) + rng.random()) / count
     return np.minimum(np.searchsorted(np.cumsum(weights), rungs), count - 1)

@@ -12,7 +12,7 @@ from tpmsd.foundation.wheels import FloatArray
 
 
 def igg3(residual: FloatArray, believe: float, refuse: float) -> FloatArray:
-    """Weights of residuals in standard deviations, same shape.
+    """Return the weights, 0 to 1, of residuals in standard deviations, same shape.
 
     1 up to `believe`; then believe / |v| * ((refuse - |v|) / (refuse - believe))^2; 0 from `refuse` on, and
     for NaN.

@@ -20,7 +20,7 @@ AXLES: dict[str, tuple[int, int]] = {"front": (0, 1), "rear": (2, 3)}
 
 
 def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
-    """(n, 4) each, by name (`front_drive`, `rear_brake`, ...): slip of an axle's wheels per unit of its
+    """Return name (`front_drive`, `rear_brake`, ...) -> (n, 4) slip of an axle's wheels per unit of its
     value.
 
     A value is the slip per acceleration while nothing slides. The tyre model gives how much more it takes
@@ -30,7 +30,7 @@ def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
     the other way.
     """
     dynamics = dynamics_of(car)
-    softer = _stiffness_lost(dynamics, motion)
+    softer = _rest_load_ratio(dynamics, motion)
     slip = typical_slips(motion, car).wheel_slip * softer
     small = np.array([SETTINGS.probe_mps2, -SETTINGS.probe_mps2])
     slopes = slip_traces(dynamics, small, np.zeros(2)).wheel_slip / small[:, None]
@@ -58,7 +58,7 @@ def dynamics_of(car: Car) -> CarDynamics:
 
 
 def typical_slips(motion: Motion, car: Car) -> SlipTraces:
-    """Slips of a typical car that moves like this one."""
+    """Return the slips of a typical car in the motion of this one."""
     steering = motion.measured.get("steering")
     return slip_traces(
         dynamics_of(car),
@@ -69,8 +69,8 @@ def typical_slips(motion: Motion, car: Car) -> SlipTraces:
     )
 
 
-def _stiffness_lost(car: CarDynamics, motion: Motion) -> FloatArray:
-    """(n, 4) load at rest over load."""
+def _rest_load_ratio(car: CarDynamics, motion: Motion) -> FloatArray:
+    """Return the (n, 4) ratio of a wheel's load at rest to its load, limited to 0.5 to 2."""
     load = wheel_loads(car, motion.specific_force_long_mps2, motion.accel_lat_mps2)
     rest = wheel_loads(car, np.zeros(1), np.zeros(1))
     return np.asarray(np.clip(rest / np.maximum(load, 1.0), 0.5, 2.0))

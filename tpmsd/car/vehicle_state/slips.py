@@ -38,7 +38,7 @@ def slip_traces(
     yaw_accel_radps2: FloatArray | None = None,
     steer_rad: FloatArray | None = None,
 ) -> SlipTraces:
-    """Slips over a recording, all inputs (n,); those that are None count as zero.
+    """Return the slips over a recording, all inputs (n,); those that are None count as zero.
 
     `accel_lat_mps2` is the lateral acceleration of the car (speed times yaw rate where the bus has none), not
     the reading of a sensor that leans with the body. ValueError if the lengths differ.
@@ -64,7 +64,7 @@ def slip_traces(
 def angle_for_force(
     force_n: FloatArray, load_n: FloatArray, cornering_n: float, friction: float
 ) -> FloatArray:
-    """Slip angle under which a tyre without longitudinal slip gives this side force; same shape.
+    """Return the slip angle (rad) at which a tyre without longitudinal slip has this side force; same shape.
 
     Inverse of Dugoff's law: linear up to half the limit L = friction * load, then
     |F| = L (1 - L / (4 C tan alpha)). Forces beyond `max_use` of the limit give that one's angle.
@@ -85,7 +85,7 @@ def wheel_slips(
     front_angle_rad: FloatArray,
     steer_rad: FloatArray,
 ) -> FloatArray:
-    """(..., 4) longitudinal slip of wheels that carry the measured acceleration; inputs (...).
+    """Return the (..., 4) longitudinal slip of wheels that carry the measured acceleration; inputs (...).
 
     The forces carry m a_x and, with steered wheels, the part of the front side force that points backwards: a
     bend at constant speed is driven with slip. In a sliding tyre the same force needs more of it.
@@ -98,19 +98,19 @@ def wheel_slips(
     wanted = force[..., None] * share / car.longitudinal_n
     load = wheel_loads(car, accel_long_mps2, accel_lat_mps2)
     angle = np.stack([front_angle_rad, front_angle_rad, -side_slip_rad, -side_slip_rad], axis=-1)
-    slip = _slip(wanted)
+    slip = _slip_of_force_ratio(wanted)
     for _ in range(4):
         out = car.tyres.forces(slip, angle, load)
         linear = car.longitudinal_n * slip / (1.0 + slip)
         grip = np.where(linear != 0.0, out.along_n / np.where(linear != 0.0, linear, 1.0), 1.0)
-        better = _slip(wanted / np.maximum(grip, 0.05))
+        better = _slip_of_force_ratio(wanted / np.maximum(grip, 0.05))
         if np.allclose(better, slip, rtol=1e-3, atol=1e-6, equal_nan=True):
             break  # nothing slides
         slip = better
     return slip
 
 
-def _slip(ratio: FloatArray) -> FloatArray:
-    """sigma of sigma / (1 + sigma) = F_x / C_sigma, limited to `max_slip` in size."""
+def _slip_of_force_ratio(ratio: FloatArray) -> FloatArray:
+    """Return sigma of sigma / (1 + sigma) = F_x / C_sigma, limited to `max_slip` in size."""
     held = np.clip(ratio, -SETTINGS.max_slip, SETTINGS.max_slip)
     return np.asarray(np.clip(held / (1.0 - held), -SETTINGS.max_slip, SETTINGS.max_slip))

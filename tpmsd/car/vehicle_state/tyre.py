@@ -48,7 +48,7 @@ class DugoffTyre:
     friction: float
 
     def forces(self, slip: FloatArray, slip_angle_rad: FloatArray, load_n: FloatArray) -> TyreForces:
-        """Longitudinal and lateral force; all arrays broadcast together.
+        """Return longitudinal and lateral force; all arrays broadcast together.
 
         A wheel without load has no force. The sum of both forces never exceeds friction * load: with
         D = hypot(C_sigma sigma, C_alpha tan alpha) it is friction * load * (1 - lambda / 2) when sliding
@@ -63,7 +63,7 @@ class DugoffTyre:
         return TyreForces(along * share, left * share)
 
     def gradients(self, slip: FloatArray, slip_angle_rad: FloatArray, load_n: FloatArray) -> TyreGradients:
-        """Derivatives of `forces` by slip angle and load, the slip held."""
+        """Return the derivatives of `forces` by slip angle and load, at constant slip."""
         tangent = np.tan(slip_angle_rad)
         linear = np.maximum(np.hypot(self.longitudinal_n * slip, self.cornering_n * tangent), _STILL_N)
         limit_by_load = np.where(load_n > 0.0, self.friction * (1.0 + slip) / (2.0 * linear), 0.0)

@@ -26,7 +26,7 @@ class SigmaWeights:
 def sigma_weights(
     size: int, alpha: float = 1.0, beta: float = 0.0, kappa: float | None = None
 ) -> SigmaWeights:
-    """Weights of the scaled transform; `ValueError` if the points would not spread.
+    """Return the weights of the scaled transform; `ValueError` if the points would not spread.
 
     `kappa` None: 3 - size, or 0 beyond three dimensions, where the middle's weight would be negative.
     """
@@ -42,19 +42,20 @@ def sigma_weights(
 
 
 def sigma_points(mean: FloatArray, covariance: FloatArray, weights: SigmaWeights) -> FloatArray:
-    """(..., 2n + 1, n): the mean first, then both ways along each column of the Cholesky factor."""
+    """Return (..., 2n + 1, n) points: the mean, then mean plus and minus each column of the Cholesky
+    factor."""
     root = np.swapaxes(np.linalg.cholesky(covariance), -1, -2) * weights.spread
     centre = mean[..., None, :]
     return np.concatenate([centre, centre + root, centre - root], axis=-2)
 
 
 def moments(points: FloatArray, weights: SigmaWeights) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Mean (..., m), covariance (..., m, m) and the centred points of transformed sigma points."""
+    """Return mean (..., m), covariance (..., m, m) and the centred points of transformed sigma points."""
     mean = np.einsum("j,...jm->...m", weights.mean, points)
     centred = points - mean[..., None, :]
     return mean, cross(centred, centred, weights), centred
 
 
 def cross(left: FloatArray, right: FloatArray, weights: SigmaWeights) -> FloatArray:
-    """(..., n, m) covariance of centred points (..., 2n + 1, n) with (..., 2n + 1, m)."""
+    """Return the (..., n, m) covariance of centred points (..., 2n + 1, n) with (..., 2n + 1, m)."""
     return np.asarray(np.swapaxes(left * weights.covariance[:, None], -1, -2) @ right)
