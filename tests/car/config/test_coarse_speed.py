@@ -10,7 +10,7 @@ import pytest
 
 from tests.car.config.conftest import Make
 from tpmsd.car.config.check import check
-from tpmsd.car.config.coarse_speed import coarse_speed, truncation_bias
+from tpmsd.car.config.coarse_speed import coarse_step_warning, truncation_bias
 from tpmsd.interfaces.cli.main import main
 
 KMH = 1.0 / 3.6
@@ -26,12 +26,12 @@ def test_the_stated_bias_is_that_of_truncated_speeds() -> None:
 
 def test_steps_of_a_kilometre_per_hour_are_reported_with_the_bias() -> None:
     """2.2 mm of 316 at 20 m/s; a sixteenth of that step is fine."""
-    text = coarse_speed(KMH, 0.316)
+    text = coarse_step_warning(KMH, 0.316)
 
     assert text is not None
     assert "steps of 1 km/h" in text
     assert "2.2 mm larger at 20 m/s" in text
-    assert coarse_speed(KMH / 16.0, 0.316) is None
+    assert coarse_step_warning(KMH / 16.0, 0.316) is None
 
 
 def test_check_warns_of_them_once(make: Make) -> None:

@@ -21,7 +21,7 @@ from tpmsd.car.config.model import (
 )
 from tpmsd.car.config.problems import BadValueError, show
 from tpmsd.car.config.suggest import nearest
-from tpmsd.car.config.vehicle_state import lacking
+from tpmsd.car.config.vehicle_state import missing_keys
 from tpmsd.foundation.wheels import WHEELS
 
 FRONT, REAR = WHEELS[:2], WHEELS[2:]
@@ -38,7 +38,7 @@ class Reporter(Protocol):
 
 
 def monitored_wheels(roles: Collection[str], report: Reporter) -> tuple[str, ...]:
-    """Return the wheels that have a signal; reports where they are neither all four nor the rear pair."""
+    """Return the wheels that have a signal; report if they are neither all four nor the rear pair."""
     table = "can.signals"
     sources: dict[str, list[str]] = {
         wheel: [role for role in (f"wheel_count_{wheel}", f"wheel_speed_{wheel}") if role in roles]
@@ -64,7 +64,7 @@ def monitored_wheels(roles: Collection[str], report: Reporter) -> tuple[str, ...
     return wheels
 
 
-def vehicle(
+def make_vehicle(
     raw: Mapping[str, Any],
     good: Mapping[str, Any],
     given: Collection[str],
@@ -100,6 +100,7 @@ def vehicle(
 def _wheel_radii(
     raw: Mapping[str, Any], given: Collection[str], wheels: tuple[str, ...], report: Reporter
 ) -> tuple[float, float, float, float] | None:
+    """Return the nominal radii (m) of the four wheels; None if something was reported."""
     key = "wheel_radius_m"
     if key not in raw:
         if key not in given:
@@ -109,14 +110,15 @@ def _wheel_radii(
         return None
     value = raw[key]
     if not isinstance(value, dict):
-        radius = _reported_on_error(lambda: _one_radius(value), report, key)
+        radius = _read_or_report(lambda: _one_radius(value), report, key)
         return None if radius is None else (radius, radius, radius, radius)
-    return _radius_of_each(value, wheels, report)
+    return _radii_by_wheel(value, wheels, report)
 
 
-def _radius_of_each(
+def _radii_by_wheel(
     value: Mapping[str, Any], wheels: tuple[str, ...], report: Reporter
 ) -> tuple[float, float, float, float] | None:
+    """Return the nominal radii (m) of a table by wheel; None if something was reported."""
     key = "wheel_radius_m"
     for wheel in value:
         if wheel not in WHEELS:
@@ -130,7 +132,7 @@ def _radius_of_each(
             key,
         )
     radii = {
-        wheel: _reported_on_error(lambda wheel=wheel: RADIUS.read(value[wheel]), report, key, wheel)  # type: ignore[misc]
+        wheel: _read_or_report(lambda wheel=wheel: RADIUS.read(value[wheel]), report, key, wheel)  # type: ignore[misc]
         for wheel in WHEELS
         if wheel in value
     }
@@ -150,7 +152,8 @@ def _one_radius(value: object) -> float:
     return RADIUS.read(value)
 
 
-def _reported_on_error(read: Callable[[], float], report: Reporter, key: str, *inside: str) -> float | None:
+def _read_or_report(read: Callable[[], float], report: Reporter, key: str, *inside: str) -> float | None:
+    """Return the value read; None after its error was reported."""
     try:
         return read()
     except BadValueError as bad:
@@ -158,7 +161,7 @@ def _reported_on_error(read: Callable[[], float], report: Reporter, key: str, *i
         return None
 
 
-def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -> None:
+def check_monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -> None:
     """Report alarms that do not clear below the probability at which they are raised."""
     if settings.clear_probability >= settings.raise_probability:
         key = "clear_probability" if "clear_probability" in given else "raise_probability"
@@ -173,13 +176,13 @@ def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -
 _POSITION_ROLES = ("gnss_latitude", "gnss_longitude")
 
 
-def receiver(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
-    """Make the position on the bus the source of fixes where no source is named."""
+def with_fixes_on_can(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
+    """Return the settings with the position on the bus as source of fixes, if no source is named."""
     named = settings.source is not None or settings.device is not None
     return settings if named or not set(_POSITION_ROLES) <= set(roles) else replace(settings, source="can")
 
 
-def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
+def check_gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
     """Report contradictions in [gnss]: two sources of fixes, or fixes on CAN without signals of a
     position."""
     if settings.source is None:
@@ -193,8 +196,10 @@ def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None
         report(needed, "gnss", "source")
 
 
-def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str], report: Reporter) -> None:
-    """Check that the identifier of the request is on the list of what may be sent."""
+def check_obd(
+    settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str], report: Reporter
+) -> None:
+    """Report a bus that does not exist, and a request whose identifier is not allowed to be sent."""
     if settings.bus is not None and settings.bus not in buses:
         known = " ".join(buses) or "an entry of [can.buses]"
         report(BadValueError("no such bus", show(settings.bus), known), "obd", "bus")
@@ -204,7 +209,7 @@ def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str
         report(bad, "obd", "speed")
 
 
-def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:
+def check_tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:
     """Report a measured curve without as many radii as pressures."""
     pressures, radii = len(settings.curve_pressure_percent), len(settings.curve_radius_mm)
     if pressures != radii:
@@ -213,7 +218,7 @@ def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None
         report(BadValueError("the two lists of the curve differ in length", found, "as many"), "tyre", key)
 
 
-def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:
+def check_alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:
     """Report identifiers that are equal or do not fit their format."""
     limit = 0x1FFF_FFFF if settings.extended_ids else _STANDARD_ID_LIMIT
     for key in ("status_id", "alarm_id", "reset_id"):
@@ -232,10 +237,10 @@ def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> 
         )
 
 
-def vehicle_state(
+def check_vehicle_state_settings(
     settings: VehicleStateConfig, given: Mapping[str, Collection[str]], report: Reporter
 ) -> None:
-    """Check the filter of the vehicle state: report missing masses and tyres of the car, and signals."""
-    missing = lacking(given["dynamics"], given["vehicle"], given["can.signals"])
+    """Report a filter of the vehicle state whose masses, tyres or signals are missing."""
+    missing = missing_keys(given["dynamics"], given["vehicle"], given["can.signals"])
     if settings.method is not None and missing:
         report(BadValueError(f"{settings.method} needs {missing}"), "vehicle_state", "method")

@@ -36,7 +36,7 @@ class Identifiers:
 
 
 def read_output(raw: object, folder: Path) -> OutputConfig:
-    """Return one entry. Raises `BadValueError`."""
+    """Return the configuration of one entry; `BadValueError` names the key that is wrong."""
     if not isinstance(raw, dict):
         raise BadValueError("must be a table", show(raw), "[[can.output]] on a line of its own")
     rules: dict[str, Any] = {

@@ -15,7 +15,7 @@ from typing import Any
 import can
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.car.config.coarse_speed import coarse_speed
+from tpmsd.car.config.coarse_speed import coarse_step_warning
 from tpmsd.car.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
 from tpmsd.car.config.document import read_document
 from tpmsd.car.config.load import Parsed, parse
@@ -43,7 +43,8 @@ class CheckResult:
 
 
 def check(path: Path, dbc: Path | None = None) -> CheckResult:
-    """Check the file or drive folder `path`; `dbc` takes the place of the file's own."""
+    """Return problems, warnings and plan of the file or drive folder `path`; `dbc` replaces the file's
+    own."""
     try:
         document = read_document(path)
     except ConfigProblems as error:
@@ -62,7 +63,7 @@ class _Checker:
         self._check_interface()
         found: dict[str, tuple[Message, Signal]] = {}
         if parsed.dbc is not None:
-            databases = self._load(parsed.dbc)
+            databases = self._load_databases(parsed.dbc)
             database = databases.get(None)
             if database is not None:
                 found = self._find_signals(databases)
@@ -88,28 +89,27 @@ class _Checker:
         table = self._parsed.document.data.get(name)
         return table if isinstance(table, dict) else {}
 
-    def _located(self, bad: BadValueError, table: str, key: str) -> Problem:
+    def _problem_at(self, bad: BadValueError, table: str, key: str) -> Problem:
         document = self._parsed.document
         return bad.at(document.file, document.line(*table.split("."), key), f"[{table}] {key}")
 
-    def _problem(self, bad: BadValueError, table: str, key: str) -> None:
-        self._problems.append(self._located(bad, table, key))
+    def _add_problem(self, bad: BadValueError, table: str, key: str) -> None:
+        self._problems.append(self._problem_at(bad, table, key))
 
-    def _warn(self, what: str, table: str, key: str) -> None:
-        self._warnings.append(self._located(BadValueError(what), table, key))
+    def _add_warning(self, what: str, table: str, key: str) -> None:
+        self._warnings.append(self._problem_at(BadValueError(what), table, key))
 
     def _check_interface(self) -> None:
         name = self._table("can").get("interface")
         if isinstance(name, str) and name.strip() and name.strip() not in can.VALID_INTERFACES:
             near = nearest(name, can.VALID_INTERFACES)
             allowed = None if near else " ".join(sorted(can.VALID_INTERFACES))
-            self._problem(
+            self._add_problem(
                 BadValueError("no such python-can interface", show(name), allowed, near), "can", "interface"
             )
 
-    def _load(self, dbc: Path) -> dict[str | None, Database]:
-        """Return the database of each bus by its name, None for that of [can]; without those that have
-        problems."""
+    def _load_databases(self, dbc: Path) -> dict[str | None, Database]:
+        """Return bus name -> database, None for the bus of [can]; without those that have problems."""
         paths: dict[str | None, Path] = {None: dbc}
         paths.update({name: bus.dbc for name, bus in self._parsed.buses.items()})
         read: dict[Path, Database | None] = {}
@@ -123,7 +123,7 @@ class _Checker:
                 self._problems += error.problems
                 continue
             if isinstance(database, NotedDatabase):
-                self._warnings += _noted(path, database)
+                self._warnings += _unused_statements(path, database)
         return {name: found for name, path in paths.items() if (found := read[path]) is not None}
 
     def _find_signals(self, databases: Mapping[str | None, Database]) -> dict[str, tuple[Message, Signal]]:
@@ -139,7 +139,7 @@ class _Checker:
                     if condition is not None:
                         find_signal(database, condition.signal)
             except BadValueError as bad:
-                self._problem(bad, "can.signals", role)
+                self._add_problem(bad, "can.signals", role)
         return found
 
     def _check_signal(self, role: str, message: Message, signal: Signal) -> None:
@@ -151,30 +151,32 @@ class _Checker:
             self._check_modulus(role, name, signal, option)
         if counter and signal.is_float:
             bad = BadValueError("a counter must be an integer", f"{name} as IEEE 754 float")
-            self._problem(bad, "can.signals", role)
+            self._add_problem(bad, "can.signals", role)
         if signal.scale == 0:
-            self._problem(BadValueError("constant", f"{name} with factor 0"), "can.signals", role)
+            self._add_problem(BadValueError("constant", f"{name} with factor 0"), "can.signals", role)
         try:
             to_si(role, unit)
         except ConfigError as error:
-            self._problem(BadValueError(f"{name}: {error}"), "can.signals", role)
+            self._add_problem(BadValueError(f"{name}: {error}"), "can.signals", role)
             return
         if not stated_unit(unit) and assumed_unit(role) is not None:
-            self._warn(f"{name} has no unit in the DBC: {assumed_unit(role)} is assumed", "can.signals", role)
+            self._add_warning(
+                f"{name} has no unit in the DBC: {assumed_unit(role)} is assumed", "can.signals", role
+            )
 
     def _check_modulus(self, role: str, name: str, signal: Signal, option: SignalOptions) -> None:
-        """Report a modulus that does not fit into the counter; one that the DBC only hints at is reported."""
+        """Report a modulus that does not fit into the counter; warn of one that the DBC only hints at."""
         full = 1 << signal.length
         hinted = counter_modulus(signal)
         if option.modulus is not None and option.modulus > full:
             bad = BadValueError("modulus: out of range", str(option.modulus), f"2 to {full} ({name})")
-            self._problem(bad, "can.signals", role)
+            self._add_problem(bad, "can.signals", role)
         elif option.modulus is None and hinted != full:
             what = f"{name} rolls over at {hinted}, by its greatest value in the DBC"
-            self._warn(what, "can.signals", role)
+            self._add_warning(what, "can.signals", role)
 
     def _check_frames(self, database: Database, found: dict[str, tuple[Message, Signal]]) -> None:
-        """Report twin names and frames longer than the bus carries, once per message."""
+        """Warn of messages of the same name and of frames longer than the bus carries, once per message."""
         fd_said = self._table("can").get("fd", False)
         names = [message.name for message in database.messages]
         seen: set[str] = set()
@@ -184,10 +186,10 @@ class _Checker:
             seen.add(message.name)
             if (same_name := names.count(message.name)) > 1:
                 what = f"the DBC has {same_name} messages named {message.name}: the last one is taken"
-                self._warn(what, "can.signals", role)
+                self._add_warning(what, "can.signals", role)
             if (message.is_fd or message.length > _CLASSIC_CAN_BYTES) and fd_said is not True:
                 what = f"{message.name} is a CAN FD frame: a live bus needs fd = true in [can]"
-                self._warn(what, "can.signals", role)
+                self._add_warning(what, "can.signals", role)
 
     def _check_alarm_ids(self, database: Database) -> None:
         alarms = self._parsed.alarms
@@ -205,27 +207,29 @@ class _Checker:
                 bad = BadValueError(
                     f"the identifier is that of {name} in the DBC", f"0x{value:X}", "one that is free"
                 )
-                self._problem(bad, "alarms", key)
+                self._add_problem(bad, "alarms", key)
 
     def _check_usefulness(self) -> None:
-        """Report settings that are allowed and hardly meant."""
+        """Warn of settings that are valid but have no effect, or whose default is unlikely to be right."""
         signals = self._parsed.signals
         config = self._parsed.config
         if config is not None and config.gnss.source != "can":
             for role in signals:
                 if role in GNSS_ROLES:
-                    self._warn("of no use: [gnss] source is not 'can'", "can.signals", role)
+                    self._add_warning("of no use: [gnss] source is not 'can'", "can.signals", role)
         vehicle = self._table("vehicle")
         if not vehicle:
             return
         if "teeth_per_rev" not in vehicle and any(role.startswith("wheel_count_") for role in signals):
-            self._warn("not given: 48 counts per revolution are assumed", "vehicle", "teeth_per_rev")
+            self._add_warning("not given: 48 counts per revolution are assumed", "vehicle", "teeth_per_rev")
         if "steering_wheel_angle" in signals and "steering_ratio" not in vehicle:
-            self._warn("not given: the steering wheel's angle is of no use", "vehicle", "steering_ratio")
+            self._add_warning(
+                "not given: the steering wheel's angle is of no use", "vehicle", "steering_ratio"
+            )
 
     def _check_counters(self, plan: ConfigurationPlan) -> None:
-        """Report a counter that turns by half its range between two frames, so that forward looks like
-        backward."""
+        """Warn of a counter that may turn by half its range between two frames, so that its direction is
+        ambiguous."""
         for wheel in plan.wheels:
             certain_s, period_s = wheel.unambiguous_s, wheel.source.period_s
             if certain_s is not None and period_s is not None and period_s > certain_s:
@@ -233,26 +237,28 @@ class _Checker:
                     f"{wheel.source.signal}: {wheel.bits} bits are ambiguous after {1000 * certain_s:.3g} ms "
                     f"at {TOP_SPEED_MPS:g} m/s, and the message comes every {1000 * period_s:g} ms"
                 )
-                self._warn(what, "can.signals", wheel.source.role)
+                self._add_warning(what, "can.signals", wheel.source.role)
 
     def _check_speeds(self, plan: ConfigurationPlan) -> None:
-        """Report coarse steps, which bias the radii; once, for the wheel with the coarsest."""
+        """Warn of coarse speed steps, which bias the radii; once, for the wheel with the coarsest."""
         speeds = [wheel for wheel in plan.wheels if wheel.speed_step_mps is not None]
         coarsest = max(speeds, key=lambda wheel: wheel.speed_step_mps or 0.0, default=None)
         if coarsest is None or coarsest.speed_step_mps is None:
             return
-        if (what := coarse_speed(coarsest.speed_step_mps, coarsest.radius_m)) is not None:
-            self._warn(f"{coarsest.source.signal}: {what}", "can.signals", coarsest.source.role)
+        if (what := coarse_step_warning(coarsest.speed_step_mps, coarsest.radius_m)) is not None:
+            self._add_warning(f"{coarsest.source.signal}: {what}", "can.signals", coarsest.source.role)
 
     def _check_obd(self, config: Config) -> None:
         """Warn of the requests that tpmsd sends on the car's bus."""
         if config.obd.speed:
             every = f"every {config.obd.period_s:g} s while the car moves"
-            self._warn(f"tpmsd sends 0x{config.obd.request_id:X} on the car's bus {every}", "obd", "speed")
+            self._add_warning(
+                f"tpmsd sends 0x{config.obd.request_id:X} on the car's bus {every}", "obd", "speed"
+            )
 
 
-def _noted(path: Path, database: NotedDatabase) -> list[Problem]:
-    """Report what could not be used of a DBC, the first entries line by line."""
+def _unused_statements(path: Path, database: NotedDatabase) -> list[Problem]:
+    """Return a warning for each statement of a DBC that could not be used, the first `_MAX_NOTES` of them."""
     shown = [Problem(str(path), note.line, "", note.what) for note in database.notes[:_MAX_NOTES]]
     if more := database.noted - len(shown):
         shown.append(Problem(str(path), None, "", f"and {more} more statements that were left out or mended"))

@@ -22,9 +22,9 @@ def truncation_bias(step_mps: float, speed_mps: float = SPEED_MPS) -> float:
     return 0.5 * step_mps / speed_mps
 
 
-def coarse_speed(step_mps: float, radius_m: float) -> str | None:
-    """Return the effect on a radius of speed steps of `step_mps` (m/s), in words; None where they are
-    fine."""
+def coarse_step_warning(step_mps: float, radius_m: float) -> str | None:
+    """Return the bias of a radius (m) by speed steps of `step_mps` (m/s) as a sentence; None where it is
+    small."""
     bias = truncation_bias(step_mps)
     if bias < COARSE_SHARE:
         return None
@@ -36,9 +36,9 @@ def coarse_speed(step_mps: float, radius_m: float) -> str | None:
     )
 
 
-def coarse_speeds(config: Config, steps: Mapping[str, float]) -> list[str]:
-    """Return the sentence for the coarsest wheel speed of a bus; `steps`: role -> resolution (wheels:
-    rad/s)."""
+def coarse_step_warnings(config: Config, steps: Mapping[str, float]) -> list[str]:
+    """Return the sentence on the coarsest wheel speed of a bus, or none; `steps`: role -> resolution
+    (rad/s)."""
     found = {
         role: (steps[role] * radius_m, radius_m)
         for wheel, radius_m in zip(WHEELS, config.vehicle.wheel_radius_m, strict=True)
@@ -47,5 +47,5 @@ def coarse_speeds(config: Config, steps: Mapping[str, float]) -> list[str]:
     if not found:
         return []
     role, (step_mps, radius_m) = max(found.items(), key=lambda item: item[1][0])
-    text = coarse_speed(step_mps, radius_m)
+    text = coarse_step_warning(step_mps, radius_m)
     return [] if text is None else [f"{config.can.signals[role]}: {text}"]

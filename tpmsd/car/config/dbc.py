@@ -41,52 +41,53 @@ def load_dbc(path: Path) -> Database:
     `ConfigProblems` where nothing of it can be used. A DBC is read by `dbc_text`, other formats by cantools.
     """
     if path.suffix.lower() in _OTHER_FORMATS:
-        return _load_other(path)
+        return _load_with_cantools(path)
     reader = DbcReader()
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise _unusable(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
+            raise _unusable_error(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
         with path.open("rb") as file:
-            reader.read(_pieces(file))
+            reader.read(_line_pieces(file))
         messages = reader.messages()
     except OSError as error:
-        raise _unusable(path, f"cannot be read: {error.strerror or error}") from None
+        raise _unusable_error(path, f"cannot be read: {error.strerror or error}") from None
     except TooLargeError as error:
-        raise _unusable(path, f"{error}: this is no description of a car's bus") from None
+        raise _unusable_error(path, f"{error}: this is no description of a car's bus") from None
     if not messages:
         reason = "holds no messages" if reader.known else "not a bus description"
-        raise _unusable(path, reason, reader.notes[0].line if reader.notes else None)
+        raise _unusable_error(path, reason, reader.notes[0].line if reader.notes else None)
     with _quiet_cantools():
         database = NotedDatabase(messages, strict=False)
     database.notes, database.noted = tuple(reader.notes), reader.noted
     return database
 
 
-def _pieces(file: IO[bytes]) -> Iterator[bytes]:
+def _line_pieces(file: IO[bytes]) -> Iterator[bytes]:
     """Yield lines behind a byte order mark; one of more than `MAX_LINE_BYTES` in pieces."""
     yield file.readline(MAX_LINE_BYTES).removeprefix(codecs.BOM_UTF8)
     while piece := file.readline(MAX_LINE_BYTES):
         yield piece
 
 
-def _load_other(path: Path) -> Database:
+def _load_with_cantools(path: Path) -> Database:
+    """Return the database of a file in another format than DBC."""
     try:
         if path.stat().st_size > MAX_BYTES:
-            raise _unusable(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
+            raise _unusable_error(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
         with _quiet_cantools():
             database = cantools.database.load_file(path, strict=False)
     except OSError as error:
-        raise _unusable(path, f"cannot be read: {error.strerror or error}") from None
+        raise _unusable_error(path, f"cannot be read: {error.strerror or error}") from None
     except RecursionError:
-        raise _unusable(path, "nested too deeply") from None
+        raise _unusable_error(path, "nested too deeply") from None
     except ConfigProblems:
         raise
     except Exception as error:  # cantools lets KeyError, ValueError and others of its parsers through
-        raise _unusable(path, *_reason(error)) from None
+        raise _unusable_error(path, *_cantools_reason(error)) from None
     if not isinstance(database, Database):
-        raise _unusable(path, "describes diagnostics, not a CAN bus")
+        raise _unusable_error(path, "describes diagnostics, not a CAN bus")
     if not database.messages:
-        raise _unusable(path, "holds no messages")
+        raise _unusable_error(path, "holds no messages")
     return database
 
 
@@ -100,21 +101,23 @@ def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> t
     homes = [message for message in database.messages if any(s.name == signal_name for s in message.signals)]
     message = next((m for m in reversed(database.messages) if m.name == message_name), None)
     if message is None:
-        raise _no_message(database, name, homes, taken)
+        raise _unknown_message_error(database, name, homes, taken)
     signal = next((s for s in message.signals if s.name == signal_name), None)
     if signal is not None:
         return message, signal
     what = f"no signal {signal_name} in message {message_name}"
     if homes:
-        what += f" (but in {_listed([home.name for home in homes])})"
+        what += f" (but in {_first_names([home.name for home in homes])})"
         raise BadValueError(what, show(name), suggestion=f"{homes[0].name}.{signal_name}")
     near = _nearest_signal(message, signal_name, taken)
     if near is not None:
         raise BadValueError(what, show(name), suggestion=f"{message_name}.{near}")
-    raise BadValueError(what, show(name), _listed([s.name for s in message.signals]))
+    raise BadValueError(what, show(name), _first_names([s.name for s in message.signals]))
 
 
-def _no_message(database: Database, name: str, homes: list[Message], taken: Collection[str]) -> BadValueError:
+def _unknown_message_error(
+    database: Database, name: str, homes: list[Message], taken: Collection[str]
+) -> BadValueError:
     """Return the error for the unknown message of `name`; `homes` are the messages that have its signal."""
     message_name, _, signal_name = name.partition(".")
     names = [message.name for message in database.messages]
@@ -122,7 +125,7 @@ def _no_message(database: Database, name: str, homes: list[Message], taken: Coll
     of_homes = [home.name for home in homes]
     other = nearest(message_name, of_homes) or next(iter(of_homes), None) or nearest(message_name, names)
     if other is None:
-        return BadValueError(what, show(name), _listed(names))
+        return BadValueError(what, show(name), _first_names(names))
     suggestion = f"{other}.{_same_or_nearest_signal(database, other, signal_name, taken)}"
     return BadValueError(what, show(name), suggestion=suggestion)
 
@@ -160,12 +163,12 @@ def _nearest_signal(message: Message, signal_name: str, taken: Collection[str]) 
     return nearest(signal_name, free) or nearest(signal_name, names)
 
 
-def _listed(names: list[str]) -> str:
+def _first_names(names: list[str]) -> str:
     more = len(names) - _MAX_LISTED
     return " ".join(names[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
-def _reason(error: Exception) -> tuple[str, int | None]:
+def _cantools_reason(error: Exception) -> tuple[str, int | None]:
     """Return cantools's message without its quotation of the line, and the line if it gave one."""
     text = " ".join(str(error).split())
     if match := re.match(r'[A-Z]+: "(.*)"$', text):
@@ -175,13 +178,14 @@ def _reason(error: Exception) -> tuple[str, int | None]:
     return f"not a bus description: {text or type(error).__name__}"[:200], None
 
 
-def _unusable(path: Path, what: str, line: int | None = None) -> ConfigProblems:
+def _unusable_error(path: Path, what: str, line: int | None = None) -> ConfigProblems:
     return ConfigProblems([Problem(str(path), line, "", what)])
 
 
 @contextmanager
 def _quiet_cantools() -> Iterator[None]:
-    """Keep cantools' log lines on twin names to itself; `check` warns where it matters."""
+    """Suppress cantools' warnings of signals with the same name while the block runs; `check` warns of
+    them."""
     logger = logging.getLogger("cantools")
     level = logger.level
     logger.setLevel(logging.ERROR)

@@ -121,22 +121,22 @@ class DbcReader:
         self._messages: list[_DbcMessage] = []
         self._by_id: dict[int, _DbcMessage] = {}
         self._open: _DbcMessage | None = None
-        self._signals = self._values = self._codecs = 0
+        self._signals = self._values = self._codec_count = 0
         self._in_text = False
 
     def read(self, lines: Iterable[bytes]) -> None:
-        """Take all lines; `TooLargeError` beyond the limits."""
+        """Read all lines of a file; `TooLargeError` beyond the limits."""
         for number, raw in enumerate(lines, 1):
             if self._in_text:
                 if b'"' in raw:
-                    self._in_text = not _ends(raw)
+                    self._in_text = not _ends_statement(raw)
             elif raw.lstrip().startswith(b"CM_"):
                 self.known += 1
-                self._in_text = raw.count(b'"') > 0 and not _ends(raw)
+                self._in_text = raw.count(b'"') > 0 and not _ends_statement(raw)
             else:
-                self._read_statement(_decoded(raw).strip(), number)
+                self._read_statement(_decode_line(raw).strip(), number)
 
-    def _note(self, line: int, what: str) -> None:
+    def _add_note(self, line: int, what: str) -> None:
         self.noted += 1
         if len(self.notes) < MAX_NOTES:
             self.notes.append(Note(line, what))
@@ -148,7 +148,7 @@ class DbcReader:
         if keyword is None:
             # Lines of the list of new symbols, continued tables and blank-led comments say nothing.
             if self._open is not None and text.startswith(("SG", "BO")):
-                self._note(line, "not a statement of a DBC")
+                self._add_note(line, "not a statement of a DBC")
             return
         self.known += 1
         word = keyword[0]
@@ -163,22 +163,22 @@ class DbcReader:
         self._open = None
         match = _MESSAGE.match(text)
         if match is None:
-            self._note(line, "message left out: invalid syntax")
+            self._add_note(line, "message left out: invalid syntax")
             return
         frame_id, name, length = int(match[1]), match[2], int(match[3])
         if frame_id == _NO_MESSAGE:
             return
         if frame_id & ~_EXTENDED_FLAG > 0x1FFFFFFF:
-            self._note(line, f"message {name} left out: identifier {frame_id:#x} has more than 29 bits")
+            self._add_note(line, f"message {name} left out: identifier {frame_id:#x} has more than 29 bits")
             return
         if length > MAX_FRAME_BYTES:
             # J1939's transport carries longer ones; their first frame's signals may still be used.
-            self._note(line, f"message {name}: {length} bytes are more than a frame has; 64 are taken")
+            self._add_note(line, f"message {name}: {length} bytes are more than a frame has; 64 are taken")
             length = MAX_FRAME_BYTES
         if len(self._messages) >= MAX_MESSAGES:
             raise TooLargeError(f"more than {MAX_MESSAGES} messages")
         if frame_id > _STANDARD_IDS and not frame_id & _EXTENDED_FLAG:
-            self._note(line, f"message {name}: identifier {frame_id:#x} is taken as one of 29 bits")
+            self._add_note(line, f"message {name}: identifier {frame_id:#x} is taken as one of 29 bits")
         self._open = _DbcMessage(frame_id, name, length, match[4], line)
         self._messages.append(self._open)
         self._by_id[frame_id] = self._open
@@ -187,19 +187,19 @@ class DbcReader:
         message = self._open
         match = _SIGNAL.match(text)
         if match is None:
-            self._note(line, "signal left out: invalid syntax")
+            self._add_note(line, "signal left out: invalid syntax")
             return
         if message is None:
             return
         name, start, length = match[1], int(match[3]), int(match[4])
         if not 1 <= length <= MAX_SIGNAL_BITS or start >= 8 * MAX_FRAME_BYTES:
-            self._note(line, f"signal {message.name}.{name} left out: {length} bits at {start}")
+            self._add_note(line, f"signal {message.name}.{name} left out: {length} bits at {start}")
             return
         self._signals += 1
         if self._signals > MAX_SIGNALS:
             raise TooLargeError(f"more than {MAX_SIGNALS} signals")
         if name in message.signals:
-            self._note(line, f"signal {message.name}.{name} stands twice; the first is taken")
+            self._add_note(line, f"signal {message.name}.{name} stands twice; the first is taken")
             return
         low, high = (None if number is None else float(number) for number in match.group(9, 10))
         message.signals[name] = _Signal(
@@ -218,7 +218,7 @@ class DbcReader:
         message = self._by_id.get(int(match[1]))
         signal = None if message is None else message.signals.get(match[2])
         if signal is None:
-            self._note(line, f"{word} of a signal that is not there: {match[2][:40]}")
+            self._add_note(line, f"{word} of a signal that is not there: {match[2][:40]}")
         elif word == "VAL_":
             signal.choices = {int(one[1]): one[2] for one in _CHOICE.finditer(match[3])}
         elif word == "SIG_VALTYPE_":
@@ -231,7 +231,8 @@ class DbcReader:
         """Return the messages that were read, as cantools has them."""
         return [self._to_message(message) for message in self._messages]
 
-    def _selected(self, message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
+    def _branches_within_limit(self, message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
+        """Return `_multiplexer_branches`, or a problem once the file has more than `MAX_CODECS` values."""
         found = _multiplexer_branches(message, signal, root)
         self._values += len(found[1] or ())
         return found if self._values <= MAX_CODECS else (None, None, "too many multiplexer values")
@@ -239,21 +240,24 @@ class DbcReader:
     def _to_message(self, message: _DbcMessage) -> Message:
         signals = []
         root = next((signal.name for signal in message.signals.values() if signal.mux == "M"), None)
-        found = {name: self._selected(message, signal, root) for name, signal in message.signals.items()}
-        codecs = _codecs(message, found)
-        if self._codecs + codecs > MAX_CODECS:
+        found = {
+            name: self._branches_within_limit(message, signal, root)
+            for name, signal in message.signals.items()
+        }
+        codecs = _codec_count(message, found)
+        if self._codec_count + codecs > MAX_CODECS:
             what = f"message {message.name}: multiplexed signals left out: too many layouts"
-            self._note(message.line, what)
+            self._add_note(message.line, what)
             found = {name: entry for name, entry in found.items() if entry[1] is None}
         else:
-            self._codecs += codecs
+            self._codec_count += codecs
         for name, (parent, branches, problem) in found.items():
             signal = message.signals[name]
             if problem:
-                self._note(signal.line, f"signal {message.name}.{signal.name} left out: {problem}")
+                self._add_note(signal.line, f"signal {message.name}.{signal.name} left out: {problem}")
                 continue
-            if _last_byte(signal) > message.length:
-                self._note(
+            if _bytes_needed(signal) > message.length:
+                self._add_note(
                     signal.line, f"signal {message.name}.{signal.name} lies beyond the message's bytes"
                 )
             signals.append(_cantools_signal(signal, parent, branches))
@@ -271,6 +275,8 @@ class DbcReader:
 
 
 def _multiplexer_branches(message: _DbcMessage, signal: _Signal, root: str | None) -> _Branches:
+    """Return multiplexer, its values and '' for a multiplexed signal; the problem instead of '' if it is
+    unusable."""
     if signal.mux is None or not signal.mux.startswith("m"):
         return None, None, ""
     parent = signal.parent or root
@@ -305,7 +311,7 @@ def _missing_root(message: _DbcMessage, name: str, parent: str, root: str | None
     return "its multiplexer is not there"
 
 
-def _codecs(message: _DbcMessage, found: dict[str, _Branches]) -> int:
+def _codec_count(message: _DbcMessage, found: dict[str, _Branches]) -> int:
     """Return how many entries cantools' layouts of a message have at most.
 
     cantools makes a layout for each value of a multiplexer, and in it one for each value of each multiplexer
@@ -351,21 +357,21 @@ def _cantools_signal(signal: _Signal, parent: str | None, branches: list[int] | 
     )
 
 
-def _last_byte(signal: _Signal) -> int:
-    """Return the number of bytes up to the signal's last one."""
+def _bytes_needed(signal: _Signal) -> int:
+    """Return the number of bytes from the frame's start to the signal's last byte."""
     if signal.big_endian:
         first = 8 * (signal.start // 8) + 7 - signal.start % 8
         return (first + signal.length + 7) // 8
     return (signal.start + signal.length + 7) // 8
 
 
-def _ends(raw: bytes) -> bool:
+def _ends_statement(raw: bytes) -> bool:
     """Return whether a text statement ends in this line; some files forget the semicolon."""
     return raw.rstrip().endswith((b'";', b'" ;', b'"'))
 
 
-def _decoded(raw: bytes) -> str:
-    """Return a line's text, with U+FFFD for what would steer a terminal."""
+def _decode_line(raw: bytes) -> str:
+    """Return a line's text, with U+FFFD for control characters."""
     try:
         text = raw.decode("utf-8")
     except UnicodeDecodeError:

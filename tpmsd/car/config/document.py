@@ -29,12 +29,12 @@ class Document:
     lines: dict[KeyPath, int]
 
     def line(self, *path: PathStep) -> int | None:
-        """Return the line of a key, or of the table around it."""
+        """Return the line of a key, or of the innermost table around it."""
         return line_of(self.lines, path)
 
 
 def read_document(path: Path) -> Document:
-    """Read the file `path`, or the `vehicle.toml` of the folder `path`."""
+    """Return the file `path`, or the `vehicle.toml` of the folder `path`; ConfigProblems if it is no TOML."""
     file = Path(path)
     text = _decode(file, _read_bounded(file)) if not file.is_dir() else None
     if text is None:
@@ -45,7 +45,7 @@ def read_document(path: Path) -> Document:
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(file, text, error) from None
     except ValueError as error:
-        raise _unreadable(file, str(error)) from None
+        raise _unreadable_error(file, str(error)) from None
     return Document(file, data, locate(text))
 
 
@@ -55,13 +55,13 @@ def _read_bounded(file: Path) -> bytes:
             content = stream.read(_LARGEST_BYTES + 1)
     except FileNotFoundError:
         if file.name == VEHICLE_FILE and file.parent.is_dir() and not file.is_symlink():
-            raise _unreadable(file, f"no such file (a drive folder holds its {VEHICLE_FILE})") from None
-        raise _unreadable(file, "no such file") from None
+            raise _unreadable_error(file, f"no such file (a drive folder holds its {VEHICLE_FILE})") from None
+        raise _unreadable_error(file, "no such file") from None
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise _unreadable(file, f"cannot be read: {reason}") from None
+        raise _unreadable_error(file, f"cannot be read: {reason}") from None
     if len(content) > _LARGEST_BYTES:
-        raise _unreadable(file, f"longer than {_LARGEST_BYTES} bytes: this is no configuration")
+        raise _unreadable_error(file, f"longer than {_LARGEST_BYTES} bytes: this is no configuration")
     return content
 
 
@@ -86,5 +86,5 @@ def _syntax_error(file: Path, text: str, error: tomllib.TOMLDecodeError) -> Conf
     return ConfigProblems([Problem(str(file), last, "", f"not valid TOML: {reason} (end of file)")])
 
 
-def _unreadable(file: Path, what: str) -> ConfigProblems:
+def _unreadable_error(file: Path, what: str) -> ConfigProblems:
     return ConfigProblems([Problem(str(file), None, "", what)])

@@ -74,11 +74,11 @@ def load_car(path: Path) -> CarTables:
     none."""
     document = read_document(path)
     problems: list[Problem] = []
-    dynamics = _read(document, "dynamics", RULES, problems)
+    dynamics = _read_table(document, "dynamics", RULES, problems)
     given = document.data.get("vehicle")
     known = {key: given[key] for key in _VEHICLE if key in given} if isinstance(given, dict) else {}
-    vehicle = _values(document, "vehicle", known, _VEHICLE, problems)
-    radius_m = _radius(document, given, problems)
+    vehicle = _good_values(document, "vehicle", known, _VEHICLE, problems)
+    radius_m = _nominal_radius_m(document, given, problems)
     for key in NEEDED:
         if key not in dynamics:
             found = document.data.get("dynamics")
@@ -99,19 +99,19 @@ def load_car(path: Path) -> CarTables:
     )
 
 
-def _radius(document: Document, vehicle: object, problems: list[Problem]) -> float:
-    """Return the nominal radius, the mean where wheels differ; 0.3 m where none is stated."""
+def _nominal_radius_m(document: Document, vehicle: object, problems: list[Problem]) -> float:
+    """Return the nominal radius in metres, the mean where wheels differ; 0.3 m where none is stated."""
     value = vehicle.get("wheel_radius_m") if isinstance(vehicle, dict) else None
     wheels = value if isinstance(value, dict) else {} if value is None else {"all": value}
     rules: dict[str, Rule] = dict.fromkeys(wheels, RADIUS)
-    read = _values(document, "vehicle", wheels, rules, problems, "wheel_radius_m")
+    read = _good_values(document, "vehicle", wheels, rules, problems, "wheel_radius_m")
     return sum(read.values()) / len(read) if read else 0.3
 
 
-def _read(
+def _read_table(
     document: Document, table: str, rules: Mapping[str, Rule], problems: list[Problem]
 ) -> dict[str, Any]:
-    """Return the good values of a table; what is wrong is added to the problems."""
+    """Return the valid values of a table by key; add what is wrong to the problems."""
     given = document.data.get(table, {})
     if not isinstance(given, dict):
         bad = BadValueError("must be a table", allowed=f"[{table}] on a line of its own")
@@ -121,10 +121,10 @@ def _read(
         if key not in rules:
             unknown = BadValueError("unknown key", allowed=" ".join(rules), suggestion=nearest(key, rules))
             problems.append(unknown.at(document.file, document.line(table, key), f"[{table}] {key}"))
-    return _values(document, table, {k: v for k, v in given.items() if k in rules}, rules, problems)
+    return _good_values(document, table, {k: v for k, v in given.items() if k in rules}, rules, problems)
 
 
-def _values(
+def _good_values(
     document: Document,
     table: str,
     given: Mapping[str, Any],
@@ -132,7 +132,7 @@ def _values(
     problems: list[Problem],
     within: str | None = None,
 ) -> dict[str, Any]:
-    """Return the good values by key; what is wrong is a problem at its key, or at the key `within`."""
+    """Return the valid values by key; add others to the problems, at their key or at the key `within`."""
     good: dict[str, Any] = {}
     for key, value in given.items():
         try:

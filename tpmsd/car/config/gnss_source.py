@@ -39,7 +39,7 @@ class GnssSource:
 
     @property
     def label(self) -> str:
-        """Source as it is written in messages."""
+        """Return the source as messages name it: a device, `on CAN`, or an address."""
         if self.kind == "serial":
             return self.path
         if self.kind == "can":
@@ -49,7 +49,7 @@ class GnssSource:
 
 
 def parse_source(text: str) -> GnssSource:
-    """Take `[gnss] source` apart; raises `BadValueError`."""
+    """Return `[gnss] source` in its parts; `BadValueError` if it is not a source."""
     text = text.strip()
     if text == "can":
         return GnssSource("can")

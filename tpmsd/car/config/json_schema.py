@@ -125,7 +125,7 @@ def _(rule: Identifiers) -> Schema:
 
 @of_rule.register
 def _(rule: TeethTable) -> Schema:
-    return {"anyOf": [of_rule(rule.each), _table({wheel: of_rule(rule.each) for wheel in WHEELS})]}
+    return {"anyOf": [of_rule(rule.each), _table_schema({wheel: of_rule(rule.each) for wheel in WHEELS})]}
 
 
 @of_rule.register
@@ -143,10 +143,10 @@ def _(rule: SignalEntry) -> Schema:
         keys["modulus"] = {"type": "integer", "minimum": 2}
     else:
         keys |= {"offset": {"type": "number"}, "unit": dict(_TEXT)}
-    return {"anyOf": [_SIGNAL, _table(keys, ["signal"])]}
+    return {"anyOf": [_SIGNAL, _table_schema(keys, ["signal"])]}
 
 
-def _table(properties: dict[str, Schema], required: list[str] | None = None) -> Schema:
+def _table_schema(properties: dict[str, Schema], required: list[str] | None = None) -> Schema:
     return {
         "type": "object",
         "properties": properties,
@@ -155,9 +155,9 @@ def _table(properties: dict[str, Schema], required: list[str] | None = None) -> 
     }
 
 
-def _bus(can: dict[str, Schema]) -> Schema:
+def _bus_schema(can: dict[str, Schema]) -> Schema:
     keys = {key: can[key] for key in ("channel", "interface", "dbc", "fd", "bitrate")}
-    return {"anyOf": [can["channel"], _table(keys, ["channel"])]}
+    return {"anyOf": [can["channel"], _table_schema(keys, ["channel"])]}
 
 
 def _output_schema(can: dict[str, Schema]) -> Schema:
@@ -180,7 +180,7 @@ def _output_schema(can: dict[str, Schema]) -> Schema:
         "source_address": of_rule(WholeNumber(0, 253)),
         "signals": {"type": "object", "additionalProperties": signal},
     }
-    return {"type": "array", "items": _table(keys), "maxItems": 16}
+    return {"type": "array", "items": _table_schema(keys), "maxItems": 16}
 
 
 def vehicle_schema() -> Schema:
@@ -188,13 +188,13 @@ def vehicle_schema() -> Schema:
     properties = {
         table: {key: of_rule(rule) for key, rule in rules.items()} for table, rules in tables(Path()).items()
     }
-    signals = _table(properties.pop("can.signals"))
-    wheels = _table({wheel: of_rule(RADIUS) for wheel in WHEELS})
+    signals = _table_schema(properties.pop("can.signals"))
+    wheels = _table_schema({wheel: of_rule(RADIUS) for wheel in WHEELS})
     properties["vehicle"]["wheel_radius_m"] = {"anyOf": [of_rule(RADIUS), wheels]}
     can = properties["can"]
     can |= {
         "signals": signals,
-        "buses": {"type": "object", "additionalProperties": _bus(can), "maxProperties": 8},
+        "buses": {"type": "object", "additionalProperties": _bus_schema(can), "maxProperties": 8},
         "output": _output_schema(can),
     }
     for table, record in (("filter", model.FilterConfig()), ("monitor", model.MonitorConfig())):
@@ -207,7 +207,7 @@ def vehicle_schema() -> Schema:
         "$id": f"urn:{SCHEMA_ID.replace('/', ':')}",
         "title": "vehicle.toml of tpmsd",
         "type": "object",
-        "properties": {name: _table(keys) for name, keys in properties.items()},
+        "properties": {name: _table_schema(keys) for name, keys in properties.items()},
         "required": ["vehicle", "can"],
         "additionalProperties": False,
     }

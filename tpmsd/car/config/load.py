@@ -74,15 +74,15 @@ def load_config(path: Path, dbc: Path | None = None) -> Config:
 
 
 def parse(document: Document, dbc: Path | None = None, *, dbc_elsewhere: bool = False) -> Parsed:
-    """Check `document` against the schema and make the records; `dbc_elsewhere`: the DBC is no file."""
+    """Return the records and problems of `document`; `dbc_elsewhere`: the DBC is no file."""
     return _ConfigParser(document, dbc_elsewhere).parse(dbc)
 
 
 _READ_APART = {("can", "buses"), ("can", "output")}
 
 
-def _no_file(path: Path) -> BadValueError:
-    """Return what is wrong about a DBC's path that is no file. Raises OSError where it cannot be seen."""
+def _missing_file_error(path: Path) -> BadValueError:
+    """Return the error for a DBC's path that is not a file; raises OSError where it cannot be read."""
     if path.exists() or path.is_symlink():
         return BadValueError("not a file", show(str(path)))
     found = [p.name for p in path.parent.glob("*.dbc")] if path.parent.is_dir() else []
@@ -106,26 +106,28 @@ class _ConfigParser:
         options = {role: entry[1] for role, entry in entries.items() if entry[1] != SignalOptions()}
         wheels = agree.monitored_wheels(given["can.signals"], self._report)
         steered = "steering_wheel_angle" in given["can.signals"]
-        raw_vehicle = self._raw("vehicle")
+        raw_vehicle = self._raw_table("vehicle")
         self._spread_teeth(good["vehicle"], wheels)
-        vehicle = agree.vehicle(raw_vehicle, good["vehicle"], given["vehicle"], wheels, steered, self._report)
+        vehicle = agree.make_vehicle(
+            raw_vehicle, good["vehicle"], given["vehicle"], wheels, steered, self._report
+        )
         monitor = MonitorConfig(**good["monitor"])
-        agree.monitor(monitor, given["monitor"], self._report)
+        agree.check_monitor(monitor, given["monitor"], self._report)
         tyre = TyreConfig(**good["tyre"])
-        agree.tyre(tyre, given["tyre"], self._report)
+        agree.check_tyre(tyre, given["tyre"], self._report)
         alarms = AlarmsConfig(**good["alarms"])
-        agree.alarms(alarms, given["alarms"], self._report)
-        gnss = agree.receiver(GnssConfig(**good["gnss"]), given["can.signals"])
-        agree.gnss(gnss, given["can.signals"], self._report)
+        agree.check_alarms(alarms, given["alarms"], self._report)
+        gnss = agree.with_fixes_on_can(GnssConfig(**good["gnss"]), given["can.signals"])
+        agree.check_gnss(gnss, given["can.signals"], self._report)
         obd = ObdConfig(**good["obd"])
         dbc = self._dbc(dbc, good["can"])
         channel = good["can"].get("channel")
-        buses = self._buses(good["can"], dbc, options)
+        buses = self._read_buses(good["can"], dbc, options)
         state = VehicleStateConfig(**good["vehicle_state"])
-        agree.vehicle_state(state, given, self._report)
-        agree.obd(obd, good["can"].get("output_ids", ()), buses, self._report)
-        self._distinct(signals, options)
-        outputs = self._outputs()
+        agree.check_vehicle_state_settings(state, given, self._report)
+        agree.check_obd(obd, good["can"].get("output_ids", ()), buses, self._report)
+        self._check_distinct(signals, options)
+        outputs = self._read_outputs()
         config = None
         if not self._problems and vehicle is not None and dbc is not None:
             config = Config(
@@ -154,7 +156,7 @@ class _ConfigParser:
         problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))
         return Parsed(self._document, config, problems, signals, dbc, alarms, channel, options, buses)
 
-    def _raw(self, table: str) -> Mapping[str, Any]:
+    def _raw_table(self, table: str) -> Mapping[str, Any]:
         """Return the table as it stands in the file; empty if it is missing or no table."""
         value: Any = self._document.data
         for name in table.split("."):
@@ -177,14 +179,14 @@ class _ConfigParser:
                 near = "can.signals" if name == "signals" else nearest(name, self._tables)
                 known = None if near else " ".join(f"[{top}]" for top in tops)
                 bad = BadValueError("unknown table", allowed=known, suggestion=f"[{near}]" if near else None)
-            elif home := self._home(name):
+            elif home := self._table_of_key(name):
                 bad = BadValueError("stands before any table", suggestion=home)
             else:
                 bad = BadValueError("unknown key", allowed="keys stand in tables such as [vehicle]")
             if bad is not None:
                 label = f"[{show_key(name)}]" if isinstance(value, dict) else show_key(name)
                 self._problems.append(bad.at(self._document.file, self._document.line(name), label))
-        signals = self._raw("can").get("signals", {})
+        signals = self._raw_table("can").get("signals", {})
         if not isinstance(signals, dict):
             self._report(
                 BadValueError("must be a table", show(signals), "role = 'Message.Signal'"), "can", "signals"
@@ -192,11 +194,11 @@ class _ConfigParser:
 
     def _read_table(self, table: str, rules: Mapping[str, Rule]) -> dict[str, Any]:
         good: dict[str, Any] = {}
-        for key, value in self._raw(table).items():
+        for key, value in self._raw_table(table).items():
             if f"{table}.{key}" in self._tables or (table, key) in _READ_APART:
                 continue
             if key not in rules:
-                self._report(self._unknown_key(table, key, rules), table, key)
+                self._report(self._unknown_key_error(table, key, rules), table, key)
                 continue
             self._given[table].add(key)
             if (table, key) == ("vehicle", "wheel_radius_m"):
@@ -207,26 +209,26 @@ class _ConfigParser:
                 self._report(bad, table, key)
         return good
 
-    def _unknown_key(self, table: str, key: str, rules: Mapping[str, Rule]) -> BadValueError:
+    def _unknown_key_error(self, table: str, key: str, rules: Mapping[str, Rule]) -> BadValueError:
         what = "unknown role" if table == "can.signals" else "unknown key"
-        if (home := self._home(key)) is not None:
+        if (home := self._table_of_key(key)) is not None:
             return BadValueError(what, suggestion=home)
         if (near := nearest(key, rules)) is not None:
-            if near not in self._raw(table):
+            if near not in self._raw_table(table):
                 self._given[table].add(near)  # misspelt is not missing: one mistake, one line
             return BadValueError(what, suggestion=near)
         return BadValueError(what, allowed=" ".join(rules))
 
-    def _home(self, key: str) -> str | None:
-        """Return the table that a misplaced key belongs in, with the key; None if it belongs nowhere."""
+    def _table_of_key(self, key: str) -> str | None:
+        """Return `[table] key` for a key that belongs into another table; None if it belongs into none."""
         for table, rules in self._tables.items():
             if key in rules:
                 self._given[table].add(key)  # misplaced is not missing: one mistake, one line
                 return f"[{table}] {key}"
         return None
 
-    def _distinct(self, signals: Mapping[str, str], options: Mapping[str, SignalOptions]) -> None:
-        """Report a signal that has two roles."""
+    def _check_distinct(self, signals: Mapping[str, str], options: Mapping[str, SignalOptions]) -> None:
+        """Report a signal that is given to two roles."""
         roles: dict[tuple[str, str | None], str] = {}
         for role, name in signals.items():
             bus = options[role].bus if role in options else None
@@ -235,11 +237,11 @@ class _ConfigParser:
                     BadValueError(f"is the signal of {first} already", show(name)), "can.signals", role
                 )
 
-    def _buses(
+    def _read_buses(
         self, can: Mapping[str, Any], dbc: Path | None, options: Mapping[str, SignalOptions]
     ) -> dict[str, BusConfig]:
-        """Return the further buses; reports a signal on a bus that has no entry."""
-        raw = self._raw("can").get("buses", {})
+        """Return the buses of [can.buses]; report a signal on a bus that has no entry."""
+        raw = self._raw_table("can").get("buses", {})
         buses, bad = buses_of(raw, self._document.file.parent, can, dbc)
         for name, error in bad.items():
             self._report(error, "can.buses", name)
@@ -250,9 +252,9 @@ class _ConfigParser:
                 self._report(unknown, "can.signals", role)
         return buses
 
-    def _outputs(self) -> tuple[OutputConfig, ...]:
-        """Return the entries of [[can.output]] that can be read."""
-        raw = self._raw("can").get("output", [])
+    def _read_outputs(self) -> tuple[OutputConfig, ...]:
+        """Return the valid entries of [[can.output]]; report the others."""
+        raw = self._raw_table("can").get("output", [])
         good: list[OutputConfig] = []
         if not isinstance(raw, list) or len(raw) > MAX_OUTPUTS:
             bad = BadValueError("must be a list of tables", show(raw), "[[can.output]] on a line of its own")
@@ -267,7 +269,7 @@ class _ConfigParser:
         return tuple(good)
 
     def _spread_teeth(self, vehicle: dict[str, Any], wheels: tuple[str, ...]) -> None:
-        """Make a table of teeth into one number and the numbers of all wheels."""
+        """Replace a table of teeth by one number, and by the numbers of all wheels where they differ."""
         teeth = vehicle.get("teeth_per_rev")
         if not isinstance(teeth, dict):
             return
@@ -299,7 +301,7 @@ class _ConfigParser:
         if path is None:
             return None
         try:
-            wrong = None if path.is_file() else _no_file(path)
+            wrong = None if path.is_file() else _missing_file_error(path)
         except OSError as error:  # a name too long for the file system, a folder that may not be read
             wrong = BadValueError(f"cannot be read ({error.strerror})", show(str(path)))
         if wrong is not None:

@@ -81,15 +81,15 @@ class _Scanner:
         path: KeyPath = ()
         for key in keys[:-1]:
             path = (*path, key)
-            self._note(path, start)
+            self._note_line(path, start)
             if path in self._last_index:  # inside an array of tables, its last one is meant
                 path = (*path, self._last_index[path])
         path = (*path, keys[-1])
-        self._note(path, start)
+        self._note_line(path, start)
         if brackets == 2:
             self._last_index[path] = self._last_index.get(path, -1) + 1
             path = (*path, self._last_index[path])
-            self._note(path, start)
+            self._note_line(path, start)
         return path
 
     def _read_key_and_value(self, table: KeyPath) -> None:
@@ -97,7 +97,7 @@ class _Scanner:
         path = table
         for key in self._read_key_path():
             path = (*path, key)
-            self._note(path, start)
+            self._note_line(path, start)
         self._expect("=")
         self._skip(_BLANK)
         self._skip_value(path)
@@ -121,38 +121,39 @@ class _Scanner:
     def _skip_value(self, path: KeyPath) -> None:
         opening = self._text[self._at : self._at + 1]
         if opening == "[":
-            self._array(path)
+            self._read_array(path)
         elif opening == "{":
-            self._inline_table(path)
+            self._read_inline_table(path)
         else:
             match = (_STRING if opening in ('"', "'") else _SCALAR).match(self._text, self._at)
             if match is None:
                 raise _NotTomlError
             self._at = match.end()
 
-    def _array(self, path: KeyPath) -> None:
+    def _read_array(self, path: KeyPath) -> None:
         self._at += 1
         index = 0
-        while not self._closes("]"):
-            self._note((*path, index), self._at)
+        while not self._take_closing("]"):
+            self._note_line((*path, index), self._at)
             self._skip_value((*path, index))
             index += 1
-            self._comma("]")
+            self._take_comma("]")
 
-    def _inline_table(self, path: KeyPath) -> None:
+    def _read_inline_table(self, path: KeyPath) -> None:
         self._at += 1
-        while not self._closes("}"):
+        while not self._take_closing("}"):
             self._read_key_and_value(path)
-            self._comma("}")
+            self._take_comma("}")
 
-    def _closes(self, bracket: str) -> bool:
+    def _take_closing(self, bracket: str) -> bool:
+        """Skip blanks; return whether the closing bracket follows, which is then passed."""
         self._skip(_BLANK_LINES)
         if self._text.startswith(bracket, self._at):
             self._at += 1
             return True
         return False
 
-    def _comma(self, bracket: str) -> None:
+    def _take_comma(self, bracket: str) -> None:
         self._skip(_BLANK_LINES)
         if not self._text.startswith(bracket, self._at):
             self._expect(",")
@@ -166,7 +167,7 @@ class _Scanner:
         if match := pattern.match(self._text, self._at):
             self._at = match.end()
 
-    def _note(self, path: KeyPath, at: int) -> None:
+    def _note_line(self, path: KeyPath, at: int) -> None:
         self.lines.setdefault(path, bisect_left(self._line_ends, at) + 1)
 
 

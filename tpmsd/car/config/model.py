@@ -175,11 +175,12 @@ class CanConfig:
     output: tuple[OutputConfig, ...] = ()
 
     def option(self, role: str) -> SignalOptions:
-        """Return the options of a role."""
+        """Return the options of a role; the defaults where it has none."""
         return self.options.get(role, _NO_OPTIONS)
 
     def bus_number(self, role: str) -> int:
-        """Return 0 for the bus of [can], else 1 and up in the order of [can.buses]."""
+        """Return the number of a role's bus: 0 for that of [can], else 1 and up in the order of
+        [can.buses]."""
         name = self.option(role).bus
         return 0 if name is None else 1 + list(self.buses).index(name)
 
@@ -217,12 +218,12 @@ class ObdConfig:
 
     @property
     def request_id(self) -> int:
-        """The functional address: all control units that know the service answer."""
+        """Return the functional request identifier: all control units that know the service answer."""
         return 0x18DB33F1 if self.extended_ids else 0x7DF
 
     @property
     def answer_ids(self) -> range:
-        """The identifiers of the answers."""
+        """Return the identifiers of the answers."""
         return range(0x18DAF100, 0x18DAF200) if self.extended_ids else range(0x7E8, 0x7F0)
 
     def bus_number(self, can: CanConfig) -> int:
@@ -383,12 +384,13 @@ class CalibrationConfig:
 
     @property
     def bus_radius_m(self) -> tuple[float | None, ...]:
-        """`bus_radius_fl_m` and so on, in the order of `foundation.wheels`."""
+        """Return `bus_radius_fl_m` and so on (m), in the order of `foundation.wheels`; None where not
+        noted."""
         return self.bus_radius_fl_m, self.bus_radius_fr_m, self.bus_radius_rl_m, self.bus_radius_rr_m
 
     @property
     def radius_std_m(self) -> tuple[float | None, ...]:
-        """Standard deviations of the four radii, in the order of `foundation.wheels`."""
+        """Return the standard deviations of the four radii (m), in the order of `foundation.wheels`."""
         return self.radius_std_fl_m, self.radius_std_fr_m, self.radius_std_rl_m, self.radius_std_rr_m
 
 
@@ -434,12 +436,13 @@ class Config:
     """File from which the configuration was read."""
 
     def bus_radius_m(self, wheel: int) -> float:
-        """Return the radius by which a wheel's speed over the road on the bus is made its rotation."""
+        """Return the radius (m) by which a wheel's road speed from the bus is divided to give its rotation
+        rate."""
         return self.calibration.bus_radius_m[wheel] or self.vehicle.wheel_radius_m[wheel]
 
     @property
     def bus_radii_m(self) -> dict[str, float]:
-        """`bus_radius_m` of each wheel whose speed the bus states."""
+        """Return wheel -> `bus_radius_m` for the wheels whose speed is on the bus."""
         return {
             role.rpartition("_")[2]: self.bus_radius_m(index)
             for index, role in enumerate(WHEEL_SPEED_ROLES)
@@ -448,8 +451,8 @@ class Config:
 
     @property
     def calibration_holds(self) -> bool:
-        """False where the calibrated radii rest on speeds of the bus, and the radius that made them rotation
-        was not noted (0.1 did not)."""
+        """Return whether the calibrated radii are valid: not if they rest on speeds of the bus without the
+        radius that made them rotation (0.1 did not note it)."""
         return all(
             role not in self.can.signals or radius_m is not None
             for role, radius_m in zip(WHEEL_SPEED_ROLES, self.calibration.bus_radius_m, strict=True)

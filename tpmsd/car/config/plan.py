@@ -111,7 +111,7 @@ def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Co
         channel=config.can.channel,
         wheels=wheels,
         optional=optional,
-        losses=_lost_without(config, {wheel.wheel for wheel in wheels}),
+        losses=_losses(config, {wheel.wheel for wheel in wheels}),
         config=config,
     )
 
@@ -155,7 +155,8 @@ def _wheel_plan(config: Config, index: int, role: str, message: Message, signal:
     )
 
 
-def _lost_without(config: Config, wheels: set[str]) -> dict[str, str]:
+def _losses(config: Config, wheels: set[str]) -> dict[str, str]:
+    """Return missing signal, wheel pair or value -> what is lost without it, in words."""
     losses = {}
     if not {"fl", "fr"} <= wheels:
         losses["front wheels"] = "the daemon monitors the rear axle only; a soft front tyre stays unseen"

@@ -37,7 +37,7 @@ class Problem:
 
     @property
     def text(self) -> str:
-        """All of it in one line."""
+        """Return the whole problem in one line."""
         where = self.file if self.line is None else f"{self.file}:{self.line}"
         parts = [where, self.key, self.what] if self.key else [where, self.what]
         line = ": ".join(parts)
@@ -68,7 +68,7 @@ def shown_lines(problems: Sequence[Problem]) -> list[str]:
 
 
 def is_file(path: Path) -> bool:
-    """Return whether a file is there; False too where its name is too long or its folder may not be read."""
+    """Return whether a file exists; False too where its name is too long or its folder may not be read."""
     try:
         return path.is_file()
     except OSError:
@@ -92,7 +92,7 @@ class BadValueError(Exception):
         super().__init__(what)
 
     def at(self, file: Path | str, line: int | None, key: str) -> Problem:
-        """Return the problem at a place."""
+        """Return the problem with file, line and key."""
         return Problem(str(file), line, key, self.what, self.found, self.allowed, self.suggestion)
 
 
@@ -101,18 +101,18 @@ STEERS = re.compile(r"[\x00-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]
 
 
 def escaped_lines(text: str) -> str:
-    """Return the lines of `text` with escapes in place of what would steer a terminal."""
+    """Return the lines of `text` with escapes in place of control characters."""
     escaped = (STEERS.sub(lambda found: ascii(found[0])[1:-1], line) for line in text.split("\n"))
     return "\n".join(escaped)
 
 
 def one_line(text: str) -> str:
-    """Return `text` without anything that a terminal would take for a new line or a control character."""
+    """Return `text` with escapes in place of line ends and control characters."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def show(value: object) -> str:
-    """Return a value of a TOML file as its author knows it, shortened to what fits in a line."""
+    """Return a value of a TOML file as text, shortened to fit in a line."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):

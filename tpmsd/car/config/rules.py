@@ -61,7 +61,7 @@ class Number:
 
     @property
     def allowed(self) -> str:
-        """The range in words."""
+        """Return the range in words."""
         unit = f" {self.unit}" if self.unit and self.unit != "share" else ""
         if self.open:
             return f"above {self.low:.10g} and below {self.high:.10g}{unit}"
@@ -71,6 +71,8 @@ class Number:
         return self.low < value < self.high if self.open else self.low <= value <= self.high
 
     def _in_other_unit(self, value: float) -> str | None:
+        """Return the value in the unit that it was probably given in, as a suggestion; None if no unit
+        fits."""
         for factor, confusion in _OTHER_UNITS.get(self.unit, ()):
             if 1.5 < abs(value) < 1e9 and self._holds(value * factor):
                 return f"{value * factor:g} ({confusion})"
@@ -97,11 +99,12 @@ class WholeNumber:
 
     @property
     def allowed(self) -> str:
-        """The range in words."""
+        """Return the range in words."""
         form = {10: "d", 16: "#X", 8: "#o"}[self.base]
         return f"{self.low:{form}} to {self.high:{form}}".replace("0X", "0x")
 
     def _octal_meant(self, value: float) -> str | None:
+        """Return the digits as an octal number, as a suggestion; None if they are none."""
         digits = str(int(value)) if self.base == 8 and 0 <= value < 10_000 else ""
         return (
             f"0o{digits}"
@@ -141,7 +144,7 @@ class Text:
 
     def read(self, value: object) -> str:
         """Return the text without blanks around it."""
-        return _text(value, "a text in quotes").strip()
+        return _nonempty_text(value, "a text in quotes").strip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +194,7 @@ class TyreSize:
 
     def read(self, value: object) -> str:
         """Return the size without blanks around it."""
-        text = _text(value, _SIZE_ALLOWED).strip()
+        text = _nonempty_text(value, _SIZE_ALLOWED).strip()
         if TYRE_SIZE.match(text) is None:
             raise BadValueError("not a tyre's size", show(text), _SIZE_ALLOWED)
         return text
@@ -205,7 +208,7 @@ class ChannelName:
         """Return the channel's name."""
         if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 256:
             return str(value)
-        return _text(value, "a text in quotes such as 'can0', or a number from 0 to 255").strip()
+        return _nonempty_text(value, "a text in quotes such as 'can0', or a number from 0 to 255").strip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,7 +224,7 @@ class FilePath:
         """Return the path, relative to the folder of the configuration if it is not absolute."""
         if self.may_be_empty and value == "":
             return None
-        text = _text(value, "a path in quotes" + (", or '' for none" if self.may_be_empty else ""))
+        text = _nonempty_text(value, "a path in quotes" + (", or '' for none" if self.may_be_empty else ""))
         if "\0" in text:
             raise BadValueError("not a path", show(text), "a path without a zero byte")
         try:
@@ -242,14 +245,14 @@ class SignalName:
 
     def read(self, value: object) -> str:
         """Return the name without blanks around it."""
-        text = _text(value, "'Message.Signal' as in the DBC").strip()
+        text = _nonempty_text(value, "'Message.Signal' as in the DBC").strip()
         parts = text.split(".")
         if len(parts) != 2 or not all(part and not any(c.isspace() for c in part) for part in parts):
             raise BadValueError("not a signal's name", show(text), "'Message.Signal' as in the DBC")
         return text
 
 
-def _text(value: object, allowed: str) -> str:
+def _nonempty_text(value: object, allowed: str) -> str:
     if not isinstance(value, str):
         raise BadValueError("not a text", show(value), allowed)
     if not value.strip():
@@ -260,6 +263,7 @@ def _text(value: object, allowed: str) -> str:
 
 
 def _number_in(text: str) -> float:
+    """Return the number that a text states, with comma or point; NaN if none."""
     try:
         return float(text.replace(",", "."))
     except ValueError:

@@ -45,8 +45,7 @@ _LONGEST_CAN_ID = 0x1FFF_FFFF
 
 
 def tables(folder: Path) -> dict[str, dict[str, Rule]]:
-    """Return all tables; [can.signals] stands under 'can.signals', and `wheel_radius_m` is read by
-    `agree`."""
+    """Return table -> key -> rule; [can.signals] is 'can.signals', and `agree` reads `wheel_radius_m`."""
     return {
         "vehicle": {
             "name": Text(),

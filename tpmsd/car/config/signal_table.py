@@ -132,7 +132,7 @@ class BusEntry:
     folder: Path
 
     def read(self, value: object, main: Mapping[str, Any], main_dbc: Path | None) -> BusConfig:
-        """Return the bus; what it does not say is as in [can] (`main`, `main_dbc`)."""
+        """Return the bus; keys that it lacks are those of [can] (`main`, `main_dbc`)."""
         rules: dict[str, _KeyRule] = {
             "channel": ChannelName(),
             "interface": Text(),
@@ -169,7 +169,7 @@ class TeethTable:
                 )
         if not value:
             raise BadValueError("an empty table", None, "fl fr rl rr")
-        return {wheel: _within(wheel, self.each, number) for wheel, number in value.items()}
+        return {wheel: _read_at_key(wheel, self.each, number) for wheel, number in value.items()}
 
 
 def _read_keys(value: Mapping[str, object], rules: Mapping[str, _KeyRule]) -> dict[str, Any]:
@@ -177,11 +177,12 @@ def _read_keys(value: Mapping[str, object], rules: Mapping[str, _KeyRule]) -> di
     for key, one in value.items():
         if key not in rules:
             raise BadValueError(f"{show_key(key)}: unknown key", None, " ".join(rules), nearest(key, rules))
-        read[key] = _within(key, rules[key], one)
+        read[key] = _read_at_key(key, rules[key], one)
     return read
 
 
-def _within(key: str, rule: Any, value: object) -> Any:
+def _read_at_key(key: str, rule: Any, value: object) -> Any:
+    """Return `rule.read(value)`; its `BadValueError` names the key."""
     try:
         return rule.read(value)
     except BadValueError as bad:
@@ -191,7 +192,7 @@ def _within(key: str, rule: Any, value: object) -> Any:
 def buses_of(
     raw: object, folder: Path, main: Mapping[str, Any], main_dbc: Path | None
 ) -> tuple[dict[str, BusConfig], dict[str, BadValueError]]:
-    """Return the table [can.buses]: the good buses and, by name, what is wrong with others ('': the
+    """Return the valid buses of [can.buses], and the error of each other one by name ('': the whole
     table)."""
     if not isinstance(raw, dict):
         return {}, {"": BadValueError("must be a table", show(raw), "can1 = { channel = 'can1' }")}

@@ -15,9 +15,9 @@ SIGNALS = ("steering_wheel_angle", "yaw_rate", "accel_lat")
 """Roles of the bus without which no filter of the vehicle state runs."""
 
 
-def lacking(dynamics: Collection[str], vehicle: Collection[str], roles: Collection[str]) -> str:
-    """Return what is missing among the keys of `[dynamics]` and `[vehicle]` and the roles, as TOML names
-    them; empty if nothing is."""
+def missing_keys(dynamics: Collection[str], vehicle: Collection[str], roles: Collection[str]) -> str:
+    """Return the missing keys of `[dynamics]` and `[vehicle]` and the missing roles, as TOML names them;
+    empty if none."""
     wanted = (
         ("dynamics", [key for key in NEEDED if key not in dynamics]),
         ("vehicle", [] if "steering_ratio" in vehicle else ["steering_ratio"]),
@@ -27,8 +27,8 @@ def lacking(dynamics: Collection[str], vehicle: Collection[str], roles: Collecti
 
 
 def check_vehicle_state(config: Config) -> None:
-    """ConfigError with one line if a filter of the vehicle state cannot run on this configuration."""
+    """Raise ConfigError with one line if a filter of the vehicle state cannot run on this configuration."""
     given = [key for key in NEEDED if getattr(config.dynamics, key) is not None]
     ratio = [] if config.vehicle.steering_ratio is None else ["steering_ratio"]
-    if missing := lacking(given, ratio, config.can.signals):
+    if missing := missing_keys(given, ratio, config.can.signals):
         raise ConfigError(f"{config.file or 'configuration'}: the vehicle state needs {missing}")

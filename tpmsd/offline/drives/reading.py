@@ -17,7 +17,7 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from tpmsd.car.config.coarse_speed import coarse_speeds
+from tpmsd.car.config.coarse_speed import coarse_step_warnings
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.english import counted
 from tpmsd.foundation.errors import ConfigError, InputError
@@ -130,7 +130,7 @@ class FolderRecording:
         except ConfigError as error:
             raise ConfigError(f"{config.file or folder}: {error}") from None
         plans = compile_plans(config, database)
-        for line in coarse_speeds(config, signal_steps(config, database)):
+        for line in coarse_step_warnings(config, signal_steps(config, database)):
             note(line)
         if config.can.buses:
             others = [bus.channel for bus in config.can.buses.values()]
