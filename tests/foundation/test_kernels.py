@@ -18,10 +18,10 @@ from tpmsd.onboard.estimators.bank.kernel import compiled
 def test_what_is_not_there_or_not_for_this_machine_is_not_found(tmp_path: Path) -> None:
     """A missing file, and one that no loader takes, count as absent; nothing is raised."""
     file = tmp_path / f"{kernels.FILES['bank']}{EXTENSION_SUFFIXES[-1]}"
-    assert kernels.found(tmp_path, "bank") is None
+    assert kernels.load_module(tmp_path, "bank") is None
     file.parent.mkdir(parents=True)
     file.write_bytes(b"\x7fELF of another processor")
-    assert kernels.found(tmp_path, "bank") is None
+    assert kernels.load_module(tmp_path, "bank") is None
 
 
 def test_the_number_is_that_of_the_code_without_comments(tmp_path: Path) -> None:

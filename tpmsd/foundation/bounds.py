@@ -91,7 +91,7 @@ def check_plain(saved: object, depth: int = 0) -> int:
 
 
 def check_like(saved: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
-    """Compare what an estimator saved with the state of the same estimator before it has learned anything.
+    """Raise ValueError if a saved state is implausible against the fresh state of the same estimator.
 
     Every square matrix named `..covariance..` must be one, with variances of at most WIDER times the prior
     ones; a vector `mean_m` beside `covariance_m2`, or `X` beside `X_covariance`, may be FAR prior standard

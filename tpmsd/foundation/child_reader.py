@@ -73,26 +73,26 @@ class ChildReader:
             self._child.stdin.write(request.encode() + b"\n")
             self._child.stdin.flush()
         except OSError:
-            raise ChildReadError(self._ended()) from None
+            raise ChildReadError(self._end_reason()) from None
 
     def receive(self) -> bytes | None:
         """Return the next message, None after the last; ChildReadError where the child failed."""
         assert self._child.stdout is not None
         header = self._child.stdout.read(_HEADER.size)
         if len(header) < _HEADER.size:
-            raise ChildReadError(self._ended())
+            raise ChildReadError(self._end_reason())
         kind, size = _HEADER.unpack(header)
         if size > MAX_MESSAGE_BYTES:
             raise ChildReadError(f"a message of {size} bytes of its reader")
         body = self._child.stdout.read(size)
         if len(body) < size:
-            raise ChildReadError(self._ended())
+            raise ChildReadError(self._end_reason())
         if kind == _FAILED:
             raise ChildReadError(body.decode("utf-8", "replace"))
         return body if kind == _DATA else None
 
     def close(self) -> None:
-        """End the child, wherever it is."""
+        """Kill the child, whatever it is doing."""
         self._child.kill()
         self._child.wait()
         for pipe in (self._child.stdin, self._child.stdout):
@@ -103,7 +103,8 @@ class ChildReader:
                 except OSError:
                     continue
 
-    def _ended(self) -> str:
+    def _end_reason(self) -> str:
+        """Return why the child has ended, in a line; waits for its end."""
         code = self._child.wait()
         if code == -signal.SIGXCPU:
             return "takes more time than a file of its size may"
@@ -119,27 +120,28 @@ def installed(module: str) -> bool:
 
 
 def limit(path: Path) -> None:
-    """Bound time and address space of this process from now on, by the file's size."""
+    """Limit the CPU time and address space of this process from now on, by the file's size."""
     size = path.stat().st_size
     used = resource.getrusage(resource.RUSAGE_SELF)
     cpu_s = int(used.ru_utime + used.ru_stime) + 1 + CPU_S + CPU_S_PER_MB * (size >> 20)
-    _lower(resource.RLIMIT_CPU, cpu_s)
-    _lower(resource.RLIMIT_CORE, 0)
+    _lower_limit(resource.RLIMIT_CPU, cpu_s)
+    _lower_limit(resource.RLIMIT_CORE, 0)
     statm = Path("/proc/self/statm")
     if statm.is_file():  # Linux
         pages = int(statm.read_text("ascii").split()[0])
-        _lower(resource.RLIMIT_AS, pages * resource.getpagesize() + MEMORY_BYTES + MEMORY_PER_BYTE * size)
+        _lower_limit(
+            resource.RLIMIT_AS, pages * resource.getpagesize() + MEMORY_BYTES + MEMORY_PER_BYTE * size
+        )
 
 
-def _lower(what: int, value: int) -> None:
+def _lower_limit(what: int, value: int) -> None:
     hard = resource.getrlimit(what)[1]
     value = value if hard == resource.RLIM_INFINITY else min(value, hard)
     resource.setrlimit(what, (value, hard))
 
 
 def serve(worker: str, path: str) -> None:
-    """Run a worker in the child process: write all that it sends, then the end or the error, to the
-    parent."""
+    """Run a worker in the child process: write its messages, then the end or the error, to the parent."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no message
 
@@ -165,14 +167,14 @@ def serve(worker: str, path: str) -> None:
         return
     except Exception as error:
         # The libraries raise dozens of types on damaged files.
-        write_message(_FAILED, _reason(error).encode())
+        write_message(_FAILED, _error_line(error).encode())
     else:
         write_message(_END, b"")
     out.flush()
     os._exit(0)  # destructors of half-made objects may fail
 
 
-def _reason(error: Exception) -> str:
+def _error_line(error: Exception) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, ValueError) and text:
         return text[:300]

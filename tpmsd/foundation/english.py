@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 
 def counted(number: int, noun: str) -> str:
-    """`1 drive`, `2 drives`: a regular noun with its number."""
+    """Return a number with its regular noun: `1 drive`, `2 drives`."""
     return f"{number} {noun}{'' if number == 1 else 's'}"
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:
-    """`a`, `a and b`, `a, b and c`: words in a row, `last` before the last of several; empty for none."""
+    """Return words in a row, `a`, `a and b`, `a, b and c`; `last` stands before the last; empty for none."""
     return "".join(words) if len(words) < 2 else f"{', '.join(words[:-1])} {last} {words[-1]}"

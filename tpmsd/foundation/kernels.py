@@ -35,9 +35,8 @@ _SPACES = b" \t\n\r\f\v"
 
 
 def sources_number(package: Path, name: str) -> int | None:
-    """Return the number of a kernel's C code, comments and spaces left out; None where a file of it is
-    missing, as in an installed wheel, whose kernels were built with it.
-    """
+    """Return a CRC-32 of a kernel's C code without comments and spaces; None where a file of it is missing,
+    as in an installed wheel, whose kernels were built with it."""
     files = [package / f"{FILES[name]}.c", *(package / header for header in HEADERS)]
     try:
         code = b"".join(_COMMENT.sub(b"", file.read_bytes()) for file in files).translate(None, _SPACES)
@@ -46,8 +45,8 @@ def sources_number(package: Path, name: str) -> int | None:
     return zlib.crc32(code) & 0x7FFFFFFF  # a C long has 32 bits on some machines, one of them a sign
 
 
-def found(package: Path, name: str) -> ModuleType | None:
-    """Return the compiled module of a kernel, of whatever sources; None where none can be loaded here."""
+def load_module(package: Path, name: str) -> ModuleType | None:
+    """Return the compiled module of a kernel, whatever its sources; None where none can be loaded."""
     stem, dotted = package / FILES[name], f"{package.name}.{FILES[name].replace('/', '.')}"
     for suffix in EXTENSION_SUFFIXES:
         file = stem.with_name(stem.name + suffix)
@@ -64,7 +63,7 @@ def found(package: Path, name: str) -> ModuleType | None:
 
 
 def is_outdated(package: Path, name: str, module: ModuleType | None) -> bool:
-    """Return whether a compiled module was built of other sources than those beside it."""
+    """Return whether a compiled module was built of other sources than those in the package."""
     number = sources_number(package, name)
     return module is not None and number is not None and getattr(module, "SOURCES", None) != number
 
@@ -72,27 +71,26 @@ def is_outdated(package: Path, name: str, module: ModuleType | None) -> bool:
 @cache
 def _installed(name: str) -> tuple[ModuleType | None, bool]:
     """Return the compiled module of a kernel of this installation, and whether it is outdated."""
-    module = found(_PACKAGE, name)
+    module = load_module(_PACKAGE, name)
     return module, is_outdated(_PACKAGE, name, module)
 
 
 @cache
 def loaded(name: str) -> ModuleType | None:
-    """Return the compiled module of a kernel; None where it is absent or outdated. One warning names all that
-    are outdated.
-    """
+    """Return the compiled module of a kernel; None where it is absent or outdated. One warning names all
+    outdated ones."""
     module, is_old = _installed(name)
     if not is_old:
         if module is not None:
             sys.modules.setdefault(module.__name__, module)  # pickle looks for its functions there
         return module
-    _warn()
+    _warn_outdated()
     return None
 
 
 @cache
 def kernels() -> dict[str, bool]:
-    """Return a mapping kernel -> whether its compiled form can be loaded, and is of the present sources."""
+    """Return kernel -> whether its compiled form can be loaded and is of the present sources."""
     modules = {name: _installed(name) for name in FILES}
     return {name: module is not None and not is_old for name, (module, is_old) in modules.items()}
 
@@ -104,9 +102,8 @@ def outdated() -> tuple[str, ...]:
 
 
 def kernel() -> str:
-    """Return `compiled`, `numpy`, or `compiled: bank, gains` where only these are; ` (outdated: candump)`
-    after it where a kernel was built of other sources.
-    """
+    """Return which kernels run, in words: `compiled`, `numpy`, or `compiled: bank, gains` where only these
+    are; ` (outdated: candump)` is added where a kernel was built of other sources."""
     able = [name for name, there in kernels().items() if there]
     old = outdated()
     if len(able) == len(FILES):
@@ -116,8 +113,8 @@ def kernel() -> str:
 
 
 @cache
-def _warn() -> None:
-    """Say once what is outdated, and what to do."""
+def _warn_outdated() -> None:
+    """Log once which kernels are outdated and how to build them again."""
     logging.getLogger("tpmsd").warning(
         "tpmsd: compiled kernels of other sources are left out (%s), and NumPy runs, slower; "
         "build them again: python setup.py build_ext --inplace",

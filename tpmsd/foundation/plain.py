@@ -25,8 +25,8 @@ def with_unit(number: str, unit: str) -> str:
 
 
 def brief(record: Record) -> Record:
-    """Class decorator of a dataclass: its `repr` is one line in which arrays and collections are counted and
-    further records are named."""
+    """Set the `repr` of a dataclass to one line with the sizes of arrays and collections; return the
+    class."""
 
     def line(self: Any) -> str:
         shown = [f"{f.name}={_short_repr(getattr(self, f.name))}" for f in dataclasses.fields(self) if f.repr]
@@ -92,5 +92,5 @@ def number(value: object) -> float | None:
 
 
 def millimetres(length_m: float) -> float | None:
-    """Return `length_m` in mm, to a nanometre: finer digits carry nothing."""
+    """Return `length_m` in mm, rounded to a nanometre; None where it is not finite."""
     return round(1e3 * float(length_m), 6) if math.isfinite(length_m) else None

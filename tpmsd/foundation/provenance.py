@@ -48,7 +48,7 @@ def provenance(
 
 def content_hash(paths: Iterable[Path]) -> str:
     """Return `sha256:<hex>` over files, and over folders as their files' names and contents, wherever they
-    lie.
+    are.
 
     The same content gives the same hash under another path. What cannot be read counts as absent.
     """

@@ -139,10 +139,9 @@ def no_collection() -> Iterator[None]:
             gc.enable()
 
 
-def keep_for_good() -> None:
-    """Leave all that is imported, and what is there when the process ends, out of the collection of cycles:
-    to search it takes a quarter of a second of a command, and hardly any of it is in a cycle.
-    """
+def freeze_imported_objects() -> None:
+    """Exclude all that is imported, and what is there when the process ends, from the collection of cycles:
+    to search it takes a quarter of a second of a command, and hardly any of it is in a cycle."""
     gc.freeze()
     atexit.register(gc.freeze)
 
@@ -152,7 +151,8 @@ _BLAS_SIZE = 128
 
 
 def reserve_linear_algebra() -> None:
-    """Let BLAS take its work space now: OpenBLAS ends the process where it gets none at a later first use."""
+    """Make BLAS allocate its work space now: OpenBLAS ends the process where it gets none at a later first
+    use."""
     import numpy as np
 
     square = np.eye(_BLAS_SIZE)

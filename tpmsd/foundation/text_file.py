@@ -27,7 +27,7 @@ PIPE_PATIENCE_S = 2.0
 
 
 def names_configuration(path: Path) -> bool:
-    """Return whether a file is a car's configuration by one of its tables; False where it cannot be read."""
+    """Return whether a file has a table of a car's configuration; False where it cannot be read."""
     try:
         with path.open("rb") as file:
             return _TABLES.search(file.read(_LOOK_BYTES).removeprefix(codecs.BOM_UTF8)) is not None
@@ -36,7 +36,8 @@ def names_configuration(path: Path) -> bool:
 
 
 def opened(path: Path) -> BinaryIO:
-    """Return a file to read; OSError where it cannot be opened, and for a pipe into which nobody writes."""
+    """Return a file opened for reading; OSError where it cannot be opened, and for a pipe without a
+    writer."""
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     file = os.fdopen(descriptor, "rb")
     if stat.S_ISFIFO(os.fstat(descriptor).st_mode) and not select.select([file], [], [], PIPE_PATIENCE_S)[0]:
@@ -71,16 +72,16 @@ def open_log(path: Path) -> TextIO:
     A name that ends in `.gz` is unpacked. Latin-1 takes any byte, and universal newlines take all line ends,
     also mixed. Damage of compressed data is raised by the first read.
     """
-    file = _unpacked(path)
+    file = _open_unpacked(path)
     try:
         if file.peek(len(codecs.BOM_UTF8)).startswith(codecs.BOM_UTF8):
             file.read(len(codecs.BOM_UTF8))
     except (OSError, EOFError, zlib.error):
         file.close()
-        file = _unpacked(path)  # what failed once would read as empty
+        file = _open_unpacked(path)  # what failed once would read as empty
     return io.TextIOWrapper(file, encoding="latin-1")
 
 
-def _unpacked(path: Path) -> io.BufferedReader:
+def _open_unpacked(path: Path) -> io.BufferedReader:
     packed = path.name.lower().endswith(".gz")
     return cast(io.BufferedReader, gzip.GzipFile(path, "rb")) if packed else path.open("rb")

@@ -21,7 +21,7 @@ from pathlib import Path
 from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.kernels import kernel
-from tpmsd.foundation.startup import import_on_demand, keep_for_good, leave_out_mf4, no_collection
+from tpmsd.foundation.startup import freeze_imported_objects, import_on_demand, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
 from tpmsd.interfaces.cli.output import Subparsers
@@ -163,7 +163,7 @@ def _run_command(arguments: list[str], commands: Commands) -> int:
                 first = module_name not in sys.modules
                 module = importlib.import_module(module_name)
                 if first:
-                    keep_for_good()
+                    freeze_imported_objects()
             module.add_parser(subparsers)
             add_effects_option(name, subparsers)
             runner, chosen = module.run, subparsers.choices[name]
