@@ -21,7 +21,7 @@ from tests.faults.drives import drive, played
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.bounds import check_like, check_plain, covariance, no_wider, number
 from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
-from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, unsound
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, unsound_reason
 from tpmsd.onboard.pipeline import Pipeline
 from tpmsd.onboard.sinks.state_file import save_state
 from tpmsd.onboard.sources.can.decoder import load_database
@@ -203,18 +203,18 @@ def test_what_is_no_estimate_is_distinguished_from_one() -> None:
     """Wheels that are not estimated may be unknown; the others must be numbers, near and with a variance."""
     outcome = played(lambda items, start_s: [i for i in items if i.time_s < start_s + 5.0])
     estimate = outcome.steps[-1].estimate
-    assert "" == unsound(estimate, [0, 1, 2, 3])
+    assert "" == unsound_reason(estimate, [0, 1, 2, 3])
     for value, reason in (
         (math.nan, "a radius is not a number"),
         (0.21, "a radius is off by more than 0.2 m"),
     ):
         deviation = estimate.deviation_m.copy()
         deviation[1] = value
-        assert reason == unsound(estimate._replace(deviation_m=deviation), [0, 1, 2, 3])
-        assert "" == unsound(estimate._replace(deviation_m=deviation), [0, 2, 3])
+        assert reason == unsound_reason(estimate._replace(deviation_m=deviation), [0, 1, 2, 3])
+        assert "" == unsound_reason(estimate._replace(deviation_m=deviation), [0, 2, 3])
     spread = estimate.covariance_m2.copy()
     spread[2, 2] = -1e-12
-    assert "a variance is negative" == unsound(estimate._replace(covariance_m2=spread), [0, 1, 2, 3])
+    assert "a variance is negative" == unsound_reason(estimate._replace(covariance_m2=spread), [0, 1, 2, 3])
 
 
 def test_bounds_refuse_what_is_beyond_them() -> None:

@@ -18,7 +18,7 @@ from tests.onboard.estimators.world import METHODS, VEHICLE, Drive, World, estim
 from tpmsd.car.config.model import FilterConfig, GnssConfig
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief
 from tpmsd.onboard.estimators.bank.mixture import MixtureBelief
-from tpmsd.onboard.estimators.base import RadiusEstimate, unsound
+from tpmsd.onboard.estimators.base import RadiusEstimate, unsound_reason
 from tpmsd.onboard.estimators.build import build_filter
 from tpmsd.onboard.estimators.published.gaussian import GaussianBelief
 from tpmsd.onboard.estimators.published.samples import SampledBelief
@@ -255,8 +255,8 @@ def test_nonsense_is_rejected(method: str, drive: Drive) -> None:
 
 @EACH
 def test_a_belief_that_is_not_finite_says_so(method: str, drive: Drive) -> None:
-    """NaN or infinity inside makes an estimate that `unsound` has a reason against, or an arithmetic error;
-    the pipeline then starts a new filter."""
+    """NaN or infinity inside makes an estimate that `unsound_reason` has a reason against, or an arithmetic
+    error; the pipeline then starts a new filter."""
     filter_ = estimator(method, drive.world)
     run(filter_, drive.ticks[:100])
     rear = rear_of(filter_)
@@ -269,7 +269,7 @@ def test_a_belief_that_is_not_finite_says_so(method: str, drive: Drive) -> None:
         rear.particles.log_weights[0] = math.nan
     with np.errstate(invalid="ignore", over="ignore"):
         try:
-            said = [unsound(filter_.step(tick), [0, 1, 2, 3]) for tick in drive.ticks[100:110]]
+            said = [unsound_reason(filter_.step(tick), [0, 1, 2, 3]) for tick in drive.ticks[100:110]]
         except (ArithmeticError, ValueError):
             return
     assert said[-1]

@@ -12,7 +12,7 @@ from tests.onboard.estimators.world import VEHICLE, Receiver, World, errors_m, e
 from tpmsd.car.config.model import GnssConfig
 from tpmsd.onboard.estimators.bank.error_state import MU, PSI, E, N
 from tpmsd.onboard.estimators.bank.marginal import MarginalBelief, MarginalPieces
-from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses, moments_of, shrunk
+from tpmsd.onboard.estimators.bank.particle_bank import SampledHypotheses, mean_and_root, shrink_and_jitter
 from tpmsd.onboard.estimators.belief import FixMeasurement, GatedTick
 from tpmsd.onboard.estimators.build import car_of
 from tpmsd.onboard.estimators.resampling import Lineage
@@ -34,11 +34,11 @@ def test_copies_are_moved_apart_and_the_moments_stay() -> None:
     truth = np.array([[1.0, 0.6, 0.0], [0.6, 2.0, -0.3], [0.0, -0.3, 0.5]])
     theta = np.linalg.cholesky(truth) @ rng.standard_normal((3, 20_000)) + np.array([[1.0], [-2.0], [0.0]])
     even = np.full(20_000, 1 / 20_000)
-    mean, root = moments_of(theta, even)
+    mean, root = mean_and_root(theta, even)
     assert root @ root.T == pytest.approx(np.cov(theta, bias=True), rel=1e-9, abs=1e-9)
     moved = theta
     for _ in range(200):
-        moved = shrunk(moved, *moments_of(moved, even), HYPOTHESES.kernel, rng)
+        moved = shrink_and_jitter(moved, *mean_and_root(moved, even), HYPOTHESES.kernel, rng)
     assert np.abs(moved.mean(axis=1) - mean).max() < 0.1
     assert np.abs(np.cov(moved) - np.cov(theta)).max() < 0.25
     assert not np.allclose(moved, theta, atol=0.5)

@@ -37,7 +37,7 @@ def town_speed(time_s: FloatArray) -> FloatArray:
 def used_m(fixes: list[Fix]) -> list[float]:
     """Standard deviation of each position that is used."""
     watch = PositionAccuracy()
-    return [watch.judged(fix).position_std_m for fix in fixes]
+    return [watch.with_judged_std(fix).position_std_m for fix in fixes]
 
 
 def test_a_slide_is_matched_by_the_slow_error() -> None:

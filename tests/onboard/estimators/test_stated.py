@@ -11,7 +11,7 @@ import pytest
 from tests.onboard.estimators.test_error_state import NOMINAL
 from tests.onboard.estimators.world import World, estimator, run
 from tpmsd.onboard.estimators.bank.error_state import MU
-from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, stated
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, radius_statement
 from tpmsd.onboard.estimators.bank.kernel import KERNEL, ArrayKernel, BankKernel
 from tpmsd.onboard.estimators.settings import SETTINGS
 
@@ -37,17 +37,17 @@ def test_a_change_just_supposed_is_distinguished(kernel: BankKernel) -> None:
     of the first alone. At 0.4 to 0.6 they are those of the second, and after the time they are both's."""
     bank = bank_of([0.9, 0.1], [1e-3, 2e-3], [1e-8, 4e-6])
     bank.since_s[1] = 3.0
-    said = stated(bank, kernel)
+    said = radius_statement(bank, kernel)
     assert (0.1, 1e-3, 1e-8) == pytest.approx(
         (said.change_probability, said.mean_m[0], said.covariance_m2[0, 0])
     )
     bank.log_weights[:2] = np.log([0.4, 0.6])
-    said = stated(bank, kernel)
+    said = radius_statement(bank, kernel)
     assert (0.6, 2e-3, 4e-6) == pytest.approx(
         (said.change_probability, said.mean_m[0], said.covariance_m2[0, 0])
     )
     bank.since_s[1] = SETTINGS.recent_change_s + 1.0
-    said = stated(bank, kernel)
+    said = radius_statement(bank, kernel)
     mean, within, between = 1.6e-3, 0.4 * 1e-8 + 0.6 * 4e-6, 0.4 * 0.6 * 1e-6
     assert (0.0, mean, within + between, between) == pytest.approx(
         (said.change_probability, said.mean_m[0], said.covariance_m2[0, 0], said.covariance_m2[0, 1])
@@ -60,9 +60,9 @@ def test_one_triangle_is_enough() -> None:
     kernel = KERNEL
     bank = bank_of([0.5, 0.5], [0.0, 0.0], [1e-6, 1e-6])
     bank.covariance[:, MU, MU + 1] = bank.covariance[:, MU + 1, MU] = 4e-7
-    expected = stated(bank, kernel).covariance_m2
+    expected = radius_statement(bank, kernel).covariance_m2
     bank.covariance[:, MU + 1, MU] = 99.0
-    assert np.array_equal(expected, stated(bank, kernel).covariance_m2)
+    assert np.array_equal(expected, radius_statement(bank, kernel).covariance_m2)
     assert 4e-7 == pytest.approx(expected[1, 0])
 
 

@@ -75,11 +75,12 @@ class Estimator(Protocol):
         ...
 
     def snapshot(self) -> dict[str, Any]:
-        """JSON-serialisable summary of what was learned, enough for `restore` on another start."""
+        """Return a JSON-serialisable summary of what was learned, enough for `restore` on another start."""
         ...
 
     def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
-        """Take up a snapshot after so much driving, or after a night; ValueError if it does not fit."""
+        """Restore a snapshot of `since_s` seconds of driving ago, or of a night; ValueError if it does not
+        fit."""
         ...
 
 
@@ -87,8 +88,9 @@ MAX_DEVIATION_M = 0.2
 """No tyre that a car drives on is off its nominal radius by so much: an estimate beyond it has diverged."""
 
 
-def unsound(estimate: RadiusEstimate, wheels: list[int]) -> str:
-    """Return why the radii of these wheels are no estimate, in a few words; empty if they are one."""
+def unsound_reason(estimate: RadiusEstimate, wheels: list[int]) -> str:
+    """Return why the radii of these wheels cannot be used as an estimate, in a few words; empty if they
+    can."""
     # Plain numbers: for so few numpy takes ten times as long, and this is asked every tick.
     deviation, spread = estimate.deviation_m.tolist(), estimate.covariance_m2.ravel().tolist()
     variances = spread[::5]

@@ -40,7 +40,7 @@ class FilterCar:
     driven_rear: bool = False
 
     def virtual_motion(self, left_rad: float, right_rad: float) -> tuple[float, float]:
-        """Way and turn of a tick by nominal radii: [Lundquist 2013, eq. 4] times T."""
+        """Return distance (m) and turn (rad) of a tick by nominal radii: [Lundquist 2013, eq. 4] times T."""
         left_m, right_m = self.nominal_m[:2].tolist()
         left, right = left_rad * left_m, right_rad * right_m
         return (left + right) / 2, (right - left) / self.geometry.track_rear_m
@@ -57,7 +57,7 @@ class Pose(NamedTuple):
 
 
 def wrapped(heading_rad: float) -> float:
-    """Return the heading within half a turn of east; NaN for one that is not finite."""
+    """Return the heading wrapped to within half a turn of east, rad; NaN for one that is not finite."""
     return math.remainder(heading_rad, 2 * math.pi) if math.isfinite(heading_rad) else math.nan
 
 
@@ -82,7 +82,7 @@ class Moments(NamedTuple):
 
 
 class GatedTick(NamedTuple):
-    """A tick, and what the gates make of it."""
+    """A tick with the gates' decisions on it."""
 
     tick: Tick
     informative: bool
@@ -147,49 +147,53 @@ class Belief(Protocol):
     """True if `correct_by_block` does anything."""
 
     def predict(self, movement: Movement) -> tuple[float, float]:
-        """Move by one tick, learning from it if it is informative; expected way (m) and turn (rad)."""
+        """Move by one tick, learning from it if it is informative; return the expected distance (m) and turn
+        (rad)."""
         ...
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
-        """Return the distance (m) of a fix from where it is expected, and the variance (m2) of that."""
+        """Return the distance (m) of a fix from its expected position, and the variance (m2) of that."""
         ...
 
     def update(self, measurement: FixMeasurement) -> None:
-        """Take a fix that is used as a measurement."""
+        """Correct by a fix that is used as a measurement."""
         ...
 
     def correct_by_block(self, block: Block, bias_rad2: float) -> None:
-        """Take an informative block's Doppler way and turn by the gyro as measurements, where it makes no
+        """Correct by an informative block's Doppler distance and turn by the gyro, where the belief makes no
         blocks of its own; `bias_rad2`: variance of the turn that the gyro's bias leaves."""
         ...
 
     def finish_tick(self, gated: GatedTick) -> None:
-        """Do what follows the fixes of a tick, used or not: resampling, blocks of odometry."""
+        """Do the work that follows the fixes of a tick, used or not: resampling, blocks of odometry."""
         ...
 
     def moments(self) -> Moments:
-        """Posterior of radii and pose."""
+        """Return the posterior moments of radii and pose."""
         ...
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
-        """Set the pose to what fixes tell; the radii stay."""
+        """Set the pose to one that fixes determine; the radii stay."""
         ...
 
     def forget_pose(self) -> None:
-        """Drop what belongs to a pose that was given up; the radii stay."""
+        """Drop the state that belongs to a pose that was given up; the radii stay."""
         ...
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the learned, as plain numbers: `mean_m` and `covariance_m2` of the radii, and its own."""
+        """Return what was learned as plain numbers: `mean_m` and `covariance_m2` of the radii, and entries of
+        its own."""
         ...
 
     def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
-        """Take up a snapshot after so much driving; ValueError, and nothing changed, if it does not fit."""
+        """Restore a snapshot of `since_s` seconds of driving ago; ValueError, and nothing changed, if it does
+        not fit."""
         ...
 
 
-def numbers(saved: Saved, key: str, shape: tuple[int, ...], limit: float) -> FloatArray:
-    """Finite numbers of a snapshot of this shape and of at most this size; ValueError otherwise."""
+def saved_numbers(saved: Saved, key: str, shape: tuple[int, ...], limit: float) -> FloatArray:
+    """Return the finite numbers under a key of a snapshot, of this shape and at most `limit` in magnitude;
+    ValueError otherwise."""
     try:
         values = np.asarray(saved[key], dtype=np.float64)
     except (KeyError, TypeError, OverflowError, ValueError) as error:
@@ -202,8 +206,9 @@ def numbers(saved: Saved, key: str, shape: tuple[int, ...], limit: float) -> Flo
 
 
 def saved_covariance(saved: Saved, key: str, size: int, limit: float) -> FloatArray:
-    """(size, size) covariance of a snapshot; ValueError if it is none (rounding is allowed for)."""
-    matrix = numbers(saved, key, (size, size), limit)
+    """Return the (size, size) covariance under a key of a snapshot; ValueError if it is none (rounding is
+    allowed for)."""
+    matrix = saved_numbers(saved, key, (size, size), limit)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     correlations = matrix / np.outer(scale, scale)
     if np.any(np.diag(matrix) < 0.0) or not np.allclose(correlations, correlations.T, atol=1e-6):
@@ -218,7 +223,7 @@ RADIUS_LIMIT = 0.1
 
 
 def saved_radii(saved: Saved, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean (d,) and covariance (d, d) of the radii of a snapshot; ValueError if absent or absurd."""
+    """Return mean (d,) and covariance (d, d) of the radii of a snapshot; ValueError if absent or absurd."""
     limit = RADIUS_LIMIT * float(nominal_m.max())
-    mean = numbers(saved, "mean_m", nominal_m.shape, limit)
+    mean = saved_numbers(saved, "mean_m", nominal_m.shape, limit)
     return mean, saved_covariance(saved, "covariance_m2", nominal_m.size, limit**2)

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def monitored_wheels(config: Config) -> tuple[int, ...]:
-    """Indices of the wheels whose signals the configuration names: all four, or the rear pair."""
+    """Return the indices of the wheels whose signals the configuration names: all four, or the rear pair."""
     roles = config.can.signals
     known = {
         i
@@ -83,7 +83,8 @@ def _generator(rng: Randomness) -> np.random.Generator:
 
 
 def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
-    """Return the car as a filter of its rear pair, or of all its wheels, knows it."""
+    """Return the geometry and radii that a filter of the rear pair, or of all wheels with `front`, needs of
+    the car."""
     order = (RL, RR, FL, FR) if front else (RL, RR)
     return FilterCar(
         order=order,
@@ -96,7 +97,7 @@ def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> FilterCar:
 
 
 def begin_belief(row: Row, car: FilterCar, settings: FilterConfig, rng: Randomness) -> Belief:
-    """Return the belief of a row, before the first tick; its generator is made only for filters that draw."""
+    """Return a row's belief before the first tick; a random generator is made only for filters that draw."""
     pieces = row.pieces
     if isinstance(pieces, MixturePieces):
         chosen = replace(pieces, fix_weights=FIX_WEIGHTS[settings.fix_weights])

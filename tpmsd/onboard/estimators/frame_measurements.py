@@ -22,7 +22,7 @@ from tpmsd.onboard.timeline.tick import NAN, Tick
 
 
 class NamedMeasurements:
-    """Takes out of each tick what the configuration does not name."""
+    """Removes the measurements that the configuration does not name from each tick."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
         """`names`: of MEASUREMENTS."""
@@ -40,8 +40,8 @@ class NamedMeasurements:
             if name in self._lacks
         }
 
-    def of(self, tick: Tick) -> Tick:
-        """Return the tick with the measurements that are used."""
+    def select(self, tick: Tick) -> Tick:
+        """Return the tick with NaN for the measurements that are not used."""
         if self._tick_fields:
             tick = replace(tick, **self._tick_fields)
         if self._fix_fields and tick.fixes:
@@ -64,11 +64,11 @@ class GyroBias:
 
     @property
     def std_radps(self) -> float:
-        """Its standard deviation."""
+        """Standard deviation of the bias, rad/s."""
         return math.sqrt(self._variance)
 
     def update(self, tick: Tick) -> None:
-        """Take a tick."""
+        """Update the bias by a tick's yaw rate and the courses of its fixes."""
         if not math.isfinite(tick.yaw_rate_radps) or tick.gap_s > 0.0:
             self._anchor = None
             return
@@ -81,9 +81,11 @@ class GyroBias:
             turn = self._heading_change_rad - (1.0 - fix.fraction) * tick.dt_s * tick.yaw_rate_radps
             noise = (fix.speed_noise * SETTINGS.doppler_mps / fix.speed_mps) ** 2
             noise += SETTINGS.course_floor_rad**2 + (SETTINGS.timing_s * tick.yaw_rate_radps) ** 2
-            self._take(fix.time_s, fix.heading_rad, noise, turn)
+            self._add_course(fix.time_s, fix.heading_rad, noise, turn)
 
-    def _take(self, time_s: float, course_rad: float, noise: float, heading_change_rad: float) -> None:
+    def _add_course(self, time_s: float, course_rad: float, noise: float, heading_change_rad: float) -> None:
+        """Correct the bias by the change of course since the anchor, once that is long enough ago; this is
+        the next anchor."""
         if self._anchor is None or time_s - self._anchor[0] > 2.0 * SETTINGS.gyro_span_s:
             self._anchor = time_s, course_rad, noise
             self._heading_change_rad -= heading_change_rad
@@ -109,12 +111,12 @@ class FrameBlocks:
         self._gyro = GyroBias()
 
     def reset(self) -> None:
-        """Blocks do not go on over a gap."""
+        """Discard the unfinished block, for there was a gap."""
         self._blocks.reset()
 
     def update(self, gated: GatedTick) -> tuple[Block, float] | None:
-        """Add a tick; the block that it completes, by nominal radii, and the variance of its turn by the gyro
-        that the bias leaves. The gyro's turn is NaN unless the gyro has shown to be one."""
+        """Add a tick; return the block that it completes, by nominal radii, and the variance of its turn by
+        the gyro that the bias leaves, else None. The gyro's turn is NaN unless the gyro is trusted."""
         tick = gated.tick
         self._gyro.update(tick)
         for fix in tick.fixes:

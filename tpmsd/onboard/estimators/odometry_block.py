@@ -89,7 +89,7 @@ class BlockBuilder:
             self._fixes.append((tick.index, fix))
 
     def add(self, tick: Tick, informative: bool, radii: FloatArray, accel_mps2: float) -> Block | None:
-        """Add a tick and return the block that it completes, if any. `radii` are the present radius errors
+        """Add a tick and return the block that it completes, else None. `radii` are the present radius errors
         (d,)."""
         left, right = self._order[:2]
         if not (math.isfinite(tick.rotation_rad[left]) and math.isfinite(tick.rotation_rad[right])):
@@ -105,7 +105,7 @@ class BlockBuilder:
         if elapsed > 2 * SETTINGS.block_max_s:
             self.reset()
             return None
-        block = self._build(radii, doppler)
+        block = self._make_block(radii, doppler)
         last = [f for f in self._fixes if f[0] == tick.index][-1:]
         self.reset()
         if last:
@@ -114,14 +114,15 @@ class BlockBuilder:
             self._ticks = [(tick, informative, accel_mps2)]
         return block
 
-    def _build(self, radii: FloatArray, doppler: bool) -> Block:
+    def _make_block(self, radii: FloatArray, doppler: bool) -> Block:
+        """Return the block of the collected ticks; `doppler`: it ends at a fix with speed."""
         # Plain numbers: for so few numpy takes several times as long.
         ticks = [t for t, _, _ in self._ticks]
         shares = [1.0] * len(ticks)
         travel, change, noise, swing = math.nan, 0.0, 1.0, 0.0
         if doppler:
             fixes = [fix for _, fix in self._fixes]
-            travel, change, noise, swing = _by_doppler(fixes)
+            travel, change, noise, swing = _doppler_motion(fixes)
             for j, t in enumerate(ticks):
                 inside_s = min(t.time_s, fixes[-1].time_s) - max(t.time_s - t.dt_s, fixes[0].time_s)
                 shares[j] = min(max(inside_s / t.dt_s, 0.0), 1.0)
@@ -143,7 +144,9 @@ class BlockBuilder:
             duration += share * tick.dt_s
             gyro += share * (tick.yaw_rate_radps * tick.dt_s)
         front = (
-            self._front(shares, travels, turns, angle, reading, radius) if len(order) == 4 else (None, None)
+            self._front_residuals(shares, travels, turns, angle, reading, radius)
+            if len(order) == 4
+            else (None, None)
         )
         distance_m = sum(travels)
         accel_per_turn = distance_m / max(duration, 1e-3) ** 2
@@ -168,7 +171,7 @@ class BlockBuilder:
             ticks=len(ticks),
         )
 
-    def _front(
+    def _front_residuals(
         self,
         shares: list[float],
         travels: list[float],
@@ -177,9 +180,8 @@ class BlockBuilder:
         reading: list[float],
         radius: list[float],
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
-        """Return the residuals of both front wheels; distances (m), turns (rad) and shares of n ticks, the
-        rest by wheel.
-        """
+        """Return the residual of either front wheel, None where its rotation is missing; distances (m), turns
+        (rad) and shares of n ticks, the rest by wheel."""
         # The hub's lateral part enters squared, so quantisation noise in a short tick's turn would bias it:
         # there the turn is smoothed.
         size = max(round(SETTINGS.front_smoothing_s / self._ticks[0][0].dt_s), 1)
@@ -214,16 +216,16 @@ class BlockBuilder:
 
 
 def moving_mean(values: list[float], size: int) -> list[float]:
-    """(n,) mean over `size` neighbours of each, of which one more lies before than behind if `size` is even;
-    beyond the ends the first and the last value go on."""
+    """Return the (n,) mean over `size` neighbours of each value, of which one more lies before than behind if
+    `size` is even; beyond the ends the first and the last value go on."""
     before = size // 2
     padded = [values[0]] * before + values + [values[-1]] * (size - 1 - before)
     return [sum(padded[k : k + size]) / size for k in range(len(values))]
 
 
-def _by_doppler(fixes: list[Fix]) -> tuple[float, float, float, float]:
-    """Return the distance (m) that the receiver's speed says between the first fix and the last (NaN with too
-    long a gap), the change of speed (m/s), its noise over the usual one, and its greatest swing (m/s)."""
+def _doppler_motion(fixes: list[Fix]) -> tuple[float, float, float, float]:
+    """Return the distance (m) by the receiver's speed between the first fix and the last (NaN with too long a
+    gap), the change of speed (m/s), its noise over the usual one, and its greatest swing (m/s)."""
     steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
     travel = sum((before + after) / 2 * span_s for before, after, span_s in steps)
     change = fixes[-1].speed_mps - fixes[0].speed_mps

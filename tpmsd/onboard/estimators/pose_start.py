@@ -24,7 +24,7 @@ class PoseStart:
 
 
 class PoseFinder:
-    """Collects fixes until they tell a heading."""
+    """Collects fixes until they determine a heading."""
 
     def __init__(self) -> None:
         self._fixes: deque[Fix] = deque(maxlen=400)
@@ -34,7 +34,7 @@ class PoseFinder:
         self._fixes.clear()
 
     def update(self, fix: Fix, moving: bool) -> PoseStart | None:
-        """Take a fix; the pose it completes, or None while the heading is open.
+        """Take a fix; return the pose that it completes, or None while the heading is not known.
 
         `moving`: whether the wheels are faster than `start_speed_mps`.
         """

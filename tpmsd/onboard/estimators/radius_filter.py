@@ -24,7 +24,7 @@ from tpmsd.onboard.estimators.belief import (
     Moments,
     RolledTick,
     Standstill,
-    numbers,
+    saved_numbers,
 )
 from tpmsd.onboard.estimators.frame_measurements import FrameBlocks, NamedMeasurements
 from tpmsd.onboard.estimators.gates.fix_gate import FixGate
@@ -104,12 +104,12 @@ class RadiusFilter:
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
-        tick = self._received.of(tick)
+        tick = self._received.select(tick)
         if tick.gap_s > SETTINGS.coast_limit_s:
             self._lose_pose()
-        gated = self._move(tick)
+        gated = self._take_rotation(tick)
         for fix in tick.fixes:
-            self._take_fix(self._accuracy.judged(fix), tick)
+            self._take_fix(self._accuracy.with_judged_std(fix), tick)
         if self._blocks is not None:
             held = self._blocks.update(gated)
             if held is not None and self._located:
@@ -119,24 +119,25 @@ class RadiusFilter:
 
     # -- motion ---------------------------------------------------------------------------------------------
 
-    def _move(self, tick: Tick) -> GatedTick:
-        """Take the wheels' rotation."""
+    def _take_rotation(self, tick: Tick) -> GatedTick:
+        """Predict by the wheels' rotation, or by dead reckoning without it; return the tick with the gates'
+        decisions."""
         angle = tick.rotation_rad[self._order]
         left, right = angle[:2].tolist()
         if not (math.isfinite(left) and math.isfinite(right)):
-            self._coast(tick.dt_s)
-            return self._gated(tick, False)
+            self._dead_reckon(tick.dt_s)
+            return self._make_gated_tick(tick, False)
         self._coasting_s = 0.0
         travel, turn = self._car.virtual_motion(left, right)
         self._reverse.update_speed(travel / tick.dt_s, tick.dt_s)
         if self._reverse.backward:
             angle, travel, turn = -angle, -travel, -turn
         gentle = self._gate.update(tick, travel / tick.dt_s, turn / tick.dt_s)
-        gated = self._gated(tick, gentle or not self._gates.ticks)
+        gated = self._make_gated_tick(tick, gentle or not self._gates.ticks)
         if travel == 0.0 and self._gates.ticks:
-            self._stop()
+            self._set_standstill()
             self.belief.predict(Standstill())
-            return self._gated(tick, False)
+            return self._make_gated_tick(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
         curvature = self._steered_curvature(tick, travel, gated.informative)
         travel, turn = self.belief.predict(RolledTick(gated, angle, travel, turn, curvature, judged))
@@ -148,13 +149,14 @@ class RadiusFilter:
             self._informative_s += tick.dt_s
         return gated
 
-    def _gated(self, tick: Tick, informative: bool) -> GatedTick:
+    def _make_gated_tick(self, tick: Tick, informative: bool) -> GatedTick:
+        """Return the tick with the gate's present motion."""
         gate = self._gate
         return GatedTick(tick, informative, gate.speed_mps, gate.accel_mps2, gate.gyro_trusted)
 
     def _steered_curvature(self, tick: Tick, distance_m: float, informative: bool) -> float | None:
-        """Curvature by the steering at low speed [Lundquist 2013, eq. 38c]; None where the wheels tell the
-        turn."""
+        """Return the curvature by the steering at low speed, 1/m [Lundquist 2013, eq. 38c]; None where the
+        turn is taken from the wheels."""
         steering, printed = tick.steering_wheel_angle_rad, self._gates.printed_steering
         if self._steering_ratio is None or not math.isfinite(steering) or (informative and not printed):
             return None
@@ -165,24 +167,25 @@ class RadiusFilter:
         bend = front_rad if printed else math.tan(front_rad)
         return bend / self._car.geometry.wheelbase_m
 
-    def _stop(self) -> None:
-        """Take that the wheels do not turn."""
+    def _set_standstill(self) -> None:
+        """Set the last speed and yaw rates to 0."""
         self._speed = self._yaw_rate = self._steady_yaw_rate = 0.0
 
-    def _coast(self, dt_s: float) -> None:
-        """No rear rotation: dead reckoning, ever less sure; give the pose up after a while."""
+    def _dead_reckon(self, dt_s: float) -> None:
+        """Predict by the last speed and yaw rate, for rear rotation is missing; give the pose up after a
+        while."""
         self._coasting_s += dt_s
         if self._coasting_s <= SETTINGS.coast_limit_s:
             self.belief.predict(DeadReckoning(dt_s, self._speed, self._steady_yaw_rate))
             return
         if self._located:
             self._lose_pose()
-        self._stop()  # no longer known
+        self._set_standstill()  # no longer known
 
     # -- fixes, the pose found and lost ---------------------------------------------------------------------
 
     def _take_fix(self, fix: Fix, tick: Tick) -> None:
-        """Find the pose by a fix, or hold the belief against it."""
+        """Find the pose by a fix, or correct the belief by it."""
         moving = self._speed > SETTINGS.moving_mps
         interval_s = fix.time_s - self._last_used_s
         by_position = self._received.position
@@ -235,12 +238,12 @@ class RadiusFilter:
 
     def _estimate(self, gated: GatedTick, said: Moments) -> RadiusEstimate:
         if self._noise is None or self._noise[0] is not said.noise_std_m:
-            self._noise = said.noise_std_m, self._on_all(said.noise_std_m)
+            self._noise = said.noise_std_m, self._expand_vector(said.noise_std_m)
         found, pose, time_s = self._located, said.pose, gated.tick.time_s
         return RadiusEstimate(
             time_s=time_s,
-            deviation_m=self._on_all(said.mean_m),
-            covariance_m2=self._between_all(said.covariance_m2),
+            deviation_m=self._expand_vector(said.mean_m),
+            covariance_m2=self._expand_matrix(said.covariance_m2),
             noise_std_m=self._noise[1],
             informative=gated.informative,
             informative_s=self._informative_s,
@@ -255,27 +258,30 @@ class RadiusFilter:
             effective_particles=said.effective,
             ancestors=said.ancestors,
             between_std_m=said.between_std_m,
-            stated=self._of_four(said.stated),
+            stated=self._in_wheel_order(said.stated),
         )
 
-    def _of_four(self, stated: RadiusStatement | None) -> RadiusStatement | None:
-        """In the order of all wheels; made once of each."""
+    def _in_wheel_order(self, stated: RadiusStatement | None) -> RadiusStatement | None:
+        """Return the statement with arrays (4,), (4, 4) in the order of all wheels, cached; None for None."""
         if stated is not self._stated[0]:
             assert stated is not None
-            mean_m, covariance_m2 = self._on_all(stated.mean_m), self._between_all(stated.covariance_m2)
+            mean_m, covariance_m2 = (
+                self._expand_vector(stated.mean_m),
+                self._expand_matrix(stated.covariance_m2),
+            )
             self._stated = stated, RadiusStatement(mean_m, covariance_m2, stated.change_probability)
         return self._stated[1]
 
-    def _on_all(self, values: FloatArray) -> FloatArray:
-        """(4,) of (d,) in the filter's order; NaN for a wheel that is not estimated."""
+    def _expand_vector(self, values: FloatArray) -> FloatArray:
+        """Return values (d,) of the filter's wheels as (4,); NaN for a wheel that is not estimated."""
         if self._back is not None:
             return values.take(self._back)
         out = self._unknown_m.copy()
         out[self._order] = values
         return out
 
-    def _between_all(self, matrix: FloatArray) -> FloatArray:
-        """(4, 4) of (d, d) in the same way."""
+    def _expand_matrix(self, matrix: FloatArray) -> FloatArray:
+        """Return a matrix (d, d) of the filter's wheels as (4, 4); NaN for wheels that are not estimated."""
         if self._back is not None:
             return matrix.take(self._flat).reshape(4, 4)
         out = self._unknown_m2.copy()
@@ -292,13 +298,13 @@ class RadiusFilter:
         }
 
     def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
-        """Take up a snapshot of the same car after so much driving; ValueError, and nothing changed, if it is
-        another's."""
+        """Restore a snapshot of the same car of `since_s` seconds of driving ago; ValueError, and nothing
+        changed, if it is another's."""
         nominal = self._car.nominal_m
         if saved.get("order") != list(self._car.order) or not np.allclose(
-            numbers(saved, "nominal_m", nominal.shape, 10.0), nominal
+            saved_numbers(saved, "nominal_m", nominal.shape, 10.0), nominal
         ):
             raise ValueError("the saved radii belong to another set of wheels or nominal radii")
-        informative_s = float(numbers(saved, "informative_s", (), LONGEST_S))
+        informative_s = float(saved_numbers(saved, "informative_s", (), LONGEST_S))
         self.belief.restore(saved, since_s)
         self._informative_s = informative_s

@@ -17,13 +17,13 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 def effective_number(weights: FloatArray) -> float:
-    """Effective number of particles 1 / sum(w^2) [Lundquist 2013, Table I, line 16]."""
+    """Return the effective number of particles 1 / sum(w^2) [Lundquist 2013, Table I, line 16]."""
     return float(1.0 / np.dot(weights, weights))
 
 
 def systematic(weights: FloatArray, rng: np.random.Generator, count: int | None = None) -> NDArray[np.intp]:
-    """Systematic resampling: one uniform draw, `count` equally spaced pointers (None: as many as weights)
-    into the cumulative weights; (count,)."""
+    """Return the (count,) indices of a systematic resampling: one uniform draw, `count` equally spaced
+    pointers (None: as many as weights) into the cumulative weights."""
     count = weights.size if count is None else count
     pointers = (np.arange(count) + rng.random()) / count
     edges = np.cumsum(weights)
@@ -58,16 +58,16 @@ class Lineage:
         """Number of particles of `SETTINGS.lineage_s` to twice as long ago that have descendants."""
 
     def keep(self, index: NDArray[np.intp]) -> None:
-        """Follow a resampling."""
+        """Update the ancestors after a resampling to these indices."""
         self._older, self._newer = self._older[index], self._newer[index]
         self.ancestors = np.unique(self._older).size
 
     def copy(self, child: NDArray[np.intp], parent: NDArray[np.intp]) -> None:
-        """Follow copies that take the places of others."""
+        """Update the ancestors after particles `child` were overwritten by copies of `parent`."""
         self._older[child], self._newer[child] = self._older[parent], self._newer[parent]
 
     def elapse(self, duration_s: float) -> None:
-        """Let time pass."""
+        """Advance the time; every `SETTINGS.lineage_s` the ancestors become those of a later time."""
         self._since_s += duration_s
         if self._since_s >= SETTINGS.lineage_s:
             self._since_s = 0.0
@@ -76,6 +76,7 @@ class Lineage:
 
 
 def between_std(radii_m: FloatArray, weights: FloatArray) -> float:
-    """Standard deviation of radii (d, N) between particles, root mean square over the wheels."""
+    """Return the standard deviation of radii (d, N) between particles, m, root mean square over the
+    wheels."""
     away = radii_m - (radii_m @ weights)[:, None]
     return float(np.sqrt((np.square(away) @ weights).mean()))

@@ -53,7 +53,7 @@ struct motion {
 };
 enum { MOTION_NUMBERS = sizeof(struct motion) / sizeof(double) };
 
-/* Way and turn of hypotheses [from, to): [Lundquist 2013, eqs 6a, 6b]; share: `_Bend.share`. */
+/* Way and turn of hypotheses [from, to): [Lundquist 2013, eqs 6a, 6b]; share: `_PoseDerivative.share`. */
 static void way_and_turn(const struct motion *m, const double *mean, Py_ssize_t count, Py_ssize_t from,
                          Py_ssize_t to, double *way, double *turn, double *share)
 {

@@ -19,7 +19,8 @@ Weights = Callable[[FloatArray], FloatArray]
 
 
 def square_weights(size: FloatArray) -> FloatArray:
-    """1 up to `robust_from`, then falling with the square of the residual."""
+    """Return the (n,) robust weights of standardised residuals: 1 up to `robust_from`, then falling with
+    their square."""
     return np.asarray(np.maximum(size / SETTINGS.robust_from, 1.0) ** -2)
 
 
@@ -69,7 +70,7 @@ MIN_VARIANCE = 1e-14
 
 
 def symmetrise(covariance: FloatArray) -> None:
-    """Undo the asymmetry and the loss of positive diagonals that rounding leaves, in place."""
+    """Make covariances symmetric with positive diagonals again, which rounding has spoilt, in place."""
     covariance += covariance.swapaxes(-1, -2)
     covariance *= 0.5
     diagonal = np.einsum("ijj->ij", covariance)

@@ -61,12 +61,13 @@ PRIORS: Mapping[int, tuple[float, float]] = MappingProxyType(
 
 
 def side_by_side(count: int, *shape: int) -> FloatArray:
-    """(count, *shape) zeros of which the first axis is the fastest in memory."""
+    """Return zeros of shape (count, *shape) of which the first axis is the fastest in memory."""
     return np.moveaxis(np.zeros((*shape, count)), -1, 0)
 
 
 def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Prior mean (count, n) and covariance (count, n, n); nominal_m (d,) in the order rl, rr[, fl, fr]."""
+    """Return the prior mean (count, n) and covariance (count, n, n); nominal_m (d,) in the order rl, rr[, fl,
+    fr]."""
     wheels = nominal_m.size
     mean = side_by_side(count, MU + wheels)
     covariance = side_by_side(count, MU + wheels, MU + wheels)
@@ -80,7 +81,7 @@ def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def drift_covariance(wheels: int) -> FloatArray:
-    """(d, d) growth of the radii's covariance per second."""
+    """Return the (d, d) growth of the radii's covariance per second, m^2."""
     out = np.eye(wheels) * SETTINGS.drift_own_m**2 + np.ones((wheels, wheels)) * SETTINGS.drift_common_m**2
     if wheels == 4:
         axle = np.array([1.0, 1.0, -1.0, -1.0])
@@ -110,8 +111,8 @@ class TickMotion:
     """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
 
 
-class _Bend(NamedTuple):
-    """Derivative B (N, 3, n) of a tick's change of E, N, PSI by the state: what of it is not zero."""
+class _PoseDerivative(NamedTuple):
+    """Derivative B (N, 3, n) of a tick's change of E, N, PSI by the state: its entries that are not zero."""
 
     across: FloatArray
     """(2, N) of E and N by PSI."""
@@ -124,7 +125,7 @@ class _Bend(NamedTuple):
     by_load: FloatArray | None = None
     """(3,) of PSI by LOAD and the rear radii, of all hypotheses alike; None where steering tells the turn."""
     share: FloatArray | float = 1.0
-    """(N,) by which each hypothesis multiplies `by_load` (`ProcessModel._turn_share`)."""
+    """(N,) by which each hypothesis multiplies `by_load` (`ProcessModel._turn_fraction`)."""
 
     def add_to(self, rows: FloatArray) -> None:
         """Add B times `rows` (n, k, N) to them, in place."""
@@ -156,8 +157,8 @@ class _OfLength:
             )
             for rough in (0.0, 1.0)
         )
-        """Variances that `ProcessModel.constants` returns from `path_noise` on, of informative ticks and of
-        others."""
+        """Variances that `ProcessModel.kernel_constants` returns from `path_noise` on, of informative ticks
+        and of others."""
 
 
 class ProcessModel:
@@ -175,9 +176,9 @@ class ProcessModel:
         self._of_length = _OfLength(math.nan, track_rear_m)
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
-        """(N, d, d) growth of the radii's covariance per second at levels (N, d) of each wheel, which are
-        relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows the lowest of them down to
-        `calm_common` only and never up."""
+        """Return the (N, d, d) growth of the radii's covariance per second at levels (N, d) of each wheel,
+        which are relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows the lowest of them
+        down to `calm_common` only and never up."""
         level = np.ascontiguousarray(levels.T)
         common = np.minimum(np.maximum(np.minimum.reduce(level), SETTINGS.calm_common), 1.0)
         own = level[:, None] * level * self._drift_own[:, :, None]
@@ -185,7 +186,8 @@ class ProcessModel:
         return own.transpose(2, 0, 1)
 
     def travel_and_turn(self, mean: FloatArray, motion: TickMotion) -> tuple[FloatArray, FloatArray]:
-        """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
+        """Return the (N,) distance (m) of the rear axle's middle and turn (rad) by each hypothesis, eqs (6a),
+        (6b)."""
         state = mean.T
         left, right = (state[MU : MU + 2] + self._rear_m) * motion.rear_rad[:, None]
         travel = (left + right) * (0.5 * motion.horizontal)
@@ -198,25 +200,26 @@ class ProcessModel:
         if motion.lateral_known:
             turn += state[LOAD] * self.load_turn(motion)
         else:
-            turn *= self._turn_share(state, motion)
+            turn *= self._turn_fraction(state, motion)
         return travel, turn
 
-    def _turn_share(self, state: FloatArray, motion: TickMotion) -> FloatArray:
-        """(N,) share of the wheels' turn that is the car's, where they alone tell it: by a_y = v * turn / dt
-        `load_turn` is proportional to the turn itself."""
+    def _turn_fraction(self, state: FloatArray, motion: TickMotion) -> FloatArray:
+        """Return the (N,) car's turn over the wheels' turn, where no other signal tells the car's: by a_y = v
+        * turn / dt `load_turn` is proportional to the turn itself."""
         factor: FloatArray = 1.0 + state[LOAD] * self.load_gain(motion)
         return np.reciprocal(np.maximum(factor, SETTINGS.min_load_factor))
 
     def load_gain(self, motion: TickMotion) -> float:
-        """Return the fraction of the car's turn by which the wheels show too much of it, per LOAD."""
+        """Return the excess of the wheels' turn over the car's, as a fraction of the car's turn, per unit of
+        LOAD."""
         # Plain numbers: for two of them numpy takes ten times as long, and this is asked every tick.
         (left_rad, right_rad), (left_m, right_m) = motion.rear_rad.tolist(), self._rear
         distance_m = (left_rad * left_m + right_rad * right_m) / 2.0
         return float(distance_m * (left_rad + right_rad) / (self._track * motion.dt_s**2))
 
     def load_turn(self, motion: TickMotion) -> float:
-        """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
-        too much of it."""
+        """Return the excess of the wheels' turn over the car's, rad per unit of LOAD: in a left turn the
+        right radius shrinks and the left one grows."""
         return -motion.accel_lat_mps2 * float(motion.rear_rad[0] + motion.rear_rad[1]) / self._track
 
     def propagate(
@@ -228,15 +231,15 @@ class ProcessModel:
         drift: FloatArray | None = None,
         noise_factor: FloatArray | float = 1.0,
     ) -> tuple[float, float]:
-        """Move mean (N, n) and covariance (N, n, n) through eq. (7), heading at mid-step, in place; mean way
-        and turn of the tick.
+        """Move mean (N, n) and covariance (N, n, n) through a tick by eq. (7), heading at mid-step, in place;
+        return the mean distance (m) and turn (rad) of the tick.
 
         `drift` (N, d, d): growth of the radii's covariance per second of each hypothesis (`drift_at`); None:
         that at level 1. `noise_factor` (N,): on the variances of way and heading that grow with the way.
         """
         count = mean.shape[0]
         state, spread = mean.T, covariance.transpose(1, 2, 0)
-        share = 1.0 if motion.lateral_known else self._turn_share(state, motion)
+        share = 1.0 if motion.lateral_known else self._turn_fraction(state, motion)
         travel, turn = self.travel_and_turn(mean, motion)
         middle = turn * 0.5
         middle += state[PSI]
@@ -246,7 +249,7 @@ class ProcessModel:
         step = along * travel
         # F P F' with F = I + B, of which only the pose's rows hold anything: P + B P in those rows, then
         # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored.
-        bend = self._bend(along, step, travel, turn, motion, share)
+        bend = self._pose_derivative(along, step, travel, turn, motion, share)
         pose = spread[: PSI + 1]
         bend.add_to(spread)
         bend.add_to(pose.swapaxes(0, 1))
@@ -260,7 +263,7 @@ class ProcessModel:
         spread[:, BE : BN + 1] *= decay
         mean_travel, mean_turn = float(np.add.reduce(travel)) / count, float(np.add.reduce(turn)) / count
         noise = np.zeros((GYRO + 1, np.size(noise_factor)))
-        self._set_noise(noise, motion, abs(mean_travel), mean_turn, noise_factor)
+        self._set_tick_noise(noise, motion, abs(mean_travel), mean_turn, noise_factor)
         noise[BE : BN + 1] = position_std_m**2 * (1.0 - decay**2)
         diagonal = np.einsum("iij->ij", spread)
         diagonal[: GYRO + 1] += noise
@@ -269,11 +272,10 @@ class ProcessModel:
         spread[MU:, MU:] += drift.transpose(1, 2, 0) * motion.dt_s
         return mean_travel, mean_turn
 
-    def constants(self, motion: TickMotion, position_std_m: float) -> tuple[float, ...]:
-        """Return what `propagate` takes of a tick as plain numbers, in the order of `struct motion` in
-        `_bank.c`; NaN where there is no independent yaw rate or no steering, or where the lateral
-        acceleration is known.
-        """
+    def kernel_constants(self, motion: TickMotion, position_std_m: float) -> tuple[float, ...]:
+        """Return the numbers of a tick that the compiled `propagate` takes, in the order of `struct motion`
+        in `_bank.c`; NaN where there is no independent yaw rate or no steering, or where the lateral
+        acceleration is known."""
         nan, dt_s, track_m = math.nan, motion.dt_s, self._track
         if self._of_length.dt_s != dt_s:
             self._of_length = _OfLength(dt_s, track_m)
@@ -295,7 +297,7 @@ class ProcessModel:
             dt_s,
         )
 
-    def _bend(
+    def _pose_derivative(
         self,
         along: FloatArray,
         step: FloatArray,
@@ -303,10 +305,9 @@ class ProcessModel:
         turn: FloatArray,
         motion: TickMotion,
         share: FloatArray | float,
-    ) -> _Bend:
-        """Return the bend of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N):
-        way along it, share: of `_Bend`.
-        """
+    ) -> _PoseDerivative:
+        """Return the derivative of a tick's pose change by the state; along (2, N): cosine and sine of the
+        heading at mid-step, step (2, N): distance along it, share: of `_PoseDerivative`."""
         by_wheels = motion.steered_curvature is None
         across = np.empty_like(step)
         np.negative(step[1], out=across[0])
@@ -319,17 +320,20 @@ class ProcessModel:
             by_radius += np.array(turned)[:, None, None] * (0.5 * share * across)
         by_slip = along * (travel * -motion.accel_long_mps2) if self._driven_rear else None
         if not by_wheels:
-            return _Bend(across, by_radius, by_slip)
+            return _PoseDerivative(across, by_radius, by_slip)
         # The wheels' own reading error here would be taken for a track (errors in variables).
         by_track = (
             turn if motion.independent_heading_change_rad is None else motion.independent_heading_change_rad
         )
-        return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share)
+        return _PoseDerivative(
+            across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share
+        )
 
-    def _set_noise(
+    def _set_tick_noise(
         self, out: FloatArray, motion: TickMotion, distance: float, turn: float, factor: FloatArray | float
     ) -> None:
-        """Set what a tick adds to the variances (GYRO + 1, N or 1) of the hypotheses, but for BE and BN."""
+        """Set the variances (GYRO + 1, N or 1) that a tick adds to the hypotheses' states, except those of BE
+        and BN."""
         rough = not motion.informative
         along = SETTINGS.path_noise**2 * distance * factor
         out[E : N + 1] = along + (SETTINGS.rough_path * distance) ** 2 * rough

@@ -63,7 +63,7 @@ class Bank:
         self.state, self.spread = self.mean.T, self.covariance.transpose(1, 2, 0)
 
     def copy(self, child: int, parent: int) -> None:
-        """Put a copy of one hypothesis in another's place; its weight is the caller's."""
+        """Overwrite hypothesis `child` by a copy of `parent`, except its weight, which the caller sets."""
         self.mean[child] = self.mean[parent]
         self.covariance[child] = self.covariance[parent]
         self.level[child] = self.level[parent]
@@ -71,26 +71,29 @@ class Bank:
         self.since_s[child], self.raised[child] = self.since_s[parent], self.raised[parent]
 
     def weights(self) -> FloatArray:
-        """(N,) normalised."""
+        """Return the (N,) normalised weights."""
         return normalised(self.log_weights)
 
     def ascending(self) -> NDArray[np.intp]:
-        """(N,) places by their weights, those alike in their order in the bank."""
-        return self._rounded().argsort(kind="stable")
+        """Return the (N,) indices of the hypotheses by ascending weight; those of equal weight in their order
+        in the bank."""
+        return self._rounded_log_weights().argsort(kind="stable")
 
-    def least(self) -> int:
-        """Return the first place of `ascending`."""
-        return int(self._rounded().argmin())
+    def least_probable(self) -> int:
+        """Return the index of the hypothesis with the least weight: the first of `ascending`."""
+        return int(self._rounded_log_weights().argmin())
 
-    def best(self) -> int:
-        """Return the last place of `ascending`."""
-        return self.log_weights.size - 1 - int(self._rounded()[::-1].argmax())
+    def most_probable(self) -> int:
+        """Return the index of the hypothesis with the greatest weight: the last of `ascending`."""
+        return self.log_weights.size - 1 - int(self._rounded_log_weights()[::-1].argmax())
 
-    def _rounded(self) -> FloatArray:
+    def _rounded_log_weights(self) -> FloatArray:
+        """Return the (N,) log-weights in whole steps of `SAME_LOG_WEIGHT_NATS`, so that rounding errors do
+        not order equal ones."""
         return np.rint(self.log_weights / SAME_LOG_WEIGHT_NATS)
 
     def rescale(self) -> None:
-        """Let the best log-weight be 0, so that none overflows."""
+        """Shift the log-weights so that the greatest is 0 and none overflows."""
         self.log_weights -= self.log_weights.max()
         np.maximum(self.log_weights, UNUSED, out=self.log_weights)
 
@@ -110,7 +113,8 @@ class JumpHypotheses:
     level_floor: float = SETTINGS.level_floor
 
     def kinds(self, wheels: int) -> list[tuple[FloatArray, float]]:
-        """Level (d,) of each wheel and prior probability of each kind of hypothesis."""
+        """Return per kind of hypothesis the process-noise level (d,) of each wheel, and its prior
+        probability."""
         out = [(np.full(wheels, level), probability) for level, probability in self.levels]
         if self.alone is not None and wheels == 4:
             own, rest, probability = self.alone
@@ -118,7 +122,7 @@ class JumpHypotheses:
         return out
 
     def begin(self, count: int, nominal_m: FloatArray) -> Bank:
-        """Return the prior: one hypothesis per kind, and the other places empty."""
+        """Return the bank before the first tick: one hypothesis per kind, and the other places unused."""
         mean, covariance = initial_state(count, nominal_m)
         level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
         bank = Bank(mean, covariance, np.full(count, UNUSED), level, kind)
@@ -129,7 +133,8 @@ class JumpHypotheses:
         return bank
 
     def keep_levels(self, bank: Bank, duration_s: float) -> None:
-        """Keep one hypothesis of each kind in play, with at least a share of the best one's weight.
+        """Keep at least one hypothesis of each kind in the bank, with no less than a share of the best one's
+        weight.
 
         What a kind has lost beyond that it has lost with radii of its own; it begins again at the best ones.
         The share makes the bank quick; what is stated takes of a kind what the evidence has left of it, or
@@ -142,7 +147,7 @@ class JumpHypotheses:
         in_play = set(bank.kind[bank.log_weights >= least - SAME_LOG_WEIGHT_NATS].tolist())
         if len(in_play) == len(kinds):
             return
-        best = bank.best()
+        best = bank.most_probable()
         best_log = float(bank.log_weights[best] - bank.raised[best])
         for kind, (level, probability) in enumerate(kinds):
             if kind in in_play:
@@ -151,13 +156,14 @@ class JumpHypotheses:
             honest = max(
                 *evidence, best_log + math.log(probability * duration_s / SETTINGS.level_tau_s), -math.inf
             )
-            child = bank.least()
+            child = bank.least_probable()
             bank.copy(child, best)
             bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
             bank.raised[child] = least - honest
 
     def branch(self, bank: Bank, duration_s: float, nominal_m: FloatArray, next_wheel: int) -> int:
-        """For each wheel, one hypothesis branches off the best: this wheel has just changed.
+        """Replace improbable hypotheses by branches of the best one, each of which assumes that one wheel has
+        just changed; return the wheel whose turn is next.
 
         The branches take the places of the least probable hypotheses, with the prior probability of a change
         within `duration_s` as their weight; how much has changed is left to the Kalman filter. A branch
@@ -180,12 +186,12 @@ class JumpHypotheses:
 
 
 def normalised(log_weights: FloatArray) -> FloatArray:
-    """(N,) weights that add up to 1, of their logarithms."""
+    """Return the (N,) weights that add up to 1, from their logarithms."""
     weights = np.exp(log_weights - np.maximum.reduce(log_weights))
     return np.asarray(weights / np.add.reduce(weights))
 
 
-def stated(bank: Bank, kernel: BankKernel) -> RadiusStatement:
+def radius_statement(bank: Bank, kernel: BankKernel) -> RadiusStatement:
     """Return the statement of the radii: moments of the hypotheses that assume no change within
     `recent_change_s`, or of the others where these are more probable, by weights of prior and evidence
     (`Bank.raised`).

@@ -51,13 +51,14 @@ class BankKernel(Protocol):
     def propagate(
         self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
-        """Move all hypotheses through a tick; mean way (m) and turn (rad). `drift`: of `drift_at`."""
+        """Move all hypotheses through a tick; return the mean distance (m) and turn (rad). `drift`: of
+        `drift_at`."""
         ...
 
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """Hold all hypotheses against a measurement, weights included (`batched_kalman.scalar_update`)."""
+        """Correct all hypotheses by a measurement, weights included (`batched_kalman.scalar_update`)."""
         ...
 
     def antenna_position(
@@ -67,15 +68,16 @@ class BankKernel(Protocol):
         ...
 
     def symmetrise(self, bank: Bank) -> None:
-        """Undo the asymmetry of covariances that rounding leaves (`batched_kalman.symmetrise`)."""
+        """Make the covariances symmetric again (`batched_kalman.symmetrise`)."""
         ...
 
     def complete(self, bank: Bank) -> None:
-        """Make the covariances whole where a kernel keeps a part of them, for all who read them elsewhere."""
+        """Fill in the part of the covariances that a kernel does not keep, for all who read them
+        elsewhere."""
         ...
 
     def summary(self, bank: Bank, log_weights: FloatArray | None = None) -> Summary:
-        """Mean and covariance over the mixture; `log_weights` (N,) instead of the bank's own."""
+        """Return mean and covariance over the mixture; `log_weights` (N,) instead of the bank's own."""
         ...
 
 
@@ -85,14 +87,14 @@ class ArrayKernel:
     def propagate(
         self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         factor = bank.noise_factor
         return process.propagate(bank.mean, bank.covariance, motion, position_std_m, drift, factor)
 
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         bank.log_weights += scalar_update(
             bank.mean, bank.covariance, scalar.innovation, scalar.row, scalar.variance, frozen_from, weights
         )
@@ -100,18 +102,18 @@ class ArrayKernel:
     def antenna_position(
         self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         return measurements.antenna_position(bank.mean, fix, tick, now)
 
     def symmetrise(self, bank: Bank) -> None:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         symmetrise(bank.covariance)
 
     def complete(self, bank: Bank) -> None:
-        """Return what `BankKernel` returns."""
+        """Do nothing: the covariances are always complete."""
 
     def summary(self, bank: Bank, log_weights: FloatArray | None = None) -> Summary:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         weights = bank.weights() if log_weights is None else normalised(log_weights)
         state, spread = bank.state, bank.spread
         mean = state @ weights
@@ -137,20 +139,20 @@ class CompiledKernel:
     def propagate(
         self, process: ProcessModel, bank: Bank, motion: TickMotion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         travel, turn = self._propagate(
             bank.state,
             bank.spread,
             drift.transpose(1, 2, 0),
             bank.noise_factor,
-            *process.constants(motion, position_std_m),
+            *process.kernel_constants(motion, position_std_m),
         )
         return travel, turn
 
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         if weights is not square_weights:
             self._arrays.update(bank, scalar, frozen_from, weights)
             return
@@ -169,7 +171,7 @@ class CompiledKernel:
     def antenna_position(
         self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         state = bank.state
         east, north = np.empty(state.shape[1]), np.empty(state.shape[1])
         east_row, north_row = np.empty_like(state), np.empty_like(state)
@@ -181,14 +183,14 @@ class CompiledKernel:
         return east, north, east_row.T, north_row.T
 
     def symmetrise(self, bank: Bank) -> None:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         self._symmetrise(bank.spread, MIN_VARIANCE)
 
     def complete(self, bank: Bank) -> None:
-        """Return what `BankKernel` returns."""
+        """Do nothing: the covariances are always complete."""
 
     def summary(self, bank: Bank, log_weights: FloatArray | None = None) -> Summary:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         count, size = bank.mean.shape
         mean, radii_m2, weights = np.empty(size), np.empty((size - MU, size - MU)), np.empty(count)
         log_weights = bank.log_weights if log_weights is None else log_weights
@@ -211,13 +213,13 @@ class HalfKernel(CompiledKernel):
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
     ) -> None:
-        """Return what `BankKernel` returns."""
+        """See `BankKernel`."""
         if weights is not square_weights:
             self._mirror(bank.spread)
         super().update(bank, scalar, frozen_from, weights)
 
     def complete(self, bank: Bank) -> None:
-        """Return what `BankKernel` returns."""
+        """Copy the upper triangle of the covariances to the lower one."""
         self._mirror(bank.spread)
 
 

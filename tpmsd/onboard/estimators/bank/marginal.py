@@ -52,8 +52,8 @@ class MarginalBelief(MixtureBelief):
         """Spread between particles of the last informative block; NaN: to be computed."""
 
     def _propose_changes(self, block: Block, gyro_trusted: bool) -> None:
-        """Let theta walk, and changes be proposed where the block can judge them: others would only spread
-        the radii."""
+        """Move theta, and propose changes where the block can judge them: others would only spread the
+        radii."""
         self._unwalked_s += block.duration_s
         self._between_m = math.nan
         if self._unwalked_s >= SETTINGS.level_step_s:
@@ -71,7 +71,8 @@ class MarginalBelief(MixtureBelief):
         self._drift = self._process.drift_at(self.bank.level)
 
     def finish_tick(self, gated: GatedTick) -> None:
-        """Resample where the fixes before this tick ask for it; then as the mixture."""
+        """Resample where the fixes before this tick have made the effective number small; then as the
+        mixture."""
         self._lineage.elapse(gated.tick.dt_s)
         if self._hypotheses.resample(self.bank, self._lineage, self._effective, self._rng):
             self._drift = self._process.drift_at(self.bank.level)
@@ -90,11 +91,11 @@ class MarginalBelief(MixtureBelief):
         return super().snapshot()
 
     def forget_pose(self) -> None:
-        """Blocks and grade do not go on; the radii keep their joint evidence, and half of the particles
-        assume that one of them has changed: the receiver may have left the wheels for that."""
+        """Drop blocks and grade; the radii keep their joint evidence, and half of the particles assume that
+        one of them has changed: the receiver may have left the wheels for that."""
         super().forget_pose()
         half = np.flatnonzero(self._rng.random(self.bank.log_weights.size) < 0.5)
-        self._hypotheses.reopen(self.bank, half, self._car.nominal_m, self._rng)
+        self._hypotheses.assume_changes(self.bank, half, self._car.nominal_m, self._rng)
 
     def moments(self) -> Moments:
         """Return the moments of all particles together."""

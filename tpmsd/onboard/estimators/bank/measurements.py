@@ -55,7 +55,8 @@ class Present(NamedTuple):
 def antenna_position(
     mean: FloatArray, fix: Fix, tick: Tick, now: Present
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Predicted antenna east and north (N,) at the time of the fix, and their rows (N, n)."""
+    """Return the predicted antenna's east and north (N,), m, at the time of the fix, and their measurement
+    rows (N, n)."""
     behind_s = (1.0 - fix.fraction) * tick.dt_s + mean[:, LAT]
     # Back along the arc: the chord has the heading halfway back, the lever arm that of the fix's own time.
     turned = now.yaw_rate_radps * behind_s
@@ -81,7 +82,8 @@ def antenna_position(
 
 
 def position_variance(fix: Fix, now: Present) -> float:
-    """Variance of the part of a position that is new with every fix; the slow part is in the state."""
+    """Return the variance, m^2, of the part of a position that is new with every fix; the slow part is in the
+    state."""
     white = min(SETTINGS.white_position_m, fix.position_std_m)
     return white**2 + (SETTINGS.timing_s * now.speed_mps) ** 2 + SETTINGS.resolution_m**2
 
@@ -89,7 +91,8 @@ def position_variance(fix: Fix, now: Present) -> float:
 def course(
     mean: FloatArray, fix: Fix, tick: Tick, now: Present, reading_rad: float, interval_s: float
 ) -> Scalar:
-    """Heading against the receiver's course; `reading_rad` is the counters' reading error as a heading."""
+    """Return the measurement of the heading by the receiver's course; `reading_rad` is the counters' reading
+    error as a heading."""
     behind_s = (1.0 - fix.fraction) * tick.dt_s + mean[:, LAT] + mean[:, LATV]
     along = max(now.speed_mps - now.yaw_rate_radps * now.antenna_left_m, 0.1)
     swing = np.arctan2(now.yaw_rate_radps * (now.antenna_forward_m + mean[:, FWD]), along)
@@ -109,7 +112,7 @@ def course(
 def doppler_distance(
     mean: FloatArray, block: Block, nominal: FloatArray, left_m: float, horizontal: float, driven_rear: bool
 ) -> Scalar:
-    """Way by the receiver's speeds, which are horizontal, against the rear wheels."""
+    """Return the measurement of the rear wheels' distance by the receiver's speeds, which are horizontal."""
     slip = mean[:, SLIP] * block.accel_mps2 if driven_rear else np.zeros(mean.shape[0])
     predicted = (nominal[:2] + mean[:, MU : MU + 2]) @ block.angle_rad[:2] / 2
     predicted = predicted * horizontal * (1.0 - slip)
@@ -131,8 +134,8 @@ def front_wheel(
     driven_front_minus_rear: float,
     heading_change_rad: float,
 ) -> Scalar:
-    """Return one front wheel against the hub path that the rear pair predicts; `index` is 2 (fl) or 3 (fr).
-    `heading_change_rad` as for `gyro_turn`.
+    """Return the measurement of a front wheel's radius by the hub path that the rear pair predicts; `index`
+    is 2 (fl) or 3 (fr). `heading_change_rad` as for `gyro_turn`.
 
     A driven rear pair makes the predicted path shorter (omega r = v (1 + slip)), a driven front wheel its
     own. Lateral load transfer acts on both axles alike and cancels, so LOAD does not enter.
@@ -149,8 +152,8 @@ def front_wheel(
 
 
 def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, heading_change_rad: float) -> Scalar:
-    """Return the bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being
-    states.
+    """Return the measurement of the rear wheels' turn by the bus's yaw rate over a block, its bias and gain
+    being states.
 
     `heading_change_rad` is the block's turn as something other than these wheels in this second tells it. It
     is what gain, track, load and the radii's common part are multiplied by: with the wheels' own turn there,

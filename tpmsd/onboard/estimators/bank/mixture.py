@@ -44,7 +44,7 @@ from tpmsd.onboard.estimators.bank.error_state import (
     TickMotion,
     initial_state,
 )
-from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses, stated
+from tpmsd.onboard.estimators.bank.jump_hypotheses import JUMPS, Bank, JumpHypotheses, radius_statement
 from tpmsd.onboard.estimators.bank.kernel import KERNEL, BankKernel
 from tpmsd.onboard.estimators.base import NIGHT_S, RadiusStatement
 from tpmsd.onboard.estimators.belief import (
@@ -57,8 +57,8 @@ from tpmsd.onboard.estimators.belief import (
     Pose,
     RolledTick,
     Saved,
-    numbers,
     saved_covariance,
+    saved_numbers,
     saved_radii,
     wrapped,
 )
@@ -111,16 +111,17 @@ class MixtureBelief:
     # -- motion ---------------------------------------------------------------------------------------------
 
     def predict(self, movement: Movement) -> tuple[float, float]:
-        """Propagate all hypotheses through a tick."""
+        """Propagate all hypotheses through a tick; return its distance (m) and turn (rad)."""
         if isinstance(movement, RolledTick):
             self._informative = movement.gated.informative
-            return self._roll(movement)
+            return self._predict_rolling(movement)
         self._informative = False
         if isinstance(movement, DeadReckoning):
-            return self._coast(movement)
+            return self._predict_dead_reckoning(movement)
         return 0.0, 0.0
 
-    def _roll(self, rolling: RolledTick) -> tuple[float, float]:
+    def _predict_rolling(self, rolling: RolledTick) -> tuple[float, float]:
+        """Propagate by the wheels' rotation; return the mean distance (m) and turn (rad)."""
         gated, tick = rolling.gated, rolling.gated.tick
         rear = rolling.angle_rad[:2]
         by_gyro = gated.gyro_trusted and math.isfinite(tick.yaw_rate_radps)
@@ -146,7 +147,8 @@ class MixtureBelief:
         self._slow_yaw_rate += slow * (turn / tick.dt_s - self._slow_yaw_rate)
         return travel, turn
 
-    def _coast(self, coasting: DeadReckoning) -> tuple[float, float]:
+    def _predict_dead_reckoning(self, coasting: DeadReckoning) -> tuple[float, float]:
+        """Propagate by the last speed and yaw rate; return the distance (m) and turn (rad)."""
         self._blocks.reset()
         dt_s, mean, covariance = coasting.dt_s, self.bank.mean, self.bank.covariance
         travel, turn = coasting.speed_mps * dt_s, coasting.yaw_rate_radps * dt_s
@@ -161,7 +163,8 @@ class MixtureBelief:
 
     # -- fixes ----------------------------------------------------------------------------------------------
 
-    def _present(self, measurement: FixMeasurement) -> measurements.Present:
+    def _present_motion(self, measurement: FixMeasurement) -> measurements.Present:
+        """Return the motion at a fix, as the measurement models take it."""
         return measurements.Present(measurement.speed_mps, measurement.yaw_rate_radps, *self._car.antenna_m)
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
@@ -171,7 +174,7 @@ class MixtureBelief:
         fix, bank = measurement.fix, self.bank
         self._expected = (
             fix,
-            *self._kernel.antenna_position(bank, fix, measurement.tick, self._present(measurement)),
+            *self._kernel.antenna_position(bank, fix, measurement.tick, self._present_motion(measurement)),
         )
         _, east, north, _, _ = self._expected
         weights = bank.weights()
@@ -180,28 +183,29 @@ class MixtureBelief:
         return off, own + fix.position_std_m**2
 
     def update(self, measurement: FixMeasurement) -> None:
-        """Hold the hypotheses against position and course."""
-        fix, tick, now, bank = measurement.fix, measurement.tick, self._present(measurement), self.bank
+        """Correct the hypotheses by position and course of a fix."""
+        fix, tick, now, bank = measurement.fix, measurement.tick, self._present_motion(measurement), self.bank
         weights = self._pieces.fix_weights
         self._position_std_m = fix.position_std_m
         if measurement.by_position:
-            self._update_position(measurement, now, weights)
+            self._correct_position(measurement, now, weights)
         if math.isfinite(fix.heading_rad) and now.speed_mps > SETTINGS.course_speed_mps:
             reading, interval_s = self._reading_heading(tick), min(measurement.interval_s, 2.0)
-            self._update(measurements.course(bank.mean, fix, tick, now, reading, interval_s), weights)
+            self._correct(measurements.course(bank.mean, fix, tick, now, reading, interval_s), weights)
 
-    def _update_position(
+    def _correct_position(
         self, measurement: FixMeasurement, now: measurements.Present, weights: Weights
     ) -> None:
+        """Correct the hypotheses by a fix's east, then by its north."""
         fix, tick, bank = measurement.fix, measurement.tick, self.bank
         variance = measurements.position_variance(fix, now)
         expected, self._expected = self._expected, None
         if expected is None or expected[0] is not fix:
             expected = fix, *self._kernel.antenna_position(bank, fix, tick, now)
         _, east, _, row, _ = expected
-        self._update(measurements.Scalar(fix.east_m - east, row, variance), weights)
+        self._correct(measurements.Scalar(fix.east_m - east, row, variance), weights)
         _, north, _, row = self._kernel.antenna_position(bank, fix, tick, now)
-        self._update(measurements.Scalar(fix.north_m - north, row, variance), weights)
+        self._correct(measurements.Scalar(fix.north_m - north, row, variance), weights)
 
     def _reading_heading(self, tick: Tick) -> float:
         """Return the counters' reading error at one instant (half of a tick's variance) as an error of
@@ -212,9 +216,9 @@ class MixtureBelief:
         known = [roll for roll in rolls if roll == roll]
         return math.hypot(*known) / math.sqrt(2.0) / self._car.geometry.track_rear_m
 
-    def _update(self, scalar: measurements.Scalar, weights: Weights = square_weights) -> None:
-        """Update all hypotheses; in ticks that are not informative, the radii and what acts on them stay as
-        they are."""
+    def _correct(self, scalar: measurements.Scalar, weights: Weights = square_weights) -> None:
+        """Correct all hypotheses by a measurement; in ticks that are not informative, the radii and the
+        states that act on them stay as they are."""
         frozen = None if self._informative else SLIP
         self._kernel.update(self.bank, scalar, frozen, weights)
 
@@ -224,7 +228,7 @@ class MixtureBelief:
     # -- blocks of odometry ---------------------------------------------------------------------------------
 
     def finish_tick(self, gated: GatedTick) -> None:
-        """Add the tick to the block of odometry; learn from the block that it completes."""
+        """Add the tick to the block of odometry; correct by the block that it completes."""
         tick = gated.tick
         for fix in tick.fixes:
             self._blocks.add_fix(fix, tick)
@@ -235,46 +239,47 @@ class MixtureBelief:
         if block.informative:
             self.bank.since_s += block.duration_s
             self._propose_changes(block, gated.gyro_trusted)
-            self._learn(block, gated.gyro_trusted)
+            self._correct_by_own_block(block, gated.gyro_trusted)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
-        self._stated = stated(self.bank, self._kernel)
+        self._stated = radius_statement(self.bank, self._kernel)
 
     def _propose_changes(self, block: Block, gyro_trusted: bool) -> None:
-        """Branch hypotheses off: what may have changed within the block."""
+        """Branch off hypotheses of a change within the block."""
         changes = self._pieces.changes
         changes.keep_levels(self.bank, block.duration_s)
         nominal = self._car.nominal_m
         self._next_wheel = changes.branch(self.bank, block.duration_s, nominal, self._next_wheel)
         self._drift = self._process.drift_at(self.bank.level)
 
-    def _learn(self, block: Block, gyro_trusted: bool) -> None:
-        """Doppler way and yaw rate against the rear wheels, front wheels against rear."""
+    def _correct_by_own_block(self, block: Block, gyro_trusted: bool) -> None:
+        """Correct by a block: Doppler distance and yaw rate against the rear wheels, front wheels against
+        rear."""
         car, mean = self._car, self.bank.mean
         if math.isfinite(block.doppler_distance_m):
             scalar = measurements.doppler_distance(
                 mean, block, car.nominal_m, car.antenna_m[1], self._grade.horizontal, car.driven_rear
             )
-            self._update(scalar, self._pieces.fix_weights)
+            self._correct(scalar, self._pieces.fix_weights)
         turn = self._slow_yaw_rate * block.duration_s
         if gyro_trusted and math.isfinite(block.gyro_heading_change_rad):
             self._gyro_bias = float(self.bank.weights() @ mean[:, GYRO])
             turn = block.gyro_heading_change_rad - self._gyro_bias * block.duration_s
-            self._update(measurements.gyro_turn(mean, block, car.geometry.track_rear_m, turn))
+            self._correct(measurements.gyro_turn(mean, block, car.geometry.track_rear_m, turn))
         driven = float(car.driven_front) - float(car.driven_rear)
         for index, front in enumerate(block.front, start=2):
             if front is not None:
-                self._update(measurements.front_wheel(mean, block, front, index, driven, turn))
+                self._correct(measurements.front_wheel(mean, block, front, index, driven, turn))
 
     # -- the pose found and lost ----------------------------------------------------------------------------
 
     def forget_pose(self) -> None:
-        """Blocks and grade do not go on over a gap."""
+        """Drop blocks and grade, which cannot be continued over a gap."""
         self._blocks.reset()
         self._grade.reset()
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
-        """Set every hypothesis' pose to what the fixes tell, uncorrelated with the radii."""
+        """Set every hypothesis' pose to that of the fixes, uncorrelated with the radii."""
         fix, mean, covariance = start.fix, self.bank.mean, self.bank.covariance
         forward, left = self._car.antenna_m
         weights = self.bank.weights()
@@ -297,8 +302,8 @@ class MixtureBelief:
 
     # -- out ------------------------------------------------------------------------------------------------
 
-    def _mixture(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean (n,) and covariance (n, n) of the state over the mixture."""
+    def _mixture_moments(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return mean (n,) and covariance (n, n) of the state over the mixture."""
         state, spread = self.bank.mean.T, self.bank.covariance.transpose(1, 2, 0)
         size = len(state)
         mean = state @ weights
@@ -321,8 +326,8 @@ class MixtureBelief:
         return Moments(self._radii, said.radii_m2, self._noise_std, pose, said.effective, stated=self._stated)
 
     def snapshot(self) -> dict[str, Any]:
-        """Mean and covariance of everything but the pose."""
-        mean, cov = self._mixture(self.bank.weights())
+        """Return mean and covariance of all states but the pose, as plain numbers."""
+        mean, cov = self._mixture_moments(self.bank.weights())
         radii, others = slice(MU, None), slice(LAT, MU)
         return {
             "mean_m": mean[radii].tolist(),
@@ -337,7 +342,7 @@ class MixtureBelief:
         """
         mean, covariance = saved_radii(saved, self._car.nominal_m)
         size = MU - LAT
-        nuisance = numbers(saved, "nuisance", (size,), NUISANCE_LIMIT)
+        nuisance = saved_numbers(saved, "nuisance", (size,), NUISANCE_LIMIT)
         nuisance_m2 = saved_covariance(saved, "nuisance_covariance", size, NUISANCE_LIMIT**2)
         bank = self.bank
         most = np.diag(initial_state(1, self._car.nominal_m)[1][0])

@@ -39,7 +39,7 @@ class ParticleBank(Bank):
     of all radii, and of each against it."""
 
     def keep(self, index: NDArray[np.intp], free: int) -> None:
-        """Keep the particles of these indices with even weights, in place; the last `free` without any."""
+        """Keep the particles of these indices with equal weights, in place; the last `free` without any."""
         self.state[:] = self.state[:, index]
         self.spread[:] = self.spread[:, :, index]
         self.theta[:] = self.theta[:, index]
@@ -48,7 +48,7 @@ class ParticleBank(Bank):
         self.log_weights[self.log_weights.size - free :] = UNUSED
 
     def copy_parents(self, indices: NDArray[np.intp], parents: NDArray[np.intp]) -> None:
-        """Put copies of the parents in these places; the weights are the caller's."""
+        """Overwrite these particles by copies of their parents, except the weights, which the caller sets."""
         self.state[:, indices] = self.state[:, parents]
         self.spread[:, :, indices] = self.spread[:, :, parents]
         self.theta[:, indices] = self.theta[:, parents]
@@ -57,7 +57,8 @@ class ParticleBank(Bank):
         self.noise_factor[indices] = self.noise_factor[parents]
 
     def set_levels(self) -> None:
-        """Take the noise of way and heading and the drift of the radii as theta has them."""
+        """Set the noise of distance and heading and the drift of the radii to the values that theta
+        states."""
         self.noise_factor[:] = np.exp(self.theta[0])
         self.level[:] = np.exp(self.theta[1] + self.theta[2:]).T
 
@@ -80,7 +81,7 @@ class SampledHypotheses:
     below: float = SETTINGS.resample_below
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> ParticleBank:
-        """Particles drawn from the prior."""
+        """Return particles drawn from the prior."""
         mean, covariance = initial_state(count, nominal_m)
         level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
         theta = self._prior_mean(nominal_m.size) + self._prior_std(nominal_m.size) * rng.standard_normal(
@@ -92,13 +93,15 @@ class SampledHypotheses:
         return bank
 
     def _prior_mean(self, wheels: int) -> FloatArray:
+        """Return the prior mean of theta (2 + d, 1)."""
         return np.array([0.0, self.level_mean] + [0.0] * wheels)[:, None]
 
     def _prior_std(self, wheels: int) -> FloatArray:
+        """Return the prior standard deviation of theta (2 + d, 1)."""
         return np.array([self.noise_std, self.level_std] + [self.contrast_std] * wheels)[:, None]
 
     def walk(self, bank: ParticleBank, duration_s: float, rng: np.random.Generator) -> None:
-        """Move theta about its prior, which this leaves as it is."""
+        """Move theta by a random step that leaves its prior unchanged."""
         wheels, keep = bank.level.shape[1], math.exp(-duration_s / self.tau_s)
         mean, std = self._prior_mean(wheels), self._prior_std(wheels)
         kick = rng.standard_normal(bank.theta.shape)
@@ -113,7 +116,7 @@ class SampledHypotheses:
         nominal_m: FloatArray,
         rng: np.random.Generator,
     ) -> None:
-        """Suppose, for each wheel in the same number of copies of particles, that it has just changed.
+        """Propose a change of each wheel in an equal number of copies of particles, which take free places.
 
         Parents are drawn by their weights, systematically, so that whatever hypothesis leads has children
         within the second. The copies of one wheel share the prior probability of its change within
@@ -131,19 +134,19 @@ class SampledHypotheses:
         lineage.copy(indices, parents)
         probability = self.rate_per_s * duration_s / each
         bank.log_weights[indices] = best + math.log(total) + math.log(probability)
-        self._widen(bank, indices, np.arange(indices.size) % wheels, nominal_m)
+        self._widen_radius(bank, indices, np.arange(indices.size) % wheels, nominal_m)
 
-    def reopen(
+    def assume_changes(
         self, bank: ParticleBank, who: NDArray[np.intp], nominal_m: FloatArray, rng: np.random.Generator
     ) -> None:
         """Let each of these particles assume that a wheel, drawn for each, has changed; weights stay."""
-        self._widen(bank, who, rng.integers(nominal_m.size, size=who.size), nominal_m)
+        self._widen_radius(bank, who, rng.integers(nominal_m.size, size=who.size), nominal_m)
 
-    def _widen(
+    def _widen_radius(
         self, bank: ParticleBank, who: NDArray[np.intp], wheel: NDArray[np.intp], nominal_m: FloatArray
     ) -> None:
-        """Widen one wheel's radius in each of these particles by what a change can do, and the heading by
-        what it has done before it was assumed."""
+        """Widen one wheel's radius in each of these particles by the size of a change, and the heading by the
+        error that the change has caused before it was assumed."""
         bank.spread[MU + wheel, MU + wheel, who] += np.square(self.std * nominal_m[wheel])
         bank.spread[PSI, PSI, who] += self.heading_std_rad**2
         bank.since_s[who] = 0.0
@@ -151,8 +154,8 @@ class SampledHypotheses:
     def resample(
         self, bank: ParticleBank, lineage: Lineage, effective: float, rng: np.random.Generator
     ) -> bool:
-        """Resample where the effective number asks for it; whether it did. A share of the places is left free
-        for changes to be proposed.
+        """Resample if the effective number is too small; return whether it did. A share of the places is left
+        free for changes to be proposed.
 
         Systematically, in the order of the rear pair's difference: with neighbours alike, the error of the
         drawn mixture is smaller (Kitagawa 1996, J. Comput. Graph. Statist. 5(1), 1-25).
@@ -164,27 +167,27 @@ class SampledHypotheses:
         free = round(self.reserved_share * weights.size)
         chosen = order[systematic(weights[order], rng, weights.size - free)]
         chosen = np.concatenate([chosen, chosen[:free]])
-        mean, root = moments_of(bank.theta, weights)
+        mean, root = mean_and_root(bank.theta, weights)
         bank.keep(chosen, free)
         lineage.keep(chosen)
-        bank.theta[:] = shrunk(bank.theta, mean, root, self.kernel, rng)
+        bank.theta[:] = shrink_and_jitter(bank.theta, mean, root, self.kernel, rng)
         bank.set_levels()
         return True
 
 
-def moments_of(theta: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weighted mean (p,) of theta (p, N) and a root (p, p) of its covariance."""
+def mean_and_root(theta: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted mean (p,) of theta (p, N) and a root (p, p) of its covariance."""
     mean = theta @ weights
     away = theta - mean[:, None]
     values, vectors = np.linalg.eigh((away * weights) @ away.T)
     return mean, vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def shrunk(
+def shrink_and_jitter(
     theta: FloatArray, mean: FloatArray, root: FloatArray, kernel: float, rng: np.random.Generator
 ) -> FloatArray:
-    """theta (p, N) moved by the kernel of Liu and West (2001): a theta + (1 - a) mean + h root N(0, 1) with
-    a^2 + h^2 = 1, which keeps mean and covariance root root'."""
+    """Return theta (p, N) moved by the kernel of Liu and West (2001): a theta + (1 - a) mean + h root N(0, 1)
+    with a^2 + h^2 = 1, which keeps mean and covariance root root'."""
     keep = math.sqrt(1.0 - kernel * kernel)
     moved = keep * theta + (1.0 - keep) * mean[:, None]
     return np.asarray(moved + kernel * (root @ rng.standard_normal(theta.shape)))

@@ -70,30 +70,32 @@ class AgreementWatch:
         self._faulty: deque[float] = deque()
 
     def update(self, tick: Tick, radius_m: FloatArray, radius_std_m: float) -> Agreement:
-        """Take one tick. radius_m (4,): what is believed of the radii; radius_std_m: of their common part."""
+        """Take one tick and return the agreement. radius_m (4,): present estimate of the radii; radius_std_m:
+        standard deviation of their common part."""
         if radius_m is not self._radius_m:
             self._radius_m, self._radii, self._mean_m = (
                 radius_m,
                 radius_m.tolist(),
                 float(np.nanmean(radius_m)),
             )
-        self._follow(tick)
+        self._update_speeds(tick)
         share = AGREEMENT.speed_share + 3.0 * radius_std_m / self._mean_m
         for fix in tick.fixes:
-            self._compare(fix, share)
+            self._compare_speeds(fix, share)
             for path in self._paths:
                 path.update(fix)
         while self._window and self._window[0][0] < tick.time_s - AGREEMENT.window_s:
             self._off -= self._window.popleft()[1]
         was = self._withheld or self._unsteady
-        self._decide(tick.dt_s)
-        self._count_faults(tick)
+        self._update_decision(tick.dt_s)
+        self._update_faults(tick)
         now = self._withheld or self._unsteady
         if not now:
             return AGREED
         return Agreement(self._withheld, self._unsteady, not was, self._withheld and self._recovering)
 
-    def _follow(self, tick: Tick) -> None:
+    def _update_speeds(self, tick: Tick) -> None:
+        """Smooth the wheels' speeds and their common acceleration by a tick."""
         if tick.gap_s > 0.0:
             self._speeds = [math.nan] * 4
         dt_s = tick.dt_s
@@ -113,13 +115,15 @@ class AgreementWatch:
             self._accel += share * (median(steps) / dt_s - self._accel)
         self._speeds = moved
 
-    def _compare(self, fix: Fix, share: float) -> None:
+    def _compare_speeds(self, fix: Fix, share: float) -> None:
+        """Note whether the wheels' speeds disagree with a fix's speed or with that by positions; `share`:
+        relative tolerance."""
         wheels = [speed for speed in self._speeds if math.isfinite(speed)]
         if not wheels:
             return
         speed = fix.speed_mps
         fastest = max(median(wheels), speed if math.isfinite(speed) else 0.0)
-        chord = self._chord(fix)
+        chord = self._chord_speed(fix)
         if fastest < AGREEMENT.moving_mps:
             return
         lag = AGREEMENT.lag_s * abs(self._accel)
@@ -133,9 +137,9 @@ class AgreementWatch:
             self._window.append((fix.time_s, off))
             self._off += off
 
-    def _chord(self, fix: Fix) -> float:
-        """Speed by positions, of one second and more; NaN where it is not known (in a bend it is too small by
-        less than the limit)."""
+    def _chord_speed(self, fix: Fix) -> float:
+        """Return the speed by positions over one second or more, m/s; NaN where it is not known (in a bend it
+        is too small by less than the limit)."""
         anchor = self._anchor
         if anchor is None or not 0.0 <= fix.time_s - anchor.time_s <= 3.0:
             self._anchor = fix
@@ -146,7 +150,8 @@ class AgreementWatch:
         travel = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
         return travel / (fix.time_s - anchor.time_s)
 
-    def _decide(self, dt_s: float) -> None:
+    def _update_decision(self, dt_s: float) -> None:
+        """Withhold fixes while too many disagree; trust them again after a time of agreement."""
         enough = (
             len(self._window) >= AGREEMENT.min_fixes
             and self._window[-1][0] - self._window[0][0] >= AGREEMENT.min_span_s
@@ -168,7 +173,9 @@ class AgreementWatch:
             ):
                 self._withheld, self._bad_s = False, 0.0
 
-    def _count_faults(self, tick: Tick) -> None:
+    def _update_faults(self, tick: Tick) -> None:
+        """Count the intervals with faults of the bus, and decide by them whether the wheels' signals are
+        unsteady."""
         if tick.faults and any(fault.source == "can" and fault.kind in FAULT_KINDS for fault in tick.faults):
             bin_s = AGREEMENT.fault_bin_s * math.floor(tick.time_s / AGREEMENT.fault_bin_s)
             if not self._faulty or self._faulty[-1] != bin_s:

@@ -18,7 +18,8 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 def igg3_weights(size: FloatArray) -> FloatArray:
-    """Equivalent weights [Liu 2022, eq. 19]: a part of a fix beyond the second zone counts for nothing."""
+    """Return the (n,) equivalent weights [Liu 2022, eq. 19] of standardised residuals: `igg3_floor` beyond
+    the second zone."""
     return np.maximum(igg3(size, *SETTINGS.igg3_zones), SETTINGS.igg3_floor)
 
 
@@ -43,7 +44,8 @@ class FixGate:
         self._since_s = None
 
     def judge(self, off_m: float, variance_m2: float, time_s: float) -> Literal["use", "reject", "lost"]:
-        """Judge a fix `off_m` from its expectation; `variance_m2` is that of the difference."""
+        """Judge a fix `off_m` from its expectation, the difference having `variance_m2`; 'lost' means to
+        search the pose again."""
         if off_m <= SETTINGS.refuse_slack_m + SETTINGS.refuse_distance * math.sqrt(variance_m2):
             self._since_s = None
             return "use"

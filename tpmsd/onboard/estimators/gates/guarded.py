@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.estimators.base import NIGHT_S, Estimator, RadiusEstimate, unsound
+from tpmsd.onboard.estimators.base import NIGHT_S, Estimator, RadiusEstimate, unsound_reason
 from tpmsd.onboard.estimators.gates.agreement import Agreement, AgreementWatch
 from tpmsd.onboard.sources.events import SourceFault
 from tpmsd.onboard.timeline.tick import Tick
@@ -54,36 +54,38 @@ class GuardedEstimator:
         self._trusted_radii = (radius_m, 0.01 * float(np.mean(radius_m)))
 
     def step(self, tick: Tick) -> tuple[Tick, RadiusEstimate, Agreement]:
-        """Advance by one tick."""
+        """Advance by one tick; return it with faults of the estimator, the estimate, and the agreement."""
         self._clock_s += tick.dt_s
         agreement = self._watch.update(tick, *self._trusted_radii)
         if agreement.trusted != self._trusted:
-            unknown = self._go_back()
+            unknown = self._restore_trusted()
             if unknown:
-                tick = _restarted(tick, unknown)
+                tick = _with_restart_fault(tick, unknown)
             self._trusted = agreement.trusted
         given = replace(tick, fixes=()) if agreement.withheld and tick.fixes else tick
-        estimate, reason = self._try(given)
+        estimate, reason = self._try_step(given)
         if reason:
             self.inner = self._make()
             self._kept.clear()
-            tick = _restarted(tick, reason)
-            estimate, _ = self._try(given)
+            tick = _with_restart_fault(tick, reason)
+            estimate, _ = self._try_step(given)
         assert estimate is not None
         if agreement.trusted:
-            self._keep(estimate)
+            self._keep_snapshot(estimate)
         return tick, estimate, agreement
 
-    def _try(self, tick: Tick) -> tuple[RadiusEstimate | None, str]:
-        """Return the estimate, or None and the reason."""
+    def _try_step(self, tick: Tick) -> tuple[RadiusEstimate | None, str]:
+        """Return the estimate of a tick, or None where the step raised, and the reason if it cannot be used,
+        else an empty text."""
         try:
             estimate = self.inner.step(tick)
         except (ArithmeticError, ValueError) as error:  # sines of infinity, matrices that have no root
             return None, f"{type(error).__name__}: {error}"
-        return estimate, unsound(estimate, self._wheels)
+        return estimate, unsound_reason(estimate, self._wheels)
 
-    def _go_back(self) -> str:
-        """Begin again with what was known before the trouble; why not, where that cannot be believed."""
+    def _restore_trusted(self) -> str:
+        """Restart from the oldest kept snapshot; return the reason if that cannot be restored, else an empty
+        text."""
         self.inner = self._make()
         self._last_kept_s = self._clock_s
         if not self._kept:
@@ -100,7 +102,8 @@ class GuardedEstimator:
         self._kept.append(kept)
         return ""
 
-    def _keep(self, estimate: RadiusEstimate) -> None:
+    def _keep_snapshot(self, estimate: RadiusEstimate) -> None:
+        """Keep a snapshot if one is due, and set the radii that wheels and receiver are compared by."""
         if self._clock_s - self._last_kept_s < KEEP_EVERY_S:
             return
         self._last_kept_s = self._clock_s
@@ -113,11 +116,12 @@ class GuardedEstimator:
         self._trusted_radii = (past.radius_m, past.std_m)
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; raises as the estimator's `restore`."""
+        """Restore a snapshot; raises as the estimator's `restore`."""
         self.inner.restore(saved)
         self._saved = saved
         self._kept.clear()
 
 
-def _restarted(tick: Tick, reason: str) -> Tick:
+def _with_restart_fault(tick: Tick, reason: str) -> Tick:
+    """Return the tick with the fault that the estimator was restarted."""
     return replace(tick, faults=(*tick.faults, SourceFault(tick.time_s, "estimator", "restarted", reason)))

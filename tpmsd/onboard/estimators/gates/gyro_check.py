@@ -24,7 +24,7 @@ class GyroCheck:
         self._weight = self._gyro = self._wheels = self._square = self._product = 0.0
 
     def update(self, gyro_radps: float, wheels_radps: float, dt_s: float) -> None:
-        """Take one tick of driving; NaN is left out."""
+        """Update the regression by one tick of driving; NaN is left out."""
         if not math.isfinite(gyro_radps + wheels_radps):
             return
         keep = math.exp(-dt_s / SETTINGS.gyro_memory_s)
@@ -36,7 +36,7 @@ class GyroCheck:
 
     @property
     def slope(self) -> float:
-        """Yaw rate of the wheels per signal; NaN before enough bends."""
+        """Slope of the wheels' yaw rate over the signal, 1 for a true one; NaN before enough bends."""
         if self._weight <= 0.0:
             return math.nan
         excitation = self._square - self._gyro**2 / self._weight

@@ -31,9 +31,9 @@ class CourseRate:
         self.time_s = -math.inf
 
     def update(self, fix: Fix) -> None:
-        """Take one fix."""
+        """Update the yaw rate by a fix."""
         if math.isfinite(fix.heading_rad):
-            self._take(fix.time_s, fix.heading_rad)
+            self._add_course(fix.time_s, fix.heading_rad)
             return
         anchor = self._anchor
         if anchor is None or fix.time_s - anchor.time_s > SETTINGS.course_rate_fresh_s:
@@ -43,9 +43,10 @@ class CourseRate:
         east, north = fix.east_m - anchor.east_m, fix.north_m - anchor.north_m
         if math.hypot(east, north) >= SETTINGS.course_rate_chord_m and span_s >= SETTINGS.course_rate_span_s:
             self._anchor = fix
-            self._take((fix.time_s + anchor.time_s) / 2, math.atan2(north, east))
+            self._add_course((fix.time_s + anchor.time_s) / 2, math.atan2(north, east))
 
-    def _take(self, time_s: float, course_rad: float) -> None:
+    def _add_course(self, time_s: float, course_rad: float) -> None:
+        """Set the yaw rate by the change of course since the last one used, once that is long enough ago."""
         if self._course is not None:
             elapsed = time_s - self._course[0]
             if elapsed < SETTINGS.course_rate_span_s:
@@ -72,7 +73,7 @@ class MotionGate:
         self.accel_mps2 = 0.0
 
     def update(self, tick: Tick, speed_mps: float, yaw_rate_radps: float) -> bool:
-        """Take one tick's wheel speed and yaw rate; whether this tick is informative."""
+        """Take one tick's wheel speed and yaw rate; return whether this tick is informative."""
         if math.isnan(self.speed_mps):
             self.speed_mps, self.yaw_rate_radps = speed_mps, yaw_rate_radps
             return False
@@ -82,13 +83,13 @@ class MotionGate:
         self.yaw_rate_radps += share * (yaw_rate_radps - self.yaw_rate_radps)
         self.accel_mps2 += share * ((self.speed_mps - before) / tick.dt_s - self.accel_mps2)
         yaw_rate = self._independent_yaw_rate(tick)
-        gentle = self._gentle(tick, yaw_rate)
+        gentle = self._is_gentle(tick, yaw_rate)
         slowest = self._settings.min_speed_mps
         fast = speed_mps >= slowest and self.speed_mps >= slowest
         return fast and gentle and abs(yaw_rate) <= SETTINGS.max_curvature_per_m * self.speed_mps
 
     def check_gyro(self, tick: Tick, yaw_rate_radps: float) -> None:
-        """Hold the bus's yaw rate against one that was smoothed over `SETTINGS.gate_smoothing_s`.
+        """Compare the bus's yaw rate with one that was smoothed over `SETTINGS.gate_smoothing_s`.
 
         That is the one that the filter believes, not the wheels' by nominal radii: in bends the outer wheels
         carry more (`load_transfer_lateral`), and at 30 m/s they show 1.4 times the turn of a usual car.
@@ -96,7 +97,7 @@ class MotionGate:
         if self.speed_mps >= self._settings.min_speed_mps:  # false for NaN
             self._gyro.update(tick.yaw_rate_radps, yaw_rate_radps, tick.dt_s)
 
-    def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
+    def _is_gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
         """Return whether forces are small and nothing brakes. `yaw_rate_radps` is independent of the wheels
         where that is possible."""
         if tick.brake_active > 0.0 or tick.abs_active > 0.0 or tick.esc_active > 0.0:  # false for NaN
@@ -107,18 +108,18 @@ class MotionGate:
         return abs(accel_long) <= limits.max_accel_long_mps2 and abs(accel_lat) <= limits.max_accel_lat_mps2
 
     def _accel_long(self, tick: Tick) -> float:
-        """Return the larger of what the accelerometer and the wheels say: wheels that spin on ice or are
-        locked gain and lose speed while the car does not.
-        """
+        """Return the larger in magnitude of the accelerometer's and the wheels' longitudinal acceleration,
+        m/s^2: wheels that spin on ice or are locked gain and lose speed while the car does not."""
         wheels, body = self.accel_mps2, tick.accel_long_mps2
         return body if abs(body) > abs(wheels) else wheels  # false for NaN
 
     @property
     def gyro_trusted(self) -> bool:
-        """True if the bus's yaw rate has shown to be one."""
+        """True if the bus's yaw rate was found to be one."""
         return self._gyro.trusted
 
     def _independent_yaw_rate(self, tick: Tick) -> float:
+        """Return the yaw rate by the gyro, else by the receiver's courses, else by the wheels, rad/s."""
         for fix in tick.fixes:
             self._course.update(fix)
         if self.gyro_trusted and math.isfinite(tick.yaw_rate_radps):

@@ -35,7 +35,7 @@ class _PathStep(NamedTuple):
 
     @property
     def difference_m(self) -> float:
-        """Path minus integral of speed."""
+        """Path minus integral of speed, m."""
         return self.path_m - self.integral_m
 
 
@@ -53,12 +53,12 @@ class PathLength:
 
     @property
     def difference_m(self) -> float:
-        """Path by positions minus integral of speed, over the window."""
+        """Path by positions minus integral of speed over the window, m."""
         return self._path_m - self._integral_m
 
     @property
     def limit_m(self) -> float:
-        """Limit of the difference, m; infinite while the path is too short to say."""
+        """Limit of the difference, m; infinite while the path is too short to be judged."""
         if self._path_m < PATH_LENGTH.min_m:
             return math.inf
         change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
@@ -66,8 +66,9 @@ class PathLength:
         return slack_m + PATH_LENGTH.share * self._path_m + PATH_LENGTH.lag_s * change
 
     def _fluctuation_m(self) -> float:
-        """Standard deviation of the difference by positions that walk, from its steps: their long-run
-        variance to the first lag (Newey and West 1987), in which independent errors of positions cancel."""
+        """Standard deviation of the difference, m, by positions whose error is a random walk, from its steps:
+        their long-run variance to the first lag (Newey and West 1987), in which independent errors of
+        positions cancel."""
         n = len(self._steps)
         mean = self.difference_m / n
         variance = self._squares_m2 / n - mean * mean
@@ -75,40 +76,40 @@ class PathLength:
         return math.sqrt(n * max(variance + 2.0 * covariance, 0.0))
 
     def update(self, fix: Fix) -> None:
-        """Take a fix."""
+        """Update path and integral by a fix, and the finding that they differ."""
         known = math.isfinite(fix.east_m + fix.north_m + fix.speed_mps) and fix.quality not in UNSTEADY
         before = self._before
-        if not known or before is None or not self._follows(before, fix):
-            self._begin(fix if known else None)
+        if not known or before is None or not self._is_continuous(before, fix):
+            self._restart_path(fix if known else None)
             return
         self._speeds.append((fix.time_s, fix.speed_mps))
         if fix.time_s - before.time_s < PATH_LENGTH.step_s:
             return
-        self._add(before, fix)
+        self._add_step(before, fix)
         self._before, self._speeds = fix, [(fix.time_s, fix.speed_mps)]
         while self._steps and self._steps[0].time_s < fix.time_s - self._window_s:
-            self._drop()
+            self._drop_oldest()
         limit = self.limit_m
         if math.isfinite(limit):
             self.apart = abs(self.difference_m) > limit * (PATH_LENGTH.agree_share if self.apart else 1.0)
 
     @staticmethod
-    def _follows(before: Fix, fix: Fix) -> bool:
+    def _is_continuous(before: Fix, fix: Fix) -> bool:
         """Return whether no fix is missing between the two, and both are of one solution."""
         return (
             before.quality == fix.quality and 0.0 < fix.time_s - before.time_s <= PATH_LENGTH.longest_step_s
         )
 
-    def _begin(self, fix: Fix | None) -> None:
-        """Begin the path again; what was found stands until another one says otherwise."""
+    def _restart_path(self, fix: Fix | None) -> None:
+        """Begin the path again at a fix; the finding stays until another path is long enough."""
         self._before = fix
         self._speeds = [] if fix is None else [(fix.time_s, fix.speed_mps)]
         self._steps.clear()
         self._path_m = self._integral_m = 0.0
         self._squares_m2 = self._with_before_m2 = 0.0
 
-    def _drop(self) -> None:
-        """Forget the oldest step."""
+    def _drop_oldest(self) -> None:
+        """Remove the oldest step from the sums."""
         gone = self._steps.popleft()
         self._path_m -= gone.path_m
         self._integral_m -= gone.integral_m
@@ -116,7 +117,9 @@ class PathLength:
         if self._steps:
             self._with_before_m2 -= self._steps[0].with_before_m2
 
-    def _add(self, before: Fix, fix: Fix) -> None:
+    def _add_step(self, before: Fix, fix: Fix) -> None:
+        """Add the arc between two fixes and the integral of speed over it, unless it is slow, a sharp bend or
+        a jump."""
         integral = sum(0.5 * (v0 + v1) * (t1 - t0) for (t0, v0), (t1, v1) in pairwise(self._speeds))
         if min(before.speed_mps, fix.speed_mps) < PATH_LENGTH.slowest_mps:
             return

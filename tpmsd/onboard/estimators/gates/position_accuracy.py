@@ -48,34 +48,34 @@ class PositionAccuracy:
         """Direction of the last step between two of `_passed`."""
         self._excess_m2, self._found_s = 0.0, -math.inf
 
-    def judged(self, fix: Fix) -> Fix:
+    def with_judged_std(self, fix: Fix) -> Fix:
         """Return the fix with the standard deviation of its position that is to be used."""
         before, self._last = self._last, fix
-        if before is None or not _follows(before, fix):
-            self._begin(fix)
+        if before is None or not _speeds_give_distance(before, fix):
+            self._restart_window(fix)
         else:
             self._integral_m += 0.5 * (before.speed_mps + fix.speed_mps) * (fix.time_s - before.time_s)
             if fix.time_s - self._passed[-1].fix.time_s >= SETTINGS.slide_step_s:
-                self._add(fix)
+                self._add_step(fix)
         excess_m2 = self._faded_m2(fix.time_s)
         if excess_m2 == 0.0:
             return fix
         return fix.with_position_std(math.sqrt(fix.position_std_m**2 + excess_m2))
 
-    def _begin(self, fix: Fix) -> None:
+    def _restart_window(self, fix: Fix) -> None:
         """Begin the window with this fix, for the distance to it is not known."""
         self._passed.clear()
         self._passed.append(_FixWithSums(fix, 0.0, 0.0))
         self._integral_m, self._direction_rad = 0.0, math.nan
 
-    def _add(self, fix: Fix) -> None:
-        """Add a step, an arc that bends as much as the chord has turned; match the variance."""
+    def _add_step(self, fix: Fix) -> None:
+        """Add the arc to this fix to the window, and raise the excess variance to what the window shows."""
         passed = self._passed
         before = passed[-1]
         east, north = fix.east_m - before.fix.east_m, fix.north_m - before.fix.north_m
         chord_m, rolled_m = math.hypot(east, north), self._integral_m - before.integral_m
         if abs(chord_m - rolled_m) > SETTINGS.slide_jump_m + SETTINGS.slide_jump_share * rolled_m:
-            self._begin(fix)
+            self._restart_window(fix)
             return
         direction_rad = math.atan2(north, east)
         turn = math.remainder(direction_rad - self._direction_rad, math.tau)
@@ -90,21 +90,21 @@ class PositionAccuracy:
                 self._excess_m2, self._found_s = excess_m2, fix.time_s
 
     def _faded_m2(self, time_s: float) -> float:
-        """Variance beyond the statement that is left of what was found."""
+        """Return the excess variance found last, m^2, faded by the time since."""
         if self._excess_m2 == 0.0:
             return 0.0
         return self._excess_m2 * math.exp(-2.0 * max(time_s - self._found_s, 0.0) / SETTINGS.bias_tau_s)
 
 
-def _follows(before: Fix, fix: Fix) -> bool:
-    """Return whether the speeds give the distance between the two."""
+def _speeds_give_distance(before: Fix, fix: Fix) -> bool:
+    """Return whether the Doppler speeds of two fixes give the distance between them."""
     known = math.isfinite(fix.east_m + fix.north_m)
     fast = min(before.speed_mps, fix.speed_mps) > SETTINGS.slide_slowest_mps  # false for NaN
     return known and fast and 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s
 
 
 def _excess_m2(first: _FixWithSums, last: _FixWithSums) -> float:
-    """Variance of the slow error that the way between two fixes shows beyond the stated one."""
+    """Return the variance of the slow position error between two fixes beyond the stated one, m^2."""
     span_s = last.fix.time_s - first.fix.time_s
     path_m = last.path_m - first.path_m
     difference_m = path_m - (last.integral_m - first.integral_m)

@@ -29,11 +29,11 @@ class ReverseWatch:
 
     @property
     def undecided(self) -> bool:
-        """True if a fix would decide anything."""
+        """True while a fix can still decide the direction of travel."""
         return self._open and not self._signed
 
     def update_speed(self, speed_mps: float, dt_s: float) -> None:
-        """Take a tick's speed; a negative one shows that the signals bear a sign."""
+        """Take a tick's speed, m/s; a negative one shows that the signals bear a sign."""
         if speed_mps == 0.0:
             self._rest_s += dt_s
             if self._rest_s >= SETTINGS.reverse_rest_s:
@@ -45,7 +45,7 @@ class ReverseWatch:
             self.backward = self._open = False
 
     def compare_course(self, fix: Fix, heading_rad: float) -> None:
-        """Hold a fix's course against the heading."""
+        """Decide the direction of travel by a fix's course against the heading."""
         if not self.undecided or not fix.speed_mps >= SETTINGS.reverse_course_mps:  # false for NaN
             return
         apart = abs(math.remainder(fix.heading_rad - heading_rad, 2.0 * math.pi))

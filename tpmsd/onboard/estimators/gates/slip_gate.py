@@ -32,7 +32,8 @@ class SlipGate(MotionGate):
         self._steering_ratio = vehicle.steering_ratio or math.nan
         super().__init__(settings)
 
-    def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
+    def _is_gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
+        """Return whether the slips by the tick's forces are within the limits."""
         accel = self._accel_long(tick)
         steer = tick.steering_wheel_angle_rad / self._steering_ratio
         slips = slip_traces(

@@ -49,7 +49,8 @@ class PoissonChanges:
         car: FilterCar,
         rng: np.random.Generator,
     ) -> None:
-        """Shift one rear radius in a Poisson number of particles, each drawn with its wheel and size."""
+        """Shift one rear radius in a Poisson number of particles, each with a wheel and a size drawn for
+        it."""
         number = int(rng.poisson(self.rate_per_s * rolling.gated.tick.dt_s * particles.count))
         if number == 0:
             return

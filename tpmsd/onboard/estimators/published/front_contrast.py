@@ -51,7 +51,8 @@ class FrontContrast:
         self._turn = 0.0
 
     def learn(self, angle_rad: FloatArray, rear_m: FloatArray, dt_s: float) -> None:
-        """Take an informative tick: rotations (4,) and the present rear radius errors (2,)."""
+        """Update the contrasts by an informative tick: rotations (4,) and the present rear radius errors
+        (2,)."""
         roll = angle_rad[:2] * (self._nominal[:2] + rear_m)
         travel, turn = float(roll.sum()) / 2, float(roll[1] - roll[0]) / self._geometry.track_rear_m
         # The hub's lateral part enters squared, so quantisation in the turn would bias it: there it is
@@ -69,7 +70,7 @@ class FrontContrast:
         self._stats.learn(own[None, :])
 
     def moments(self, rear_m: FloatArray, rear_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean (4,) and covariance (4, 4) of all radius errors, from those of the rear pair."""
+        """Return mean (4,) and covariance (4, 4) of all radius errors, from those of the rear pair."""
         own, own_m2 = self._stats.mean_moments(np.ones(1))
         spread = np.zeros((4, 4))
         spread[:2, :2] = rear_m2
@@ -79,11 +80,11 @@ class FrontContrast:
         return np.concatenate([rear_m, self.by_rear @ rear_m + own]), spread
 
     def noise_std(self) -> FloatArray:
-        """(2,) standard deviation of one tick's radius error of fl and fr."""
+        """Return the (2,) standard deviation of one tick's radius error of fl and fr."""
         return np.sqrt(np.diag(self._stats.noise_covariance(np.ones(1))))
 
     def restore(self, mean_m: FloatArray, covariance_m2: FloatArray) -> None:
-        """Take up the moments (4,), (4, 4) of a snapshot."""
+        """Restore the moments (4,), (4, 4) of a snapshot."""
         rows = np.hstack([-self.by_rear, np.eye(2)])
         own_m2 = rows @ covariance_m2 @ rows.T
         self._stats.mean = (rows @ mean_m)[None, :]
@@ -103,7 +104,7 @@ class FourWheelBelief:
         self._rear_m = np.zeros(2)
 
     def predict(self, movement: Movement) -> tuple[float, float]:
-        """Move the rear belief; learn the contrast from informative ticks."""
+        """Move the rear belief, and update the contrasts by informative ticks."""
         moved = self.rear.predict(movement)
         if isinstance(movement, RolledTick) and movement.gated.informative:
             self._contrast.learn(movement.angle_rad, self._rear_m, movement.gated.tick.dt_s)
@@ -149,7 +150,7 @@ class FourWheelBelief:
         return {**self.rear.snapshot(), **radii}
 
     def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
-        """Take up the moments of all four."""
+        """Restore the moments of all four wheels."""
         mean, covariance = saved_radii(saved, self._car.nominal_m)
         self.rear.restore({**saved, "mean_m": mean[:2], "covariance_m2": covariance[:2, :2]}, since_s)
         self._contrast.restore(mean, covariance)

@@ -66,8 +66,8 @@ class Roll:
 
 
 def move(state: FloatArray, noise: FloatArray, roll: Roll) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(7, n) states after the tick, ways and turns (n,), for states (7, n) and noise (2, n) of unit size,
-    eqs (26a), (26b) with the heading at mid-step."""
+    """Return the states (7, n) after the tick with distances and turns (n,), for states (7, n) and noise (2,
+    n) of unit size, eqs (26a), (26b) with the heading at mid-step."""
     radius = roll.nominal_m[:, None] + state[MU:SIGMA]
     radius = radius + np.sqrt(np.maximum(state[SIGMA:], 0.0)) * noise
     left, right = roll.rear_rad[:, None] * radius
@@ -120,7 +120,7 @@ def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
     """Transform by sigma points: 2 n of them, n = 9 with the noise, all of the same weight."""
     size = SIZE + 2
     spread = np.zeros((size, 2 * size))
-    spread[:SIZE, :SIZE] = _root(covariance)
+    spread[:SIZE, :SIZE] = _square_root(covariance)
     spread[SIZE:, SIZE:size] = np.eye(2)
     spread[:, size:] = -spread[:, :size]
     spread *= math.sqrt(size)
@@ -130,8 +130,8 @@ def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
     return centre, away @ away.T / (2 * size), float(travels.mean()), float(turns.mean())
 
 
-def _root(covariance: FloatArray) -> FloatArray:
-    """(n, n) R with R R' = covariance; a state without variance has a row of zeros.
+def _square_root(covariance: FloatArray) -> FloatArray:
+    """Return R (n, n) with R R' = covariance; a state without variance has a row of zeros.
 
     The states differ by many orders of size, so the root is taken of the correlations.
     """
@@ -169,9 +169,9 @@ class GaussianBelief:
         """Way and turn of the last tick."""
 
     def predict(self, movement: Movement) -> tuple[float, float]:
-        """Move by one tick."""
+        """Move by one tick; return its expected distance (m) and turn (rad)."""
         if isinstance(movement, RolledTick):
-            return self._roll(movement)
+            return self._predict_rolling(movement)
         self._last = (0.0, 0.0)
         if isinstance(movement, DeadReckoning):
             dt_s, mean, covariance = movement.dt_s, self.mean, self.covariance
@@ -184,7 +184,8 @@ class GaussianBelief:
             covariance[PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
         return self._last
 
-    def _roll(self, rolling: RolledTick) -> tuple[float, float]:
+    def _predict_rolling(self, rolling: RolledTick) -> tuple[float, float]:
+        """Transform the Gaussian by the wheels' rotation; return the expected distance (m) and turn (rad)."""
         car, mean = self._car, self.mean
         roll = Roll(rolling.angle_rad[:2], car.nominal_m[:2], car.geometry.track_rear_m, rolling.curvature)
         self.mean, self.covariance, travel, turn = self._pieces.transform(mean, self.covariance, roll)
@@ -199,8 +200,8 @@ class GaussianBelief:
                 covariance[k, k] = min(grown, SETTINGS.sigma_std_limit**2 * square)
         return self._last
 
-    def _antenna_at(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
-        """Expected east and north (2,) of a fix, and their rows (2, 7)."""
+    def _expected_antenna(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
+        """Return the expected east and north (2,) of the antenna at a fix, and their rows (2, 7)."""
         behind = 1.0 - fix.fraction
         travel, turn = (behind * part for part in self._last)
         psi = float(self.mean[PSI])
@@ -216,7 +217,7 @@ class GaussianBelief:
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
         """Return the distance from the mean; its variance is this filter's and the fix's."""
         fix = measurement.fix
-        at, _ = self._antenna_at(fix)
+        at, _ = self._expected_antenna(fix)
         own = float(self.covariance[E, E] + self.covariance[N, N])
         return math.hypot(fix.east_m - at[0], fix.north_m - at[1]), own + fix.position_std_m**2
 
@@ -225,17 +226,18 @@ class GaussianBelief:
         fix = measurement.fix
         for axis, seen_m in enumerate((fix.east_m, fix.north_m)):
             if measurement.by_position:
-                at, rows = self._antenna_at(fix)
-                self._take(seen_m - at[axis], rows[axis], position_variance(fix))
+                at, rows = self._expected_antenna(fix)
+                self._correct(seen_m - at[axis], rows[axis], position_variance(fix))
         if (seen := course_measurement(measurement, self._car.antenna_m)) is not None:
             row = np.zeros(SIZE)
             row[PSI] = 1.0
-            self._take(
+            self._correct(
                 math.remainder(seen.heading_rad - self.mean[PSI], 2 * math.pi), row, seen.variance_rad2
             )
         symmetrise(self.covariance[None])
 
-    def _take(self, innovation: float, row: FloatArray, variance: float) -> None:
+    def _correct(self, innovation: float, row: FloatArray, variance: float) -> None:
+        """Correct by one scalar innovation with its measurement row and variance."""
         # One filter is a batch of one; what is changed in place is this filter's own.
         scalar_update(
             *(self.mean[None], self.covariance[None], np.array([innovation]), row, variance),
@@ -248,14 +250,14 @@ class GaussianBelief:
         for seen in block_measurements(block, bias_rad2, self._car.nominal_m[:2], track_m):
             row = np.zeros(SIZE)
             row[MU:SIGMA] = seen.by_radius
-            self._take(seen.residual - float(row @ self.mean), row, seen.variance)
+            self._correct(seen.residual - float(row @ self.mean), row, seen.variance)
         symmetrise(self.covariance[None])
 
     def finish_tick(self, gated: GatedTick) -> None:
         """Do nothing: this belief has no work left after the fixes."""
 
     def forget_pose(self) -> None:
-        """Nothing belongs to the pose but the pose itself."""
+        """Do nothing: no state belongs to the pose but the pose itself."""
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
         """Set the pose again, uncorrelated with the radii."""
@@ -288,7 +290,7 @@ class GaussianBelief:
         return Moments(mean[MU:SIGMA].copy(), radii, np.sqrt(mean[SIGMA:]), pose, 1.0)
 
     def snapshot(self) -> dict[str, Any]:
-        """Moments of the radii, and Sigma."""
+        """Return the moments of the radii, and Sigma, as plain numbers."""
         return {
             "mean_m": self.mean[MU:SIGMA].tolist(),
             "covariance_m2": self.covariance[MU:SIGMA, MU:SIGMA].tolist(),
@@ -296,7 +298,7 @@ class GaussianBelief:
         }
 
     def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
-        """Take up radii and Sigma, uncorrelated with the pose."""
+        """Restore radii and Sigma, uncorrelated with the pose."""
         mean, covariance = saved_radii(saved, self._car.nominal_m[:2])
         noise = saved_noise(saved)
         self.covariance[MU:] = 0.0

@@ -28,20 +28,21 @@ PositionLog = Callable[[FloatArray, int], FloatArray]
 
 
 def student_t_log(squared: FloatArray, dimension: int) -> FloatArray:
-    """Log density, up to a constant, of a multivariate Student-t; `squared` is the squared Mahalanobis
-    distance."""
+    """Return the log density, up to a constant, of a multivariate Student-t; `squared` is the squared
+    Mahalanobis distance."""
     dof = SETTINGS.position_dof
     out: FloatArray = -0.5 * (dof + dimension) * np.log1p(squared / dof)
     return out
 
 
 def gaussian_log(squared: FloatArray, dimension: int) -> FloatArray:
-    """Return the log-likelihood of a Gaussian, the paper's (10d)."""
+    """Return the log-likelihood of a Gaussian, the paper's (10d), up to a constant; `squared` as for
+    `student_t_log`."""
     return -0.5 * squared
 
 
 def position_variance(fix: Fix, floor_m: float = SETTINGS.position_floor_m) -> float:
-    """Variance per axis of a position, m2, not below the floor's."""
+    """Return the variance per axis of a position, m2, not below the floor's."""
     return max(fix.position_std_m, floor_m) ** 2
 
 
@@ -55,10 +56,9 @@ class CourseMeasurement(NamedTuple):
 def course_measurement(
     measurement: FixMeasurement, antenna_m: tuple[float, float]
 ) -> CourseMeasurement | None:
-    """Return the heading that a fix's course tells, by the usual age of positions and speeds; None where it
-    has none or the car is slow. The model is that of `measurements.course`, with what is a state there at its
-    mean.
-    """
+    """Return the heading by a fix's course, with the usual lag of positions and speeds; None where it has no
+    course or the car is slow. The model is that of `measurements.course`, with each state of that at its
+    mean."""
     fix, rate = measurement.fix, measurement.yaw_rate_radps
     if not (math.isfinite(fix.heading_rad) and measurement.speed_mps > SETTINGS.course_speed_mps):
         return None
@@ -88,8 +88,8 @@ class BlockMeasurement(NamedTuple):
 def block_measurements(
     block: Block, bias_rad2: float, nominal_m: FloatArray, track_m: float
 ) -> Iterator[BlockMeasurement]:
-    """Doppler way and turn by the gyro of a block of the rear pair at nominal radii, where it has them; the
-    models are those of `measurements.doppler_distance` and `gyro_turn`."""
+    """Yield the Doppler distance and the turn by the gyro of a block of the rear pair at nominal radii, where
+    it has them; the models are those of `measurements.doppler_distance` and `gyro_turn`."""
     angle = block.angle_rad[:2]
     if math.isfinite(block.doppler_distance_m):
         variance = (

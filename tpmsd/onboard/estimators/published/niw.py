@@ -40,7 +40,7 @@ class NormalInverseWishart:
         return int(self.mean.shape[1])
 
     def forget(self, forgetting_factor: float) -> None:
-        """Time update, eqs (20a)-(20d).
+        """Apply the time update, eqs (20a)-(20d).
 
         nu is floored at d + 2: (20c) alone would let it fall to where the mean of Sigma does not exist;
         Lambda is then scaled by the same ratio as nu so that the mean of Sigma stays what it was.
@@ -51,8 +51,8 @@ class NormalInverseWishart:
         self.nu = nu
 
     def learn(self, noise: FloatArray) -> None:
-        """Measurement update with one realised noise vector per particle, eqs (19a)-(19d); noise is (N,
-        d)."""
+        """Apply the measurement update with one realised noise vector per particle, eqs (19a)-(19d); noise is
+        (N, d)."""
         difference = noise - self.mean
         shrink = 1.0 / (1.0 + self.gamma)
         self.gamma *= shrink
@@ -61,7 +61,7 @@ class NormalInverseWishart:
         self.scale += shrink * difference[:, :, None] * difference[:, None, :]
 
     def predictive_scale(self) -> FloatArray:
-        """(N, d, d) scale matrix of the predictive Student-t, eq. (21) in its exact form."""
+        """Return the (N, d, d) scale matrix of the predictive Student-t, eq. (21) in its exact form."""
         return self.scale * ((1.0 + self.gamma) / (self.nu - self.dimension + 1.0))
 
     @property
@@ -91,8 +91,8 @@ class NormalInverseWishart:
         return out
 
     def log_predictive(self, noise: FloatArray) -> FloatArray:
-        """Log density (N,) of noise (N, d) under the predictive, eq. (21) in its exact form, up to a constant
-        that is the same for all particles.
+        """Return the log density (N,) of noise (N, d) under the predictive, eq. (21) in its exact form, up to
+        a constant that is the same for all particles.
 
         The Cholesky factor goes down the few columns, over all particles at once.
         """
@@ -111,17 +111,19 @@ class NormalInverseWishart:
         return np.asarray(log - 0.5 * (dof + size) * np.log1p(squared / dof))
 
     def predictive_scale_block(self, leading: int) -> FloatArray:
-        """Scale matrix of the marginal predictive of the first components, (N, leading, leading)."""
+        """Return the (N, leading, leading) scale matrix of the marginal predictive of the first
+        components."""
         factor = (1.0 + self.gamma) / (self.nu - self.dimension + 1.0)
         return self.scale[:, :leading, :leading] * factor
 
     def noise_covariance(self, weights: FloatArray) -> FloatArray:
-        """(d, d) posterior mean of Sigma over all particles, eq. (24b) in its exact form."""
+        """Return the (d, d) posterior mean of Sigma over all particles, eq. (24b) in its exact form."""
         total = np.einsum("i,ijk->jk", weights, self.scale)
         return np.asarray(total / (self.nu - self.dimension - 1.0))
 
     def mean_moments(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Posterior mean (d,) and covariance (d, d) of mu over all particles: eq. (24a) and its spread.
+        """Return the posterior mean (d,) and covariance (d, d) of mu over all particles: eq. (24a) and its
+        spread.
 
         The covariance is the mixture's: the mean of the particles' own gamma * E[Sigma] plus the spread of
         mu_hat.

@@ -43,18 +43,19 @@ class PositionNoise:
     """Least standard deviation that may be learned: below it a bootstrap proposal would starve."""
 
     def remembering(self, window_s: float) -> PositionNoise:
-        """With this memory."""
+        """Return the model with this memory, s."""
         return replace(self, window_s=window_s)
 
     def begin(self, count: int, stated_m: float) -> PositionStatistics:
-        """About what the receiver states, as loosely as nu of the radii is."""
+        """Return the statistics of N particles before the first fix: the receiver's statement, as uncertain
+        as the radii's noise."""
         nu = SETTINGS.niw_nu
         variance = max(stated_m, self.floor_m) ** 2
         return PositionStatistics(nu, np.full((2, count), variance * (nu - 2.0)))
 
     def weigh(self, state: PositionStatistics, error_m: FloatArray, since_s: float) -> FloatArray:
-        """Log-likelihood (N,) of the errors (2, N) of a fix so long after the one before; the statistics are
-        updated in place. nu is floored at d + 2, where the mean of a variance exists."""
+        """Return the log-likelihood (N,) of the errors (2, N) of a fix so long after the one before, and
+        update the statistics in place. nu is floored at d + 2, where the mean of a variance exists."""
         share = max(0.0, 1.0 - since_s / self.window_s) if np.isfinite(since_s) else 1.0
         nu = max(share * state.nu, 3.0)
         state.scale *= nu / state.nu

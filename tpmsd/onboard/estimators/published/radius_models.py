@@ -26,50 +26,50 @@ class RadiusModel(Protocol):
         ...
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> Any:
-        """State before the first tick; nominal_m (2,)."""
+        """Return the state of N particles before the first tick; nominal_m (2,)."""
         ...
 
     def forget(self, state: Any, dt_s: float, rng: np.random.Generator) -> Any:
-        """Time update of an informative tick."""
+        """Return the state after the time update of an informative tick."""
         ...
 
     def draw(self, state: Any, rng: np.random.Generator) -> FloatArray:
-        """(2, N) radius errors of one tick."""
+        """Return the (2, N) radius errors drawn for one tick."""
         ...
 
     def learn(self, state: Any, noise_m: FloatArray) -> Any:
-        """Measurement update with the realised errors (2, N)."""
+        """Return the state after the measurement update with the realised errors (2, N)."""
         ...
 
     def shift(self, state: Any, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray) -> None:
-        """Change the mean of one wheel in each of these particles."""
+        """Shift the mean of one wheel in each of these particles, in place."""
         ...
 
     def select(self, state: Any, index: NDArray[np.intp]) -> Any:
-        """Keep the particles of these indices."""
+        """Return the state of the particles of these indices."""
         ...
 
     def moments(self, state: Any, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean (2,) and covariance (2, 2) of the mean radius errors."""
+        """Return mean (2,) and covariance (2, 2) of the mean radius errors."""
         ...
 
     def noise(self, state: Any, weights: FloatArray) -> FloatArray:
-        """(2,) variances of one tick's radius error."""
+        """Return the (2,) variances of one tick's radius error."""
         ...
 
     def draw_from_moments(
         self, state: Any, mean_m: FloatArray, covariance_m2: FloatArray, noise_m2: FloatArray,
         rng: np.random.Generator,
     ) -> Any:  # fmt: skip
-        """Radii drawn again from saved moments, noise (2,) as saved."""
+        """Return a state of radii drawn from saved moments, noise (2,) as saved."""
         ...
 
     def log_predictive(self, state: Any, noise_m: FloatArray) -> FloatArray:
-        """(N,) log density of realised errors (2, N), up to a constant of all particles."""
+        """Return the (N,) log density of realised errors (2, N), up to a constant of all particles."""
         ...
 
     def marginals(self, state: Any) -> tuple[FloatArray, FloatArray, float]:
-        """Location (2, N), squared scale (2, N) and degrees of freedom of each wheel's predictive."""
+        """Return location (2, N), squared scale (2, N) and degrees of freedom of each wheel's predictive."""
         ...
 
 
@@ -108,7 +108,7 @@ class NiwRadii:
         return replace(self, forgetting=forgetting)
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> NormalInverseWishart:
-        """Begin with the prior: the spread of a radius is in the particles' means, not in gamma."""
+        """Return the prior: the spread of a radius is in the particles' means, not in gamma."""
         if self.known is not None:
             known = self.known
             return NormalInverseWishart(known.gamma, known.mean.copy(), known.nu, known.scale.copy())
@@ -123,29 +123,29 @@ class NiwRadii:
     def forget(
         self, state: NormalInverseWishart, dt_s: float, rng: np.random.Generator
     ) -> NormalInverseWishart:
-        """Eqs (20a)-(20d)."""
+        """Apply the time update, eqs (20a)-(20d)."""
         state.forget(self.forgetting)
         return state
 
     def draw(self, state: NormalInverseWishart, rng: np.random.Generator) -> FloatArray:
-        """From the predictive (21)."""
+        """Return draws (2, N) from the predictive (21)."""
         return state.sample(rng, 2).T
 
     def learn(self, state: NormalInverseWishart, noise_m: FloatArray) -> NormalInverseWishart:
-        """Eqs (19a)-(19d)."""
+        """Apply the measurement update, eqs (19a)-(19d), and the floors."""
         state.learn(noise_m.T)
         if self.floors is not None:
             floor = self.floors.noise_m**2 * (state.nu - 3.0)
             for k in range(2):
                 np.maximum(state.scale[:, k, k], floor, out=state.scale[:, k, k])
             if self.floors.apart:
-                keep_apart(state, floor)
+                floor_difference_variance(state, floor)
         return state
 
     def shift(
         self, state: NormalInverseWishart, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray
     ) -> None:
-        """Shift mu_hat."""
+        """Shift mu_hat of one wheel in each of these particles."""
         state.mean[who, wheel] += by_m
 
     def select(self, state: NormalInverseWishart, index: NDArray[np.intp]) -> NormalInverseWishart:
@@ -154,11 +154,11 @@ class NiwRadii:
         return state
 
     def moments(self, state: NormalInverseWishart, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Eq. (24a) and the spread of mu."""
+        """Return mean (2,) and covariance (2, 2) of mu: eq. (24a) and its spread."""
         return state.mean_moments(weights)
 
     def noise(self, state: NormalInverseWishart, weights: FloatArray) -> FloatArray:
-        """Diagonal of (24b)."""
+        """Return the diagonal (2,) of (24b)."""
         return np.diag(state.noise_covariance(weights))
 
     def draw_from_moments(
@@ -169,14 +169,15 @@ class NiwRadii:
         noise_m2: FloatArray,
         rng: np.random.Generator,
     ) -> NormalInverseWishart:
-        """gamma and nu stay those of a filter that begins."""
+        """Return a state whose mu_hat is drawn from saved moments; gamma and nu are those of a filter that
+        begins."""
         count = state.mean.shape[0]
         mean = rng.multivariate_normal(mean_m, covariance_m2 + np.eye(2) * 1e-10, count)
         scale = np.tile(np.diag(noise_m2) * (state.nu - 3.0), (count, 1, 1))
         return NormalInverseWishart(state.gamma, mean, state.nu, scale)
 
     def log_predictive(self, state: NormalInverseWishart, noise_m: FloatArray) -> FloatArray:
-        """Eq. (21), exact."""
+        """Return the (N,) log density by eq. (21) in its exact form."""
         return state.log_predictive(noise_m.T)
 
     def marginals(self, state: NormalInverseWishart) -> tuple[FloatArray, FloatArray, float]:
@@ -188,7 +189,7 @@ class NiwRadii:
 NIW = NiwRadii()
 
 
-def keep_apart(state: NormalInverseWishart, floor: float) -> None:
+def floor_difference_variance(state: NormalInverseWishart, floor: float) -> None:
     """Hold var(left - right) = S11 + S22 - 2 S12 above 2 floor, in place.
 
     The off-diagonals only ever come nearer to 0, so the matrix stays positive.
@@ -236,19 +237,19 @@ class WalkingRadii:
         return self
 
     def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> WalkingRadiiState:
-        """mu spread by the prior."""
+        """Return the state with mu spread by the prior."""
         mu = rng.standard_normal((2, count)) * (SETTINGS.radius_prior * nominal_m[:, None])
         return WalkingRadiiState(mu, np.full((2, count), self.noise_std_m**2))
 
     def forget(self, state: WalkingRadiiState, dt_s: float, rng: np.random.Generator) -> WalkingRadiiState:
-        """Eqs (26d), (27)."""
+        """Let mu and Sigma walk by eqs (26d), (27)."""
         state.mu += self.drift_std_m * math.sqrt(dt_s) * rng.standard_normal(state.mu.shape)
         least, most = SETTINGS.noise_floor_m**2, SETTINGS.noise_ceiling_m**2
         state.sigma = np.clip(step_sigma(state.sigma, rng), least, most)
         return state
 
     def draw(self, state: WalkingRadiiState, rng: np.random.Generator) -> FloatArray:
-        """mu + sqrt(Sigma) N(0, 1), (26a), (26b)."""
+        """Return draws (2, N) of mu + sqrt(Sigma) N(0, 1), (26a), (26b)."""
         noise = rng.standard_normal(state.mu.shape)
         noise *= np.sqrt(state.sigma)
         noise += state.mu
@@ -275,7 +276,7 @@ class WalkingRadii:
         return mean, (away * weights) @ away.T
 
     def noise(self, state: WalkingRadiiState, weights: FloatArray) -> FloatArray:
-        """Mean of Sigma."""
+        """Return the mean (2,) of Sigma."""
         return np.asarray(state.sigma @ weights)
 
     def draw_from_moments(
@@ -286,16 +287,17 @@ class WalkingRadii:
         noise_m2: FloatArray,
         rng: np.random.Generator,
     ) -> WalkingRadiiState:
-        """mu drawn from the saved moments."""
+        """Return a state with mu drawn from the saved moments."""
         count = state.mu.shape[1]
         mu = rng.multivariate_normal(mean_m, covariance_m2 + np.eye(2) * 1e-10, count).T.copy()
         return WalkingRadiiState(mu, np.repeat(noise_m2[:, None], count, axis=1))
 
     def log_predictive(self, state: WalkingRadiiState, noise_m: FloatArray) -> FloatArray:
-        """(N,) log density, up to a constant, of each particle's radius error under N(mu, sigma)."""
+        """Return the (N,) log density, up to a constant, of each particle's radius error under N(mu,
+        sigma)."""
         squared = (noise_m - state.mu) ** 2 / state.sigma
         return np.asarray(-0.5 * (squared + np.log(state.sigma)).sum(axis=0))
 
     def marginals(self, state: WalkingRadiiState) -> tuple[FloatArray, FloatArray, float]:
-        """Gaussian: degrees of freedom without end."""
+        """Return the Gaussian marginals: the degrees of freedom are infinite."""
         return state.mu, state.sigma, 1e9

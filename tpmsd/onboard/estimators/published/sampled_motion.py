@@ -9,7 +9,7 @@ radius errors of a particle:
     east   += way cos(heading), north likewise                       (7)
     heading += turn                                                  (7)
 
-`go` takes the heading at mid-step, heading + turn/2, or as printed, at the tick's start.
+`move_poses` takes the heading at mid-step, heading + turn/2, or as printed, at the tick's start.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ class Particles:
 
     @property
     def count(self) -> int:
-        """N."""
+        """Number N of particles."""
         return self.log_weights.size
 
     def multiply(self, log_likelihood: FloatArray) -> None:
-        """Multiply the weights (22)."""
+        """Multiply the weights by the likelihoods of a measurement (22) and normalise them."""
         self.log_weights += log_likelihood
         self.log_weights -= self.log_weights.max()
         weights = np.exp(self.log_weights)
@@ -70,7 +70,7 @@ class Particles:
         self.weights = np.full(self.count, 1.0 / self.count)
 
     def keep(self, index: NDArray[np.intp]) -> None:
-        """Keep the particles of these indices, with even weights; the radii are their model's to select."""
+        """Keep the particles of these indices, with equal weights; the radii are their model's to select."""
         self.pose, self.moved = self.pose[:, index], self.moved[:, index]
         if self.motion is not None:
             self.motion = self.motion[:, index]
@@ -83,11 +83,11 @@ MID_STEP = 0.5
 """Share of a tick's turn after which the heading is taken: exact to second order in the turn."""
 
 
-def go(
+def move_poses(
     particles: Particles, travel: FloatArray, turn: FloatArray, heading_after: float = MID_STEP
 ) -> tuple[float, float]:
-    """Move the poses by way and turn (N,) of each (7), with the heading after this share of the turn; mean
-    way and turn."""
+    """Move the poses by distance and turn (N,) of each (7), with the heading after this share of the turn;
+    return mean distance (m) and turn (rad)."""
     middle = turn * heading_after
     middle += particles.pose[2]
     particles.moved[0] = travel * np.cos(middle)
@@ -108,8 +108,8 @@ class SampledMotion(Protocol):
         car: FilterCar,
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Way and turn (N,) of a tick, radii learned if it is informative, and the log-likelihood (N,) of the
-        wheels where they are measurements."""
+        """Return distance and turn (N,) of a tick, radii learned if it is informative, and the log-likelihood
+        (N,) of the wheels where they are measurements, else None."""
         ...
 
 
@@ -125,7 +125,7 @@ class WheelsIn:
         car: FilterCar,
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Table I, lines 10, 11 and 13."""
+        """Draw radius errors and return the motion by them: Table I, lines 10, 11 and 13."""
         noise = radii.draw(particles.radii, rng)
         left = rolling.angle_rad[0] * (car.nominal_m[0] + noise[0])
         right = rolling.angle_rad[1] * (car.nominal_m[1] + noise[1])
@@ -164,7 +164,7 @@ class WheelsMeasured:
         car: FilterCar,
         rng: np.random.Generator,
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Walk, and weigh by the wheels."""
+        """Let yaw rate and speed walk, and return their motion with the log-likelihood (N,) of the wheels."""
         dt, track = rolling.gated.tick.dt_s, car.geometry.track_rear_m
         kick = rng.standard_normal((2, particles.count))
         if particles.motion is not None:
@@ -183,16 +183,16 @@ class WheelsMeasured:
             log = radii.log_predictive(particles.radii, realised)
             particles.radii = radii.learn(particles.radii, realised)
             return travel, turn, log
-        log = self._path_log(particles, radii, paths, rear, car)
+        log = self._path_log_likelihood(particles, radii, paths, rear, car)
         if rolling.curvature is not None:
             turn = travel * rolling.curvature
             particles.motion[0] = turn / dt
         return travel, turn, log
 
-    def _path_log(
+    def _path_log_likelihood(
         self, particles: Particles, radii: RadiusModel, paths: FloatArray, rear: FloatArray, car: FilterCar
     ) -> FloatArray:
-        """Log-likelihood (N,) of the wheels' paths (2, N) in a tick that is not informative."""
+        """Return the log-likelihood (N,) of the wheels' paths (2, N) in a tick that is not informative."""
         mean, scale, dof = radii.marginals(particles.radii)
         off = paths - rear * (car.nominal_m[:2, None] + mean)
         squared = (off**2 / (scale * rear**2 + SETTINGS.path_quantum_m**2)).sum(axis=0)

@@ -30,7 +30,7 @@ from tpmsd.onboard.estimators.belief import (
     Pose,
     RolledTick,
     Saved,
-    numbers,
+    saved_numbers,
     saved_radii,
     wrapped,
 )
@@ -51,7 +51,7 @@ from tpmsd.onboard.estimators.published.sampled_motion import (
     WHEELS_IN,
     Particles,
     SampledMotion,
-    go,
+    move_poses,
 )
 from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Lineage, Systematic, between_std, effective_number
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -89,7 +89,7 @@ class SampledBelief:
         self._lineage = Lineage(count)
 
     def predict(self, movement: Movement) -> tuple[float, float]:
-        """Move all poses by one tick."""
+        """Move all poses by one tick; return the mean distance (m) and turn (rad)."""
         particles, rng = self.particles, self._rng
         if isinstance(movement, RolledTick):
             pieces = self._pieces
@@ -100,18 +100,19 @@ class SampledBelief:
             travel, turn, log = pieces.motion.advance(particles, pieces.radii, movement, self._car, rng)
             if log is not None:
                 particles.multiply(log)
-            return go(particles, travel, turn, pieces.heading_after)
+            return move_poses(particles, travel, turn, pieces.heading_after)
         particles.motion = None
         if isinstance(movement, DeadReckoning):
             dt_s = movement.dt_s
             speeds = movement.speed_mps + SETTINGS.coast_speed_std_mps * rng.standard_normal(particles.count)
             swing = SETTINGS.coast_yaw_std * math.sqrt(dt_s) * rng.standard_normal(particles.count)
-            return go(particles, dt_s * speeds, dt_s * movement.yaw_rate_radps + swing)
+            return move_poses(particles, dt_s * speeds, dt_s * movement.yaw_rate_radps + swing)
         particles.moved[:] = 0.0
         return 0.0, 0.0
 
-    def _off(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
-        """East and north (N,) of a fix from each particle's antenna at the time of the fix."""
+    def _fix_offsets(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
+        """Return the east and north offsets (N,), m, of a fix from each particle's antenna at the time of the
+        fix."""
         east, north, heading = self.particles.pose - (1.0 - fix.fraction) * self.particles.moved
         forward, left = self._car.antenna_m
         if forward != 0.0 or left != 0.0:
@@ -119,25 +120,25 @@ class SampledBelief:
             east, north = east + forward * cos - left * sin, north + forward * sin + left * cos
         return fix.east_m - east, fix.north_m - north
 
-    def _variance(self, fix: Fix) -> float:
+    def _position_variance(self, fix: Fix) -> float:
         return position_variance(fix, self._pieces.position_floor_m)
 
     def distance(self, measurement: FixMeasurement) -> tuple[float, float]:
-        """Distance of the mean; the spread of the particles is in the variance, and a share for what the
-        receiver's slow errors have made of it."""
-        off = np.stack(self._off(measurement.fix))
+        """Return the distance from the mean; the variance has the spread of the particles, and a share for
+        the receiver's slow errors in it."""
+        off = np.stack(self._fix_offsets(measurement.fix))
         weights = self.particles.weights
         mean = off @ weights
         spread = float(np.square(off - mean[:, None]).sum(axis=0) @ weights)
-        slow = self._variance(measurement.fix) / 9.0
+        slow = self._position_variance(measurement.fix) / 9.0
         return math.hypot(*mean.tolist()), measurement.fix.position_std_m**2 + slow + spread
 
     def update(self, measurement: FixMeasurement) -> None:
         """Multiply the weights by the likelihoods of position (22) and course."""
         particles, pieces = self.particles, self._pieces
         if measurement.by_position:
-            east, north = self._off(measurement.fix)
-            particles.multiply(self._position_log(measurement, east, north))
+            east, north = self._fix_offsets(measurement.fix)
+            particles.multiply(self._position_log_likelihood(measurement, east, north))
         if (
             not pieces.positions_alone
             and (seen := course_measurement(measurement, self._car.antenna_m)) is not None
@@ -146,11 +147,16 @@ class SampledBelief:
             variance = max(seen.variance_rad2, SETTINGS.course_floor_sampled_rad**2)
             particles.multiply(pieces.likelihood(off * off / variance, 1))
 
-    def _position_log(self, measurement: FixMeasurement, east: FloatArray, north: FloatArray) -> FloatArray:
-        """Log-likelihood (N,) of a position so far off: (22), or (34) where its variances are unknown."""
+    def _position_log_likelihood(
+        self, measurement: FixMeasurement, east: FloatArray, north: FloatArray
+    ) -> FloatArray:
+        """Return the log-likelihood (N,) of a position with these offsets: (22), or (34) where its variances
+        are unknown."""
         particles, pieces = self.particles, self._pieces
         if pieces.position_noise is None:
-            return pieces.likelihood((east * east + north * north) / self._variance(measurement.fix), 2)
+            return pieces.likelihood(
+                (east * east + north * north) / self._position_variance(measurement.fix), 2
+            )
         if particles.position_noise is None:
             stated_m = measurement.fix.position_std_m
             particles.position_noise = pieces.position_noise.begin(particles.count, stated_m)
@@ -158,8 +164,8 @@ class SampledBelief:
         return pieces.position_noise.weigh(particles.position_noise, error_m, measurement.interval_s)
 
     def correct_by_block(self, block: Block, bias_rad2: float) -> None:
-        """Multiply the weights by the likelihoods of Doppler way and turn, given the radii that each particle
-        believes in; what a tick's noise makes of them averages out over the block."""
+        """Multiply the weights by the likelihoods of Doppler distance and turn, given each particle's radii;
+        the noise of single ticks averages out over the block."""
         pieces = self._pieces
         if pieces.positions_alone:
             return
@@ -171,7 +177,7 @@ class SampledBelief:
             self.particles.multiply(pieces.likelihood(squared, 1))
 
     def finish_tick(self, gated: GatedTick) -> None:
-        """Resample where the effective number asks for it."""
+        """Resample if the effective number is too small."""
         particles, pieces = self.particles, self._pieces
         self._lineage.elapse(gated.tick.dt_s)
         chosen = pieces.resampling(particles.weights, self._rng)
@@ -181,7 +187,7 @@ class SampledBelief:
             particles.radii = pieces.radii.select(particles.radii, chosen)
 
     def moments(self) -> Moments:
-        """Weighted mean and covariance; (24a), (24b) for the radii."""
+        """Return the weighted mean and covariance; (24a), (24b) for the radii."""
         particles, radii = self.particles, self._pieces.radii
         weights = particles.weights
         mean_m, covariance_m2 = radii.moments(particles.radii, weights)
@@ -201,14 +207,14 @@ class SampledBelief:
         return Moments(mean_m, covariance_m2, noise_m, pose, *drawn)
 
     def set_pose(self, start: PoseStart, measurement: FixMeasurement) -> None:
-        """Spread the particles about a pose that fixes tell."""
+        """Spread the particles about a pose that fixes determine."""
         fix, particles, rng = start.fix, self.particles, self._rng
         count = particles.count
         heading = start.heading_rad + start.heading_std_rad * rng.standard_normal(count)
         forward, left = self._car.antenna_m
         ahead = (1.0 - fix.fraction) * measurement.tick.dt_s * measurement.speed_mps - forward
         cos, sin = np.cos(heading), np.sin(heading)
-        std = math.sqrt(self._variance(fix))
+        std = math.sqrt(self._position_variance(fix))
         particles.pose[0] = fix.east_m + std * rng.standard_normal(count) + ahead * cos + left * sin
         particles.pose[1] = fix.north_m + std * rng.standard_normal(count) + ahead * sin - left * cos
         particles.pose[2] = heading
@@ -217,10 +223,11 @@ class SampledBelief:
         particles.reset_weights()
 
     def forget_pose(self) -> None:
-        """Nothing belongs to the pose but the poses themselves, which are placed again."""
+        """Do nothing: no state belongs to the pose but the poses themselves, which are placed again."""
 
     def snapshot(self) -> dict[str, Any]:
-        """Moments of the radii, and the variances of one tick's radius errors."""
+        """Return the moments of the radii, and the variances of one tick's radius errors, as plain
+        numbers."""
         particles, radii = self.particles, self._pieces.radii
         mean, covariance = radii.moments(particles.radii, particles.weights)
         noise = radii.noise(particles.radii, particles.weights)
@@ -241,8 +248,8 @@ class SampledBelief:
 
 
 def saved_noise(saved: Saved) -> FloatArray:
-    """(2,) variances of one tick's radius error of a snapshot; ValueError if they are none."""
-    noise = numbers(saved, "noise_m2", (2,), 1.0)
+    """Return the (2,) variances of one tick's radius error of a snapshot; ValueError if they are none."""
+    noise = saved_numbers(saved, "noise_m2", (2,), 1.0)
     if np.any(noise <= 0.0):
         raise ValueError("the saved noise_m2 is not two positive variances")
     return noise
