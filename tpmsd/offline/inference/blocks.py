@@ -42,7 +42,7 @@ class Steps:
 
     @property
     def broken(self) -> np.ndarray:
-        """(w,) whether windows are missing before."""
+        """Return (w,) whether windows are missing before each."""
         return np.asarray(self.gap > 1)
 
 
@@ -51,7 +51,7 @@ class StateBlock(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """(n,)"""
+        """Return the (n,) names of the states."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -59,13 +59,15 @@ class StateBlock(Protocol):
 
     @property
     def turning(self) -> tuple[int, ...]:
-        """States that turn the heading, and so move the position."""
+        """Return the indices of the states that turn the heading, and so move the position."""
 
     def observation_matrix(self, windows: Linearised) -> FloatArray:
-        """(w, 9, n) observation matrix H of each window: the channels' response to the block's states."""
+        """Return the (w, 9, n) observation matrix H of each window: the channels' response to the block's
+        states."""
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Decay factors (w, n), process-noise variances (w, n) and variances before the first window (n,)."""
+        """Return decay factors (w, n), process-noise variances (w, n) and variances before the first window
+        (n,)."""
 
 
 @dataclass(frozen=True)
@@ -151,12 +153,12 @@ class GaussMarkov:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Standard deviation and memory."""
+        """Return the names of standard deviation and memory."""
         return self.size, self.memory
 
     @property
     def turning(self) -> tuple[int, ...]:
-        """All states where they turn with the distance, else none."""
+        """Return the indices of all states if they turn the heading with the distance, else none."""
         return tuple(range(len(self.names))) if self.turns else ()
 
     def observation_matrix(self, windows: Linearised) -> FloatArray:
@@ -190,12 +192,12 @@ class RandomWalk:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The one."""
+        """Return the name of the one state."""
         return (self.name,)
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Its growth."""
+        """Return the name of the growth per window."""
         return (self.size,)
 
     def observation_matrix(self, windows: Linearised) -> FloatArray:
@@ -217,22 +219,22 @@ class Layout:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """(s,)"""
+        """Return the (s,) names of all states."""
         return tuple(name for block in self.blocks for name in block.names)
 
     @property
     def states(self) -> int:
-        """s"""
+        """Return the number of states, s."""
         return len(self.names)
 
     @cached_property
     def carried(self) -> np.ndarray:
-        """(c,) states that one window hands to the next; the others are new in each and forgotten with it."""
+        """Return the (c,) indices of the states carried from window to window; the others are new in each."""
         return np.array([*range(Q, Q + 4), *range(PSI, self.states)])
 
     @cached_property
     def turning(self) -> list[int]:
-        """States that turn the heading."""
+        """Return the indices of the states that turn the heading."""
         out, first = [], 0
         for block in self.blocks:
             out += [first + state for state in block.turning]
@@ -241,15 +243,16 @@ class Layout:
 
     @cached_property
     def parameters(self) -> frozenset[str]:
-        """Return the parameters of the noise that matter."""
+        """Return the names of the noise parameters on which any block or channel depends."""
         return frozenset(name for block in self.blocks for name in block.parameters) | WHITE
 
     def observation_matrix(self, windows: Linearised) -> FloatArray:
-        """(w, 9, s) observation matrix H of all blocks together."""
+        """Return the (w, 9, s) observation matrix H of all blocks together."""
         return np.concatenate([block.observation_matrix(windows) for block in self.blocks], axis=2)
 
     def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Factors of fading (w, s), variances that come in (w, s) and those before the first window (s,)."""
+        """Return decay factors (w, s), process-noise variances (w, s) and variances before the first window
+        (s,)."""
         every = [block.steps(noise, steps) for block in self.blocks]
         decay, fresh, start = zip(*every, strict=True)
         return np.concatenate(decay, axis=1), np.concatenate(fresh, axis=1), np.concatenate(start)

@@ -61,7 +61,8 @@ class CommonAge:
 
 
 def without_common_age(recording: Recording) -> Recording:
-    """Return the recording with each wheel's angle at the time of its stamp; itself where no age is told."""
+    """Return the recording with each wheel's angle at the time of its stamp; unchanged without a common
+    age."""
     age = common_age(recording)
     if age is None:
         return recording
@@ -72,7 +73,8 @@ def without_common_age(recording: Recording) -> Recording:
 
 
 def common_age(recording: Recording) -> CommonAge | None:
-    """Return the age that all counters of a drive share; None where none is told, as of speed signals."""
+    """Return the age that all counters of a drive share; None if it is not identifiable, as of speed
+    signals."""
     wheels = recording.wheels
     if len(wheels) < 2 or not bool(np.all(recording.quantum_rad[wheels] > 0.0)):
         return None
@@ -80,7 +82,7 @@ def common_age(recording: Recording) -> CommonAge | None:
     distance_m = (recording.rotation_rad[:, wheels] * radius_m).mean(axis=1)
     speed = smooth(distance_m) / recording.dt_s
     read_m = float(np.sqrt(np.mean((recording.quantum_rad[wheels] * radius_m) ** 2) / (2 * len(wheels))))
-    std_s = _std_s(distance_m, speed, read_m)
+    std_s = _age_std_s(distance_m, speed, read_m)
     if not MIN_STD_S < std_s < LONGEST_S:
         return None
     age = np.zeros(recording.ticks + 1)
@@ -93,7 +95,7 @@ def common_age(recording: Recording) -> CommonAge | None:
         v = speed[start:end]
         v = np.concatenate([v[:1], 0.5 * (v[1:] + v[:-1]), v[-1:]])
         shown = np.concatenate([[0.0], np.cumsum(distance_m[start:end])])
-        rolled = _rolled(shown, np.hypot(read_m, std_s * v), JERK_MPS3 * recording.dt_s**3)
+        rolled = _smoothed_distance(shown, np.hypot(read_m, std_s * v), JERK_MPS3 * recording.dt_s**3)
         fast = v > FAST_MPS
         age[here][fast] = (rolled - shown)[fast] / v[fast]
         known[here] |= fast
@@ -104,9 +106,9 @@ def common_age(recording: Recording) -> CommonAge | None:
     return CommonAge(std_s, age)
 
 
-def _std_s(distance_m: FloatArray, speed: FloatArray, read_m: float) -> float:
-    """Standard deviation of the age by the third differences of the distance; 0 where too little is
-    driven."""
+def _age_std_s(distance_m: FloatArray, speed: FloatArray, read_m: float) -> float:
+    """Return the standard deviation of the age (s) by the third differences of the distance; 0 for too short
+    a drive."""
     third = np.convolve(distance_m, [1.0, -2.0, 1.0], mode="valid")
     v = speed[1:-1]
     fast = np.isfinite(third) & (v > FAST_MPS)
@@ -123,9 +125,9 @@ def _std_s(distance_m: FloatArray, speed: FloatArray, read_m: float) -> float:
     return float(np.sqrt(max(np.median(np.array(squares) / np.array(speeds)), 0.0)))
 
 
-def _rolled(shown: FloatArray, std: FloatArray, third_m: float) -> FloatArray:
-    """(m,) the distance that the car has rolled, of what the counters show (m,), with the error's
-    deviations."""
+def _smoothed_distance(shown: FloatArray, std: FloatArray, third_m: float) -> FloatArray:
+    """Return the (m,) distance that the car has rolled, smoothed from the counters' (m,) by third differences
+    of `third_m` and errors of `std`."""
     n = len(shown)
     weight, stiff = (third_m / std) ** 2, np.zeros((4, n))
     for k, factor in enumerate(DIFFERENCE):
@@ -137,7 +139,7 @@ def _rolled(shown: FloatArray, std: FloatArray, third_m: float) -> FloatArray:
 
 
 def smooth(values: FloatArray) -> FloatArray:
-    """(n,) running mean over `SPEED_TICKS`, of what is known."""
+    """Return the (n,) running mean over `SPEED_TICKS` of the finite values; NaN stays NaN."""
     known = np.isfinite(values)
     box = np.ones(SPEED_TICKS)
     count = np.convolve(known, box, mode="same")

@@ -78,13 +78,14 @@ class Rhythm:
     gain_nats: float
 
     def phase_cycles(self, edges_s: FloatArray, dt_s: float) -> FloatArray:
-        """(n,) phase of the sawtooth in cycles, its frequency aliased into half the rate of the ticks."""
+        """Return the (n,) phase of the sawtooth in cycles, its frequency aliased into half the rate of the
+        ticks."""
         hz = self.hz - 1.0 / dt_s if self.hz > 0.5 / dt_s else self.hz
         return hz * edges_s + self.phase
 
 
 def without_rhythms(recording: Recording) -> Recording:
-    """Return the recording less each wheel's own sawtooth of the age; itself where none is found."""
+    """Return the recording without each wheel's own sawtooth of the age; unchanged if none is found."""
     counted = [wheel for wheel in recording.wheels if recording.quantum_rad[wheel] > 0.0]
     if not counted:
         return recording
@@ -93,10 +94,10 @@ def without_rhythms(recording: Recording) -> Recording:
     speed = smooth(distance_m[:, counted].mean(axis=1)) / dt_s
     v = np.nan_to_num(np.concatenate([speed[:1], 0.5 * (speed[1:] + speed[:-1]), speed[-1:]]))
     late = np.zeros((recording.ticks, 4))
-    for part in _stretches(recording.ticks, dt_s):
+    for part in _equal_parts(recording.ticks, dt_s):
         edges = slice(part.start, part.stop + 1)
         for wheel, rhythm in own_rhythms(distance_m[part][:, counted], speed[part], dt_s).items():
-            age_s = _placed(rhythm, distance_m[part, counted[wheel]], v[edges], dt_s)
+            age_s = _age_at_edges(rhythm, distance_m[part, counted[wheel]], v[edges], dt_s)
             late[part, counted[wheel]] = np.diff(v[edges] * age_s)
     return (
         replace(recording, rotation_rad=recording.rotation_rad + late / radius_m) if late.any() else recording
@@ -104,7 +105,7 @@ def without_rhythms(recording: Recording) -> Recording:
 
 
 def own_rhythms(distance_m: FloatArray, speed: FloatArray, dt_s: float) -> dict[int, Rhythm]:
-    """Return by wheel the sawteeth in distances per tick (n, wheels); none where one clock holds for all.
+    """Return wheel -> sawtooth in the distances per tick (n, wheels); empty where one clock explains all.
 
     One clock is what the frequency and phase of the clearest sawtooth are for every wheel that has one, if
     their gain with these is at least that with frequencies and phases of their own, less the penalty of these
@@ -129,8 +130,8 @@ def rhythm_of(distance_m: FloatArray, speed: FloatArray, dt_s: float) -> Rhythm 
     return None if lines is None else lines.best()
 
 
-def _stretches(ticks: int, dt_s: float) -> list[slice]:
-    """Parts of equal length of a drive."""
+def _equal_parts(ticks: int, dt_s: float) -> list[slice]:
+    """Return the slices of a drive's ticks, of equal length and at most `STRETCH_S` each."""
     number = math.ceil(ticks * dt_s / STRETCH_S)
     bounds = np.linspace(0, ticks, number + 1).astype(int).tolist()
     return [slice(start, stop) for start, stop in pairwise(bounds)]
@@ -165,7 +166,7 @@ class _Lines:
 
     @classmethod
     def of(cls, distance_m: FloatArray, speed: FloatArray, dt_s: float) -> _Lines | None:
-        """Return those of a distance per tick (n + 2,) and a speed; None where too little is driven."""
+        """Return the lines of a distance per tick (n + 2,) and a speed; None where too little is driven."""
         third, v = np.convolve(distance_m, [1.0, -2.0, 1.0], mode="valid"), speed[1:-1]
         fast = np.isfinite(third) & (v > FAST_MPS)
         if fast.sum() < FEWEST:
@@ -190,16 +191,16 @@ class _Lines:
         penalty = 1.5 * math.log(count) + math.log(count * PHASES)
         lines = np.arange(1, SOUGHT + 1)
         at = np.outer(np.arange(size), lines) % size
-        made, level = np.abs(self._made(at / size, lines)), self.level[at]
+        made, level = np.abs(self._sawtooth_lines(at / size, lines)), self.level[at]
         most = np.square((made * np.abs(self.transform[at]) / level).sum(axis=1))
         most /= np.maximum((np.square(made) / level).sum(axis=1), TINY)
         if most.max() <= penalty:
             return None
         promising = np.argpartition(-most, BEST)[:BEST]
-        best = max((self._at(k / size) for k in promising.tolist()), key=lambda one: one.gain_nats)
+        best = max((self._best_at(k / size) for k in promising.tolist()), key=lambda one: one.gain_nats)
         signed = best.cycles - 1.0 if best.cycles > 0.5 else best.cycles
         # Of the lines of a slow sweep every second or third alone may be the clearest.
-        found = max((self._zoomed(signed / part) for part in (1, 2, 3)), key=lambda one: one.gain_nats)
+        found = max((self._best_near(signed / part) for part in (1, 2, 3)), key=lambda one: one.gain_nats)
         clear = min(found.gain_nats, found.rest_nats) > penalty
         if not clear or not 0.0 < found.amplitude_s < LONGEST_S * (1.0 + AMPLITUDE_ERROR):
             return None
@@ -207,40 +208,41 @@ class _Lines:
 
     def gain_of(self, rhythm: Rhythm) -> float:
         """Return the gain (nats) of a sawtooth of this frequency and phase at its best amplitude."""
-        like, norm = self._likeness(rhythm.hz * self.dt_s)
+        like, norm = self._matched_filter(rhythm.hz * self.dt_s)
         parts = (like * np.exp(-2j * np.pi * np.arange(1, LINES + 1) * rhythm.phase)).real
         return max(float(parts.sum()), 0.0) ** 2 / max(float(norm.sum()), TINY)
 
-    def _made(self, cycles: FloatArray, lines: NDArray[np.int64]) -> Complex:
-        """Lines (..., k) of a sawtooth of amplitude 1 and phase 0 at these cycles per tick (..., k)."""
+    def _sawtooth_lines(self, cycles: FloatArray, lines: NDArray[np.int64]) -> Complex:
+        """Return the lines (..., k) of a sawtooth of amplitude 1 and phase 0 at these cycles per tick (...,
+        k)."""
         third = (np.exp(2j * np.pi * cycles) - 1.0) ** 3
         return np.asarray(-self.power * third * 1j / (2.0 * np.pi * lines))
 
-    def _zoomed(self, cycles: float) -> _Fitted:
-        """Return the best sawtooth of about so many cycles per tick."""
-        found, width = self._at(cycles), 1.0 / len(self.transform)
+    def _best_near(self, cycles: float) -> _Fitted:
+        """Return the best sawtooth at a frequency near `cycles` per tick."""
+        found, width = self._best_at(cycles), 1.0 / len(self.transform)
         for _ in range(ZOOMS):
             around = found.cycles + width * np.linspace(-1.0, 1.0, 9)
-            found = max((self._at(each) for each in around.tolist()), key=lambda one: one.gain_nats)
+            found = max((self._best_at(each) for each in around.tolist()), key=lambda one: one.gain_nats)
             width /= 4.0
         return found
 
-    def _likeness(self, cycles: float) -> tuple[Complex, FloatArray]:
-        """(k,) each, of the lines of so many cycles per tick: conj(B) Z / S, and |B|^2 / S."""
+    def _matched_filter(self, cycles: float) -> tuple[Complex, FloatArray]:
+        """Return (k,) each, of the lines at `cycles` per tick: conj(B) Z / S, and |B|^2 / S."""
         size, lines = len(self.transform), np.arange(1, LINES + 1)
         # The nearest of the transform, turned about the middle, is that of the frequency but for a tenth.
         exact = cycles * size * lines
         at = np.round(exact).astype(int)
         middle = 0.5 * (len(self.weighted) - 1)
         seen = self.transform[at % size] * np.exp(2j * np.pi * (at - exact) / size * middle)
-        made = self._made(np.asarray(cycles * lines, dtype=np.float64), lines)
+        made = self._sawtooth_lines(np.asarray(cycles * lines, dtype=np.float64), lines)
         level = self.level[at % size]
         return np.conj(made) * seen / level, np.square(np.abs(made)) / level
 
-    def _at(self, cycles: float) -> _Fitted:
-        """Return the best sawtooth of so many cycles per tick."""
+    def _best_at(self, cycles: float) -> _Fitted:
+        """Return the sawtooth of best phase and amplitude at `cycles` per tick."""
         lines = np.arange(1, LINES + 1)
-        like, norm = self._likeness(cycles)
+        like, norm = self._matched_filter(cycles)
         phases = np.arange(PHASES) / PHASES
         turned = (like @ np.exp(-2j * np.pi * np.outer(lines, phases))).real
         k = int(np.argmax(turned))
@@ -255,8 +257,8 @@ class _Lines:
         return _Fitted(cycles, phase % 1.0, total / power, max(total, 0.0) ** 2 / power, other)
 
 
-def _placed(rhythm: Rhythm, distance_m: FloatArray, speed: FloatArray, dt_s: float) -> FloatArray:
-    """(n + 1,) age at the ticks' edges, each fall at the place that leaves the least third differences.
+def _age_at_edges(rhythm: Rhythm, distance_m: FloatArray, speed: FloatArray, dt_s: float) -> FloatArray:
+    """Return the (n + 1,) age at the ticks' edges, each fall moved to where third differences are least.
 
     A reading that came late, or a clock that drifts, moves a fall by a tick or two: an edge on its wrong side
     is off by the whole of v A.

@@ -28,7 +28,7 @@ standard deviation blurs the density by an eighth of the error's variance."""
 
 
 def expected(values: FloatArray, std: float) -> FloatArray:
-    """(n,) the value to be expected of a covariate that was estimated as `values` with that error.
+    """Return the (n,) expectation of a covariate that was estimated as `values` with that standard deviation.
 
     Regression calibration (Carroll and others 2006, chapter 4), by Tweedie's formula E[x | z] = z + std^2 d
     log f(z) / dz (Efron, Journal of the American Statistical Association 106, 2011), f the density of what
@@ -49,14 +49,15 @@ def expected(values: FloatArray, std: float) -> FloatArray:
 
 
 def covariate_stds(reader: Reader, noise: Noise) -> dict[str, float]:
-    """Standard deviation of each covariate's error in a window, SI units: the median over the drive."""
+    """Return the standard deviation of each covariate's error in a window, SI units: the median over the
+    drive."""
     errors = covariate_errors(reader.windows, reader.reference, noise)
     return {name: float(np.median(values)) for name, values in errors.items()}
 
 
 def covariate_errors(windows: Windows, about: ReferenceTrajectory, noise: Noise) -> dict[str, FloatArray]:
-    """(w,) standard deviation of each covariate's error, SI units, from the smoother of all channels. Zero of
-    what is given (time and distance) or read from the bus."""
+    """Return the (w,) standard deviation of each covariate's error, SI units, from the smoother of all
+    channels; zero for covariates that are given (time and distance) or read from the bus."""
     made = Whitener.of(windows, noise, np.isfinite(windows.measured))
     stds = np.concatenate([made.motion_stds(), np.zeros((len(windows), 1))], axis=1)
     out = {
@@ -78,8 +79,8 @@ def covariate_errors(windows: Windows, about: ReferenceTrajectory, noise: Noise)
 
 
 def covariate_jacobians(windows: Windows, about: ReferenceTrajectory) -> dict[str, FloatArray]:
-    """(w, 3) derivative of each covariate by the errors of speed, yaw rate and heading of its own window;
-    zero of what is given or read from the bus."""
+    """Return the (w, 3) derivative of each covariate by the errors of speed, yaw rate and heading of its own
+    window; zero for covariates that are given or read from the bus."""
     out = {name: np.zeros((len(windows), 3)) for name in windows.covariates}
     speed, yaw = np.maximum(windows.covariates["speed"], 1.0), windows.covariates["yaw_rate"]
     lever = about.car.steering_ratio * about.car.geometry.wheelbase_m

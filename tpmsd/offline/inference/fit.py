@@ -47,7 +47,7 @@ class ParameterFit:
     posterior."""
 
     def std(self, key: str) -> float:
-        """Standard deviation of a value."""
+        """Return the standard deviation of a key's value."""
         at = self.keys.index(key)
         return float(np.sqrt(self.covariance[at, at]))
 
@@ -63,7 +63,7 @@ def gram(keys: Sequence[str], y: FloatArray, X: FloatArray, logdet: float = 0.0)
 
 
 def solved(grams: Sequence[Gram], prior: Prior) -> ParameterFit:
-    """Return the values of greatest posterior (k, r), drives added up."""
+    """Return the maximum-a-posteriori values (k, r) of the summed Gram matrices of all drives."""
     keys = tuple(dict.fromkeys(key for one in grams for key in one.keys))
     index = {key: at for at, key in enumerate(keys)}
     replicates = grams[0].XY.shape[1]
@@ -96,7 +96,7 @@ def solved(grams: Sequence[Gram], prior: Prior) -> ParameterFit:
 
 
 def read_only(*arrays: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the arrays, which nobody can change any more."""
+    """Mark the arrays as read-only and return them."""
     for array in arrays:
         array.flags.writeable = False
     return arrays

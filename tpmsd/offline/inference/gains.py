@@ -51,7 +51,7 @@ def gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -
 
 def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
     """Return `gains` computed by NumPy, the reference."""
-    out = _empty(moved, keep)
+    out = _empty_gains(moved, keep)
     count, rows, carry = moved.shape
     joint = np.empty((rows, rows))
     P = np.diag(start)
@@ -71,9 +71,9 @@ def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: b
 
 
 def compiled_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
-    """Return it by compiled code, for `MAX_COMPILED` states at most."""
+    """Return `gains` computed by compiled code, for `MAX_COMPILED` states at most."""
     assert compiled is not None
-    out = _empty(moved, keep)
+    out = _empty_gains(moved, keep)
     contiguous = (np.ascontiguousarray(array) for array in (moved, fresh, start))
     if not compiled.recursion(*out, *contiguous):
         raise ValueError("the noise model is not positive definite")
@@ -81,7 +81,7 @@ def compiled_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep
 
 
 def steps(moved: FloatArray, by: Gains) -> FloatArray:
-    """(w, c + 9, c + 9) from carried states before and data to carried states after and innovations."""
+    """Return (w, c + 9, c + 9): carried states before and data to carried states after and innovations."""
     carry, back = moved.shape[2], by.gain.transpose(0, 2, 1)
     seen = by.inverse @ moved[:, carry:]
     states = np.concatenate([moved[:, :carry] - back @ seen, back @ by.inverse], axis=2)
@@ -89,15 +89,16 @@ def steps(moved: FloatArray, by: Gains) -> FloatArray:
 
 
 def array_whitened(columns: FloatArray, here: np.ndarray, step: FloatArray) -> FloatArray:
-    """(w, 9, p) the columns (w, 9, p), whitened by `steps`; `here` (w, 9): what is not there counts as zero.
-    One product per window."""
+    """Return the columns (w, 9, p) whitened by `steps`, one product per window; where `here` (w, 9) is False
+    they count as zero."""
     return whitened_parts([columns], columns.shape, here, step)
 
 
 def whitened_parts(
     parts: Iterable[FloatArray], shape: tuple[int, ...], here: np.ndarray, step: FloatArray
 ) -> FloatArray:
-    """Return it of columns that come in parts, each (some windows, 9, p), which make `shape` together."""
+    """Return `array_whitened` of columns that come in parts, each (some windows, 9, p), together of
+    `shape`."""
     width, carry = shape[2], step.shape[1] - shape[1]
     out = np.empty(shape)
     both, after = np.zeros((step.shape[1], width)), np.empty((step.shape[1], width))
@@ -113,20 +114,20 @@ def whitened_parts(
 
 
 def kernel() -> ModuleType:
-    """Return the compiled code, where it was built."""
+    """Return the compiled module; AssertionError where it was not built."""
     assert compiled is not None
     return compiled
 
 
 def is_compiled(states: int, columns: int) -> bool:
-    """Return whether the compiled code is there, has room, and is faster than the products of
-    `array_whitened`.
-    """
+    """Return whether compiled code is available, has room for these states and columns, and is faster than
+    NumPy."""
     return compiled is not None and states <= MAX_COMPILED and columns <= NARROW
 
 
 def compiled_whitened(columns: FloatArray, here: np.ndarray, moved: FloatArray, by: Gains) -> FloatArray:
-    """Return it by compiled code, for `MAX_COMPILED` states at most, and without `steps`."""
+    """Return `array_whitened` computed by compiled code, without `steps`, for `MAX_COMPILED` states at
+    most."""
     assert compiled is not None
     out = np.empty(columns.shape)
     compiled.apply(
@@ -136,7 +137,8 @@ def compiled_whitened(columns: FloatArray, here: np.ndarray, moved: FloatArray, 
 
 
 def chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(w, c, p) the states x of x_(k + 1) = step_k x_k + added_k from zero on, and the last one (c, p).
+    """Return (w, c, p) states x of x_(k + 1) = step_k x_k + added_k, starting at zero, and the last one (c,
+    p).
 
     `step` (w, c, c), mostly zeros, and `added` (w, c, p).
     """
@@ -161,7 +163,7 @@ def compiled_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, F
     return out, last
 
 
-def _empty(moved: FloatArray, keep: bool) -> Gains:
+def _empty_gains(moved: FloatArray, keep: bool) -> Gains:
     count, rows, carry = moved.shape
     channels = rows - carry
     return Gains(

@@ -33,7 +33,7 @@ class Grams:
 
     @property
     def width(self) -> int:
-        """n"""
+        """Return the number of columns, n."""
         return int(self.white.shape[2])
 
     @property
@@ -43,20 +43,20 @@ class Grams:
 
     @cached_property
     def total(self) -> FloatArray:
-        """(n, n) of all windows."""
+        """Return the (n, n) Gram matrix of all windows."""
         flat = self.white.reshape(-1, self.width)
         return np.asarray(flat.T @ flat)
 
     def by_block(self, columns: np.ndarray) -> FloatArray:
-        """(blocks, k, k) of some columns (k,)."""
+        """Return the (blocks, k, k) Gram matrices of some columns (k,)."""
         missing = [int(k) for k in dict.fromkeys(columns.tolist()) if k not in self._index]
         if missing:
-            self._know(missing)
+            self._add_by_block(missing)
         at = np.array([self._index[int(k)] for k in columns], dtype=np.intp)
         return np.asarray(self._by_block[:, at[:, None], at[None, :]])
 
     def by_fold(self, folds: int) -> FloatArray:
-        """(folds, n, n) of every so many-th block, from the first, the second... on."""
+        """Return the (folds, n, n) Gram matrices of the folds: fold f has the blocks f, f + folds, ..."""
         flat = self.white.reshape(-1, self.width)
         out, one = np.zeros((folds, self.width, self.width)), np.empty((self.width, self.width))
         for block, (first, last) in enumerate(self._spans):
@@ -65,7 +65,7 @@ class Grams:
         return out
 
     def extended(self, columns: FloatArray) -> Grams:
-        """With further whitened columns (w, 9, k) at the end."""
+        """Return the Gram matrices with further whitened columns (w, 9, k) at the end."""
         out = Grams(np.concatenate([self.white, columns], axis=2), self._of_window)
         flat, more = out.white.reshape(-1, out.width), columns.reshape(-1, columns.shape[2])
         total = np.empty((out.width, out.width))
@@ -76,8 +76,8 @@ class Grams:
         out._index, out._compact, out._by_block = dict(self._index), self._compact, self._by_block
         return out
 
-    def _know(self, columns: list[int]) -> None:
-        """Make some more columns known by block."""
+    def _add_by_block(self, columns: list[int]) -> None:
+        """Compute the Gram matrices by block of some more columns, and keep them."""
         known = len(self._index)
         more = self.white[:, :, columns].reshape(-1, len(columns))
         both = np.concatenate([self._compact, more], axis=1)

@@ -29,16 +29,17 @@ STATIONARY_MPS = 0.3
 
 
 def without_effects(recording: Recording, model: ExtendedModel) -> Recording:
-    """Return the recording without the effects; it needs readings of both rear wheels, and fixes."""
+    """Return the recording with the effects removed; it needs readings of both rear wheels, and fixes."""
     if not len(model):
         return recording
     left = recording
     for _ in range(ROUNDS):
-        left = _taken_out(recording, reference(left), model)
+        left = _remove_effects(recording, reference(left), model)
     return left
 
 
-def _taken_out(recording: Recording, about: ReferenceTrajectory, model: ExtendedModel) -> Recording:
+def _remove_effects(recording: Recording, about: ReferenceTrajectory, model: ExtendedModel) -> Recording:
+    """Return the recording without the effects, which are evaluated on the reference motion `about`."""
     car = about.car
     motion = about.motion
     if (felt := model.grade_factor()) != 1.0:
@@ -49,7 +50,7 @@ def _taken_out(recording: Recording, about: ReferenceTrajectory, model: Extended
     rotation = recording.rotation_rad / np.where(factor > MIN_FACTOR, factor, 1.0) / ratio
     when = recording.fix_time_s - model.fix_age_s()
     change = AntennaChange(motion, car, model).at(when)
-    speed, course = _velocity(recording, change)
+    speed, course = _velocity_without(recording, change)
     clock = recording.host_minus_utc_s
     if len(clock):
         error = model.clock_error_s(recording.fix_time_s)
@@ -58,7 +59,7 @@ def _taken_out(recording: Recording, about: ReferenceTrajectory, model: Extended
         recording,
         rotation_rad=rotation,
         quantum_rad=recording.quantum_rad / ratio,
-        inertial=_inertial(recording, motion, about, model),
+        inertial=_inertial_without(recording, motion, about, model),
         fix_time_s=when,
         east_m=recording.east_m - change.east_m,
         north_m=recording.north_m - change.north_m,
@@ -68,10 +69,10 @@ def _taken_out(recording: Recording, about: ReferenceTrajectory, model: Extended
     )
 
 
-def _inertial(
+def _inertial_without(
     recording: Recording, motion: Motion, about: ReferenceTrajectory, model: ExtendedModel
 ) -> dict[str, FloatArray]:
-    """Readings of gyro, accelerometers and steering wheel without the effects."""
+    """Return the readings of gyro, accelerometers and steering wheel without the effects."""
     bias, one = model.read_yaw_rate(np.array([0.0, 1.0]))
     yaw_error = _middle(model.yaw_rate_error_radps(motion, about.car))
     accel_error = _middle(model.accel_error_mps2(motion, about.car))
@@ -86,8 +87,8 @@ def _inertial(
     }
 
 
-def _velocity(recording: Recording, change: FixChange) -> tuple[FloatArray, FloatArray]:
-    """(m,) speed and course of the fixes without the effects; as vectors where both are told."""
+def _velocity_without(recording: Recording, change: FixChange) -> tuple[FloatArray, FloatArray]:
+    """Return (m,) speed and course of the fixes without the effects; as vectors where both are known."""
     speed, course = recording.speed_mps, recording.course_rad
     more = change.acting_mps - change.plain_mps
     both = np.isfinite(speed) & np.isfinite(course) & (speed > STATIONARY_MPS)
@@ -102,5 +103,5 @@ def _velocity(recording: Recording, change: FixChange) -> tuple[FloatArray, Floa
 
 
 def _middle(edges: FloatArray) -> FloatArray:
-    """(n, ...) means of the ticks of values at their edges (n + 1, ...)."""
+    """Return the (n, ...) means over the ticks of values at their edges (n + 1, ...)."""
     return np.asarray(0.5 * (edges[1:] + edges[:-1]))

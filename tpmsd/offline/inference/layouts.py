@@ -21,12 +21,13 @@ AGE_STD_S = 1e-3
 """Standard deviation of the drift of the fixes' age at the drive's start."""
 
 
-def _v(windows: Linearised) -> FloatArray:
+def _speed_mps(windows: Linearised) -> FloatArray:
+    """Return the (w,) speed of each window, at least 1 m/s."""
     return np.maximum(windows.covariates["speed"], 1.0)
 
 
-def _at(windows: Linearised, *seen: tuple[int, int, FloatArray | float]) -> FloatArray:
-    """(w, 9, n) from (channel, state, values)."""
+def _response(windows: Linearised, *seen: tuple[int, int, FloatArray | float]) -> FloatArray:
+    """Return the (w, 9, n) response with these (channel, state, values), zero elsewhere."""
     out = np.zeros((len(windows), CHANNELS, 1 + max(state for _, state, _ in seen)))
     for channel, state, values in seen:
         out[:, channel, state] = values
@@ -34,9 +35,9 @@ def _at(windows: Linearised, *seen: tuple[int, int, FloatArray | float]) -> Floa
 
 
 def _clock_response(windows: Linearised) -> FloatArray:
-    v = _v(windows)
+    v = _speed_mps(windows)
     velocity = windows.to_east_north[:, :, 0] / WINDOW_S * v[:, None]
-    return _at(
+    return _response(
         windows,
         (SPEED, 0, -windows.covariates["accel_kinematic"]),
         (COURSE, 0, -windows.covariates["yaw_rate"]),
@@ -45,14 +46,16 @@ def _clock_response(windows: Linearised) -> FloatArray:
     )
 
 
-def _side_slip(windows: Linearised) -> FloatArray:
+def _side_slip_response(windows: Linearised) -> FloatArray:
     late = -windows.after_fixes[:, 2:] * windows.to_east_north[:, :, 2]
-    return _at(windows, (COURSE, 0, 1.0), (EAST, 0, late[:, 0]), (NORTH, 0, late[:, 1]))
+    return _response(windows, (COURSE, 0, 1.0), (EAST, 0, late[:, 0]), (NORTH, 0, late[:, 1]))
 
 
-def _left_right_drift(windows: Linearised) -> FloatArray:
-    distance_m = _v(windows) * WINDOW_S
-    return _at(windows, *((wheel, 0, -distance_m if IS_LEFT[wheel] else distance_m) for wheel in range(4)))
+def _left_right_drift_response(windows: Linearised) -> FloatArray:
+    distance_m = _speed_mps(windows) * WINDOW_S
+    return _response(
+        windows, *((wheel, 0, -distance_m if IS_LEFT[wheel] else distance_m) for wheel in range(4))
+    )
 
 
 READINGS, MOTION = Readings(), MotionErrors()
@@ -60,17 +63,17 @@ SLOW_POSITION = GaussMarkov(
     ("slow_east", "slow_north"),
     "slow_m",
     "slow_tau_s",
-    lambda windows: _at(windows, (EAST, 0, 1.0), (NORTH, 1, 1.0)),
+    lambda windows: _response(windows, (EAST, 0, 1.0), (NORTH, 1, 1.0)),
     jumps=True,
 )
 SPEED_ERROR = GaussMarkov(
-    ("gnss_speed",), "speed_mps", "speed_memory", lambda windows: _at(windows, (SPEED, 0, 1.0))
+    ("gnss_speed",), "speed_mps", "speed_memory", lambda windows: _response(windows, (SPEED, 0, 1.0))
 )
 CROSS_ERROR = GaussMarkov(
     ("gnss_cross_speed",),
     "cross_mps",
     "speed_memory",
-    lambda windows: _at(windows, (COURSE, 0, 1.0 / _v(windows))),
+    lambda windows: _response(windows, (COURSE, 0, 1.0 / _speed_mps(windows))),
 )
 CLOCK = GaussMarkov(("gnss_clock",), "clock_s", "clock_tau_s", _clock_response)
 AGE = RandomWalk("gnss_age", "age_s", AGE_STD_S, _clock_response)
@@ -78,18 +81,20 @@ RADIUS_DRIFT = GaussMarkov(
     tuple(f"drift_{wheel}" for wheel in WHEELS),
     "radius_drift",
     "radius_drift_tau_s",
-    lambda windows: _at(windows, *((wheel, wheel, -_v(windows) * WINDOW_S) for wheel in range(4))),
+    lambda windows: _response(
+        windows, *((wheel, wheel, -_speed_mps(windows) * WINDOW_S) for wheel in range(4))
+    ),
 )
 LEFT_RIGHT_DRIFT = GaussMarkov(
-    ("left_right_drift",), "left_right_drift", "left_right_drift_tau_s", _left_right_drift
+    ("left_right_drift",), "left_right_drift", "left_right_drift_tau_s", _left_right_drift_response
 )
-SIDE_SLIP = GaussMarkov(("side_slip",), "side_slip_rad", "side_slip_tau_s", _side_slip, turns=True)
+SIDE_SLIP = GaussMarkov(("side_slip",), "side_slip_rad", "side_slip_tau_s", _side_slip_response, turns=True)
 
 
 def gyro_bias(start_std: float) -> RandomWalk:
-    """Return the gyro's zero, with this standard deviation (rad/s) at the drive's start."""
+    """Return the state of the gyro's zero, with this standard deviation (rad/s) at the drive's start."""
     return RandomWalk(
-        "gyro_bias", "gyro_drift_radps", start_std, lambda windows: _at(windows, (GYRO, 0, 1.0))
+        "gyro_bias", "gyro_drift_radps", start_std, lambda windows: _response(windows, (GYRO, 0, 1.0))
     )
 
 

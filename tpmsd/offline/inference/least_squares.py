@@ -38,7 +38,7 @@ class LeastSquaresFit:
     """Log-likelihood over that of no columns at all."""
 
     def known(self, column: int, std: float) -> LeastSquaresFit:
-        """Return the fit with one value known to be zero within `std`; the gain stays the data's."""
+        """Return the fit with one value known to be zero within `std`; the gain remains that of the data."""
         across = self.covariance[:, column]
         total = std**2 + across[column]
         return replace(
@@ -67,14 +67,14 @@ class DriveGrams:
         return self.grams.blocks
 
     def own(self, design: FloatArray) -> FloatArray:
-        """(n, k) a common design in the drive's own columns."""
+        """Return a common design as (n, k) in the drive's own columns."""
         out = np.zeros((self.grams.width, design.shape[1]))
         np.add.at(out, self.local, design[self.here])
         return out
 
     @property
     def total(self) -> FloatArray:
-        """(n, n) Gram matrix of the data and the columns."""
+        """Return the (n, n) Gram matrix of the data and the columns."""
         total = self.grams.total
         if self.data is None:
             return total
@@ -84,7 +84,7 @@ class DriveGrams:
         return out
 
     def small(self, design: FloatArray) -> FloatArray:
-        """(blocks, 1 + k, 1 + k) Gram matrices of the data and a common design's columns."""
+        """Return the (blocks, 1 + k, 1 + k) Gram matrices of the data and a common design's columns."""
         data = np.eye(self.grams.width, 1) if self.data is None else self.data[:, None]
         own = np.concatenate([data, self.own(design)], axis=1)
         rows = np.flatnonzero(np.any(own != 0.0, axis=1))
@@ -118,7 +118,7 @@ class Evidence:
         self.folds = [np.flatnonzero(np.arange(count) % FOLDS == fold) for fold in range(min(FOLDS, count))]
 
     def less(self, weights: FloatArray) -> Evidence:
-        """Return the same columns, with a combination (1 + p,) of them taken from the data."""
+        """Return the evidence with a combination (1 + p,) of the columns subtracted from the data."""
         taken = -weights
         taken[0] += 1.0
         parts = []
@@ -131,17 +131,17 @@ class Evidence:
 
     @property
     def width(self) -> int:
-        """1 + p, the data included."""
+        """Return the number of columns, 1 + p, the data included."""
         return int(self.total.shape[0])
 
     def unit(self, *columns: int) -> FloatArray:
-        """(1 + p, k) design of single columns."""
+        """Return the (1 + p, k) design of single columns."""
         out = np.zeros((self.width, len(columns)))
         out[list(columns), np.arange(len(columns))] = 1.0
         return out
 
     def fit(self, design: FloatArray) -> LeastSquaresFit:
-        """Least squares of column 0 on the combinations `design`."""
+        """Return the least-squares fit of column 0 on the combinations `design`."""
         used = np.any(design != 0.0, axis=1)
         used[0] = True
         rows = np.flatnonzero(used)
@@ -152,7 +152,7 @@ class Evidence:
         return LeastSquaresFit(design, values * scale, inverse * np.outer(scale, scale), gain)
 
     def heldout(self, design: FloatArray) -> FloatArray:
-        """(blocks,) log-likelihood of each block with values fitted elsewhere, up to a constant.
+        """Return the (blocks,) log-likelihood of each block with values fitted elsewhere, up to a constant.
 
         Elsewhere are the other folds' blocks; of three drives or more, the other drives.
         """
@@ -170,7 +170,7 @@ class Evidence:
         return out
 
     def sandwich(self, fitted: LeastSquaresFit) -> FloatArray:
-        """(k,) ratio of the block-wise variance of each value to the one assumed.
+        """Return the (k,) ratio of the block-wise variance of each value to the one assumed.
 
         Blocks whose scores scatter more than white noise would (slow errors that no state holds) make
         values less certain than the Gram matrix says (White, Econometrica 48, 1980; clustered by block).
@@ -182,7 +182,8 @@ class Evidence:
         return np.asarray(np.diag(spread) / np.maximum(np.diag(fitted.covariance), 1e-300))
 
     def projected(self, design: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Gram matrix (p, p) and correlation with the data (p,) of all columns, `design` projected out."""
+        """Return Gram matrix (p, p) and correlation with the data (p,) of all columns, `design` projected
+        out."""
         gram = self.total
         if design.shape[1]:
             norm = np.sqrt(np.maximum((design * (gram @ design)).sum(axis=0), 1e-300))
@@ -193,24 +194,24 @@ class Evidence:
 
 
 def gain_of(gram: FloatArray) -> float:
-    """Log-likelihood that the columns of a small Gram matrix (1 + k, 1 + k), the data first, bring."""
+    """Return the log-likelihood gain of the columns of a small Gram matrix (1 + k, 1 + k), the data first."""
     return _solved(gram, _scale(gram))[2]
 
 
 def fitted(gram: FloatArray) -> tuple[FloatArray, float]:
-    """(k,) fitted values of a small Gram matrix's columns, the data first, and the gain."""
+    """Return the (k,) fitted values of a small Gram matrix's columns, the data first, and the gain."""
     scale = _scale(gram)
     values, _, gain = _solved(gram, scale)
     return values * scale, gain
 
 
 def _scale(gram: FloatArray) -> FloatArray:
-    """(k,) factors that make the columns of a small Gram matrix of unit length."""
+    """Return the (k,) factors that make the columns of a small Gram matrix of unit length."""
     return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-100)))
 
 
 def _solved(gram: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Values and covariance in units of the scale, and the gain, of a small Gram matrix."""
+    """Return values and covariance in units of the scale, and the gain, of a small Gram matrix."""
     A = gram[1:, 1:] * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
     b = gram[1:, 0] * scale
     factor = scipy.linalg.cho_factor(A, lower=True)
@@ -239,8 +240,8 @@ def _predicted_by_other_drives(small: list[FloatArray]) -> list[FloatArray]:
         acts = 1 + np.flatnonzero(np.diag(mine)[1:] > _RIDGE)
         known = np.diag(rest)[acts] > _RIDGE
         shared, own = acts[known], acts[~known]
-        value, information = _elsewhere(rest, shared, windows)
-        constant, slope, curvature = _within(one, mine, shared, own)
+        value, information = _shared_from_others(rest, shared, windows)
+        constant, slope, curvature = _heldout_quadratic(one, mine, shared, own)
         score = constant
         if len(shared):
             pull = information @ value + slope
@@ -251,10 +252,11 @@ def _predicted_by_other_drives(small: list[FloatArray]) -> list[FloatArray]:
     return out
 
 
-def _elsewhere(rest: FloatArray, shared: np.ndarray, windows: float) -> tuple[FloatArray, FloatArray]:
-    """Return what the other drives know of the shared values: mean and information, their own values
-    integrated out.
-    """
+def _shared_from_others(
+    rest: FloatArray, shared: np.ndarray, windows: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and information of the shared values by the other drives, whose own values are integrated
+    out."""
     if not len(shared):
         return np.zeros(0), np.zeros((0, 0))
     used = 1 + np.flatnonzero(np.diag(rest)[1:] > _RIDGE)
@@ -266,13 +268,12 @@ def _elsewhere(rest: FloatArray, shared: np.ndarray, windows: float) -> tuple[Fl
     return values[at], np.linalg.inv(inverse[np.ix_(at, at)])
 
 
-def _within(
+def _heldout_quadratic(
     by_block: FloatArray, mine: FloatArray, shared: np.ndarray, own: np.ndarray
 ) -> tuple[float, FloatArray, FloatArray]:
     """Return the drive's held-out log-likelihood as a quadratic function of the shared values: constant,
     slope and curvature. In each fold the drive's own values are fitted on its other blocks, given the shared
-    ones.
-    """
+    ones."""
     s, o = len(shared), len(own)
     rows = np.concatenate([[0], shared, own]).astype(int)
     constant, slope, curvature = 0.0, np.zeros(s), np.zeros((s, s))

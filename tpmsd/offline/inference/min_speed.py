@@ -23,7 +23,8 @@ INFORMATION = 0.95
 
 
 def least_speed(speed_mps: FloatArray) -> float:
-    """Speed (m/s) above which (n,) speeds at equal steps hold that share of the sum of their squares."""
+    """Return the speed (m/s) above which (n,) speeds at equal steps hold `INFORMATION` of their sum of
+    squares."""
     fastest = np.sort(speed_mps)[::-1]
     information = np.cumsum(fastest**2)
     if not len(information) or information[-1] <= 0.0:

@@ -108,7 +108,7 @@ PRIORS: Mapping[str, tuple[float, float]] = MappingProxyType(
 
 
 def with_usual_drift(noise: Noise) -> Noise:
-    """Return the same noise with radii that drift as those of most tyres and roads do."""
+    """Return the noise with the radius drift of most tyres and roads."""
     return replace(
         noise, radius_drift=PRIORS["radius_drift"][0], radius_drift_tau_s=PRIORS["radius_drift_tau_s"][0]
     )

@@ -73,9 +73,14 @@ class Data:
     """Priors of the noise: median and logarithmic spread by parameter."""
 
     def estimable(self, names: Iterable[str] = LIMITS) -> list[str]:
-        """Those parameters that the drive's states have and a measured channel shows."""
+        """Return the parameters of `names` that a state of the drive depends on and a measured channel
+        shows."""
         seen = np.atleast_1d(self.space.here.any(axis=0))
-        return [name for name in names if name in self.space.layout.parameters and seen[_channel(name)]]
+        return [
+            name
+            for name in names
+            if name in self.space.layout.parameters and seen[_channel_of_parameter(name)]
+        ]
 
 
 def fit_noise(
@@ -85,7 +90,7 @@ def fit_noise(
     stage: SearchStage,
     inflate: FloatArray | None = None,
 ) -> Noise:
-    """Maximise the restricted likelihood over what a stage may estimate.
+    """Return the noise that maximises the restricted likelihood over the parameters of a stage.
 
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
     A long drive is represented by two stretches of it.
@@ -93,7 +98,7 @@ def fit_noise(
     whole = _data(windows, columns, inflate)
     names = whole.estimable()
     if stage is SearchStage.FIRST:
-        part = _apart(representative(whole, FIT_WINDOWS))
+        part = _with_radii_by_stretch(representative(whole, FIT_WINDOWS))
         return maximised(part, start, [name for name in names if name not in SLOWLY_VARYING], FIRST_NEAR_NATS)
     if stage is SearchStage.LAST:
         slow = representative(whole, SLOW_WINDOWS)
@@ -102,47 +107,48 @@ def fit_noise(
 
 
 def refit_slow(windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
-    """Only the receiver's slow error, on the whole drive."""
+    """Return the noise with only the receiver's slow error fitted, on the whole drive."""
     return refit(windows, columns, noise, inflate, SLOW)
 
 
 def refit_radius_drift(
     windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None
 ) -> Noise:
-    """Only the radius drift, on the whole drive."""
+    """Return the noise with only the radius drift fitted, on the whole drive."""
     return refit(windows, columns, noise, inflate, RADIUS_DRIFT)
 
 
 def refit(
     windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None, names: Sequence[str]
 ) -> Noise:
-    """These parameters alone, on the whole drive."""
+    """Return the noise with these parameters alone fitted, on the whole drive."""
     return maximised(_data(windows, columns, inflate), noise, names)
 
 
 def log_posterior(
     windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None
 ) -> float:
-    """Log-likelihood with the columns' values at their best, and the prior of the noise."""
+    """Return the log-likelihood with the columns' values at their best, plus the log prior of the noise."""
     data = _data(windows, columns, inflate)
     made = Whitener(data.space, diagonals(data.space, noise, data.inflate))
-    y, X, _ = _orthonormal(data, made)
+    y, X, _ = _whitened_orthonormal(data, made)
     left = y - X @ (X.T @ y)
     return -0.5 * (float(left @ y) + made.logdet) + log_prior(noise)
 
 
 def maximised(data: Data, start: Noise, names: Sequence[str], near_nats: float = NEAR_NATS) -> Noise:
-    """Return the noise of greatest restricted posterior in these parameters, from a start; it ends with a
-    step that gains less than `near_nats`.
-    """
+    """Return the noise of greatest restricted posterior in these parameters, from a start; the search ends
+    with a step that gains less than `near_nats`."""
     if not names:
         return start
-    free = np.array([_free(name, float(getattr(start, name))) for name in names])
-    bounds = [(_free(name, LIMITS[name][0]), _free(name, LIMITS[name][1])) for name in names]
+    free = np.array([_free_coordinate(name, float(getattr(start, name))) for name in names])
+    bounds = [
+        (_free_coordinate(name, LIMITS[name][0]), _free_coordinate(name, LIMITS[name][1])) for name in names
+    ]
     free = np.clip(free, *np.array(bounds).T)
 
     def negative(values: FloatArray) -> tuple[float, FloatArray]:
-        value, slope = restricted_posterior(data, _noise(start, names, values), names)
+        value, slope = restricted_posterior(data, _noise_at(start, names, values), names)
         return -value, -slope
 
     found = minimize(
@@ -154,7 +160,7 @@ def maximised(data: Data, start: Noise, names: Sequence[str], near_nats: float =
         options={"ftol": 0.0, "maxiter": MAX_STEPS, "maxfun": 2 * MAX_STEPS},
         callback=_Convergence(near_nats),
     )
-    return _noise(start, names, found.x)
+    return _noise_at(start, names, found.x)
 
 
 class _Convergence:
@@ -171,37 +177,36 @@ class _Convergence:
 
 
 def restricted_posterior(data: Data, noise: Noise, names: Sequence[str]) -> tuple[float, FloatArray]:
-    """Restricted log-likelihood plus the log prior of a noise, and its gradient by the free coordinates (the
-    logarithm; of a correlation the logit) of the named parameters."""
+    """Return the restricted log-likelihood plus the log prior of a noise, and its gradient by the free
+    coordinates (the logarithm; of a correlation the logit) of the named parameters."""
     diagonal = diagonals(data.space, noise, data.inflate)
     made = Whitener(data.space, diagonal, for_derivatives=True)
-    y, X, log_information = _orthonormal(data, made)
+    y, X, log_information = _whitened_orthonormal(data, made)
     left = y - X @ (X.T @ y)
     value = -0.5 * (float(left @ y) + made.logdet + log_information) + log_prior(noise, data.priors)
     measured = slice(0, data.inflate.size)  # what is known beforehand depends on no noise
     rows = np.concatenate([left[measured, None], X[measured]], axis=1).reshape(data.columns.shape)
     by = made.derivatives(rows)
-    slope = np.array([_chained(data, noise, diagonal, name, by) for name in names])
+    slope = np.array([_slope_by_parameter(data, noise, diagonal, name, by) for name in names])
     return value, slope
 
 
 def log_prior(noise: Noise, priors: Mapping[str, tuple[float, float]] = PRIORS) -> float:
-    """Return the log-prior of the noise of receivers: a drive holds too few swings of the slow error to tell
-    it alone.
-    """
+    """Return the log prior of a noise: a drive holds too few swings of the receiver's slow error to fit it
+    alone."""
     return -0.5 * sum(
         (math.log(getattr(noise, name) / middle) / spread) ** 2 for name, (middle, spread) in priors.items()
     )
 
 
 def single_outliers(white: FloatArray) -> FloatArray:
-    """(w, 9) factors on the variances that bring readings beyond 3.5 standard deviations back to 2."""
+    """Return (w, 9) factors on the variances that bring readings beyond 3.5 standard deviations back to 2."""
     size = np.abs(white)
     return np.where(size > OUTLIER, np.square(size / 2.0), 1.0)
 
 
 def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) -> FloatArray:
-    """(w, 9) factors on the variances, from the whitened residual of the best model so far.
+    """Return (w, 9) factors on the variances, from the whitened residual of the best model so far.
 
     Readings beyond 3.5 standard deviations are made to weigh less, and so are stretches in which a
     channel scatters more than in the rest of the drive (a receiver under bridges): noise is not the same
@@ -229,10 +234,10 @@ def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) 
     return np.asarray(before * factor)
 
 
-def _orthonormal(data: Data, made: Whitener) -> tuple[FloatArray, FloatArray, float]:
-    """Whitened data (n,), columns (n, k) that are orthonormal and span the others, and the log-determinant of
-    these others' information, up to a constant that no noise changes. What is known of the columns' values
-    stands in k rows at the end, as readings of zero."""
+def _whitened_orthonormal(data: Data, made: Whitener) -> tuple[FloatArray, FloatArray, float]:
+    """Return whitened data (n,), columns (n, k) that are orthonormal and span the others, and the log-
+    determinant of these others' information, up to a constant that no noise changes. Priors of the columns'
+    values stand in k rows at the end, as readings of zero."""
     white = made.apply(data.columns)
     rows = white.reshape(-1, white.shape[2])
     y, X = rows[:, 0], rows[:, 1:]
@@ -250,10 +255,10 @@ def _orthonormal(data: Data, made: Whitener) -> tuple[FloatArray, FloatArray, fl
     return y, basis, 2.0 * float(np.log(np.diag(factor)).sum() + np.log(size).sum())
 
 
-def _chained(data: Data, noise: Noise, diagonal: Diagonals, name: str, by: Derivatives) -> float:
-    """Derivative by one free coordinate."""
-    here = _free(name, float(getattr(noise, name)))
-    moved = _noise(noise, [name], np.array([here + _PROBE]))
+def _slope_by_parameter(data: Data, noise: Noise, diagonal: Diagonals, name: str, by: Derivatives) -> float:
+    """Return the derivative of the restricted posterior by the free coordinate of one parameter."""
+    here = _free_coordinate(name, float(getattr(noise, name)))
+    moved = _noise_at(noise, [name], np.array([here + _PROBE]))
     parts = changed_diagonals(data.space, moved, name, data.inflate)
     out = sum(
         float(np.sum(getattr(by, part)[..., at] * (after - getattr(diagonal, part)[..., at]))) / _PROBE
@@ -265,11 +270,13 @@ def _chained(data: Data, noise: Noise, diagonal: Diagonals, name: str, by: Deriv
     return out
 
 
-def _free(name: str, value: float) -> float:
+def _free_coordinate(name: str, value: float) -> float:
+    """Return the unbounded coordinate of a parameter: its logarithm, or the logit of a correlation."""
     return math.log(value / (1.0 - value)) if name == "speed_memory" else math.log(value)
 
 
-def _noise(start: Noise, names: Sequence[str], free: FloatArray) -> Noise:
+def _noise_at(start: Noise, names: Sequence[str], free: FloatArray) -> Noise:
+    """Return the noise with the named parameters at these free coordinates."""
     values = np.exp(free)
     changes = {
         name: float(value / (1.0 + value)) if name == "speed_memory" else float(value)
@@ -278,7 +285,8 @@ def _noise(start: Noise, names: Sequence[str], free: FloatArray) -> Noise:
     return dataclasses.replace(start, **changes)  # type: ignore[arg-type]
 
 
-def _channel(name: str) -> int:
+def _channel_of_parameter(name: str) -> int:
+    """Return the channel that has to be measured so that a parameter can be estimated."""
     if name.startswith("gyro"):
         return GYRO
     if name.startswith("speed"):
@@ -295,7 +303,7 @@ def _data(windows: Linearised, columns: FloatArray, inflate: FloatArray | None) 
 
 
 def representative(data: Data, windows: int = FIT_WINDOWS) -> Data:
-    """Two contiguous stretches, of so many windows together, that stand for a long drive."""
+    """Return two contiguous stretches, of `windows` windows together, in place of a long drive."""
     count = len(data.columns)
     if count <= windows:
         return data
@@ -310,8 +318,9 @@ def representative(data: Data, windows: int = FIT_WINDOWS) -> Data:
     )
 
 
-def _apart(data: Data) -> Data:
-    """With radii of its own for each stretch: a tyre that changed between them is no noise in them."""
+def _with_radii_by_stretch(data: Data) -> Data:
+    """Return the data with columns for radii of each stretch: a tyre that changed between them is no noise in
+    them."""
     gap = data.space.gap
     if not np.any(gap > 1):
         return data

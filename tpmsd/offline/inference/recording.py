@@ -63,17 +63,17 @@ class Recording:
 
     @property
     def ticks(self) -> int:
-        """Number of ticks, gaps included."""
+        """Return the number of ticks, gaps included."""
         return len(self.rotation_rad)
 
     @property
     def edges_s(self) -> FloatArray:
-        """(n + 1,) times at which the ticks begin and end."""
+        """Return (n + 1,) times at which the ticks begin and end."""
         return np.arange(self.ticks + 1, dtype=np.float64) * self.dt_s
 
     @property
     def wheels(self) -> list[int]:
-        """Wheels that were read at all."""
+        """Return the indices of the wheels that have any reading."""
         return [k for k in range(4) if bool(np.any(np.isfinite(self.rotation_rad[:, k])))]
 
 
@@ -92,7 +92,7 @@ def car_of(config: Config) -> Car:
 
 
 def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Recording:
-    """Lay the ticks out on one grid; `name` is what reports call the drive.
+    """Return the ticks as arrays on one time grid; `name` is the drive's name in reports.
 
     ValueError if there are no ticks, or if they span more than a day.
     """

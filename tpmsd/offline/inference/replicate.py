@@ -27,11 +27,11 @@ from tpmsd.offline.inference.windows import Reader
 
 
 def replicate(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> Recording:
-    """Draw the drive once."""
+    """Return a recording drawn from the model and the noise, with gaps where the original has them."""
     recording = reader.recording
-    rotation = _rotation(reader, model, noise, rng)
-    gyro = _gyro(reader, model, noise, rng)
-    fixes = _fixes(reader, model, noise, rng)
+    rotation = _draw_rotation(reader, model, noise, rng)
+    gyro = _draw_gyro(reader, model, noise, rng)
+    fixes = _draw_fixes(reader, model, noise, rng)
     return replace(
         recording,
         rotation_rad=rotation,
@@ -44,23 +44,27 @@ def replicate(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random
 
 
 def gauss_markov(rng: np.random.Generator, count: int, std: float, keep: float) -> FloatArray:
-    """(count,) a stationary first-order Gauss-Markov sequence of this standard deviation and correlation."""
+    """Return (count,) of a stationary first-order Gauss-Markov sequence of this standard deviation and
+    correlation."""
     steps = std * rng.standard_normal(count)
     steps[1:] *= math.sqrt(1.0 - keep**2)
     return accumulated(steps, keep)
 
 
-def _kept(tau_s: float, step_s: float) -> float:
+def _step_correlation(tau_s: float, step_s: float) -> float:
+    """Return the correlation over one step of a time constant."""
     return math.exp(-step_s / tau_s)
 
 
 def _memory_s(correlation: float) -> float:
-    """Time constant of a correlation from window to window."""
+    """Return the time constant (s) of a correlation from window to window."""
     return -WINDOW_S / math.log(correlation)
 
 
-def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> FloatArray:
-    """(n, 4) turn of each wheel in each tick; NaN where it was not read."""
+def _draw_rotation(
+    reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator
+) -> FloatArray:
+    """Return the (n, 4) turn (rad) of each wheel in each tick; NaN where it was not read."""
     recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     speed = np.maximum(motion.speed_mps, 0.0)
@@ -70,7 +74,7 @@ def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random
     for wheel in recording.wheels:
         angle = angles[:, wheel] + model.tooth_angle_error_rad(angles[:, wheel], wheel)
         angle = angle * model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
-        drift = gauss_markov(rng, n, noise.radius_drift, _kept(noise.radius_drift_tau_s, dt))
+        drift = gauss_markov(rng, n, noise.radius_drift, _step_correlation(noise.radius_drift_tau_s, dt))
         road = np.sqrt(
             noise.rough_m**2 * distance_m + noise.floor_m**2 * dt / WINDOW_S
         ) * rng.standard_normal(n)
@@ -86,8 +90,8 @@ def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random
     return np.where(np.isfinite(recording.rotation_rad), out, math.nan)
 
 
-def _gyro(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> FloatArray:
-    """(n,) NaN where it was not read."""
+def _draw_gyro(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> FloatArray:
+    """Return the (n,) yaw rate of the gyro (rad/s); NaN where it was not read."""
     recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     edges = gyro_rates(motion, car, model)
@@ -97,16 +101,16 @@ def _gyro(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Gen
     return np.where(np.isfinite(recording.inertial["yaw_rate_radps"]), drawn, math.nan)
 
 
-def _fixes(
+def _draw_fixes(
     reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator
 ) -> dict[str, FloatArray]:
-    """Positions, speeds and courses (m,) each; NaN where the receiver gave none."""
+    """Return positions, speeds and courses (m,) each; NaN where the receiver gave none."""
     recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     time_s, count = recording.fix_time_s, len(recording.fix_time_s)
 
     def slow(std: float, tau_s: float) -> FloatArray:
-        return np.interp(time_s, motion.time_s[1:], gauss_markov(rng, n, std, _kept(tau_s, dt)))
+        return np.interp(time_s, motion.time_s[1:], gauss_markov(rng, n, std, _step_correlation(tau_s, dt)))
 
     def white(std: float) -> FloatArray:
         return std * rng.standard_normal(count)

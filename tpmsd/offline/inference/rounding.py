@@ -28,7 +28,8 @@ WHOLE = 0.1
 
 
 def repeated_rounding_variance(recording: Recording) -> FloatArray:
-    """(w, 4) variance in m2 of the wheels' ways in the windows of a recording."""
+    """Return the (w, 4) variance in m2 of the wheels' distances by rounding that repeats while a speed is
+    held."""
     per = round(WINDOW_S / recording.dt_s)
     count = recording.ticks // per
     out = np.zeros((count, 4))
@@ -36,23 +37,21 @@ def repeated_rounding_variance(recording: Recording) -> FloatArray:
         distances = recording.rotation_rad[:, wheel] * recording.car.radius_m[wheel]
         ticks = distances[: count * per].reshape(count, per)
         still = np.ptp(ticks, axis=1) <= SAME * ticks.max(axis=1)
-        step = _measure(ticks[still & (ticks[:, 0] > 0.0), 0]) or _step(distances)
+        step = _common_divisor(ticks[still & (ticks[:, 0] > 0.0), 0]) or _resolution_m(distances)
         if step > 0.0:
-            run = _runs(still, ticks.mean(axis=1))
+            run = _run_lengths(still, ticks.mean(axis=1))
             out[:, wheel] = run * (per * step) ** 2 / 12.0
     return out
 
 
-def _step(distances: FloatArray) -> float:
-    """Return the common measure of the distances that two ticks in a row have in common; 0 where there is
-    none.
-    """
+def _resolution_m(distances: FloatArray) -> float:
+    """Return the common divisor of distances that two consecutive ticks share; 0 where there is none."""
     same = (np.abs(np.diff(distances)) <= SAME * distances[1:]) & (distances[1:] > 0.0)
-    return _measure(distances[1:][same])
+    return _common_divisor(distances[1:][same])
 
 
-def _measure(levels: FloatArray) -> float:
-    """Return the common measure of levels that were held; 0 where there is none."""
+def _common_divisor(levels: FloatArray) -> float:
+    """Return the common divisor of the levels of a wheel's distance; 0 where there is none."""
     levels = np.sort(levels)
     apart = np.diff(levels)
     apart = apart[apart > 2.0 * SAME * levels[1:]]
@@ -64,8 +63,9 @@ def _measure(levels: FloatArray) -> float:
     return step if len(near) >= FEWEST_STEPS and bool(whole.all()) else 0.0
 
 
-def _runs(held: np.ndarray, levels: FloatArray) -> FloatArray:
-    """(w,) length of the run of windows with one reading that each belongs to; 0 where it changes."""
+def _run_lengths(held: np.ndarray, levels: FloatArray) -> FloatArray:
+    """Return the (w,) length of the run of windows with one reading that each belongs to; 0 where it
+    changes."""
     again = held[1:] & held[:-1] & (np.abs(np.diff(levels)) <= SAME * levels[1:])
     run = np.concatenate([[0], np.cumsum(~again)])
     return np.asarray(np.where(held, np.bincount(run)[run], 0.0))

@@ -48,12 +48,12 @@ class System:
 
     @property
     def seen(self) -> FloatArray:
-        """(w, 9, c) G: innovations by the carried states before."""
+        """Return (w, 9, c) G: innovations by the carried states before."""
         return np.asarray(self.by.inverse @ self.moved[:, len(self.carried) :])
 
     @property
     def phi(self) -> FloatArray:
-        """(w, c, c): errors of the carried states by those before."""
+        """Return (w, c, c): errors of the carried states by those before."""
         return np.asarray(self.moved[:, : len(self.carried)] - self.by.gain.transpose(0, 2, 1) @ self.seen)
 
 
@@ -105,7 +105,7 @@ def array_scores(system: System, white: FloatArray) -> Derivatives:
 
 
 def compiled_scores(system: System, white: FloatArray) -> Derivatives:
-    """Return them by compiled code, for `MAX_STATES` states at most."""
+    """Return `scores` computed by compiled code, for `MAX_STATES` states at most."""
     (count, channels, width), (rows, every) = white.shape, system.joint.shape[1:]
     carry = len(system.carried)
     variance, start = np.empty((count, channels)), np.empty(carry)
@@ -119,7 +119,8 @@ def compiled_scores(system: System, white: FloatArray) -> Derivatives:
 
 
 def informations(phi: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(w, c, c) what all later windows tell about the carried states after each, and before the first."""
+    """Return the (w, c, c) information of all later windows on the carried states after each, and before the
+    first."""
     out = np.empty(phi.shape)
     N = np.zeros(phi.shape[1:])
     information = seen.transpose(0, 2, 1) @ seen
@@ -131,8 +132,8 @@ def informations(phi: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def adjoints(phi: FloatArray, pushed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(w, c, p) the likelihood's derivative by the carried states after each window, and before the first
-    (c, p), of what each window pushes (w, c, p)."""
+    """Return the likelihood's derivative by the carried states after each window (w, c, p), and before the
+    first (c, p), from the derivatives `pushed` by those of single windows (w, c, p)."""
     out = np.empty_like(pushed)
     adjoint = np.zeros(pushed.shape[1:])
     for k in range(len(pushed) - 1, -1, -1):

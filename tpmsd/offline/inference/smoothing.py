@@ -17,7 +17,7 @@ NEAREST, REFLECT = "edge", "symmetric"
 
 
 def gaussian(values: FloatArray, sigma: float, beyond: str = REFLECT) -> FloatArray:
-    """(n,) or (n, m) values smoothed along the first axis by a Gaussian of `sigma` samples."""
+    """Return (n,) or (n, m) values smoothed along the first axis by a Gaussian of `sigma` samples."""
     if not len(values):
         return values.copy()
     radius = int(CUT_STDS * sigma + 0.5)
@@ -29,17 +29,17 @@ def gaussian(values: FloatArray, sigma: float, beyond: str = REFLECT) -> FloatAr
 
 
 def running_median(values: FloatArray, size: int, beyond: str = NEAREST) -> FloatArray:
-    """(n,) median of an odd number of samples around each."""
-    return np.asarray(np.median(_around(values, size, beyond), axis=1))
+    """Return the (n,) median of an odd number of samples around each."""
+    return np.asarray(np.median(_sliding_windows(values, size, beyond), axis=1))
 
 
 def running_mean(values: FloatArray, size: int, beyond: str = REFLECT) -> FloatArray:
-    """(n,) mean of an odd number of samples around each."""
-    return np.asarray(np.mean(_around(values, size, beyond), axis=1))
+    """Return the (n,) mean of an odd number of samples around each."""
+    return np.asarray(np.mean(_sliding_windows(values, size, beyond), axis=1))
 
 
-def _around(values: FloatArray, size: int, beyond: str) -> FloatArray:
-    """(n, size)"""
+def _sliding_windows(values: FloatArray, size: int, beyond: str) -> FloatArray:
+    """Return the (n, size) samples around each."""
     return np.lib.stride_tricks.sliding_window_view(_padded(values, size // 2, beyond), size)
 
 

@@ -30,7 +30,7 @@ class _Run:
 
     @property
     def width(self) -> int:
-        """Number of columns."""
+        """Return the number of columns."""
         return len(self.arrays) if self.channel is None else int(self.arrays[0].shape[1])
 
 
@@ -43,13 +43,13 @@ class ColumnStack:
             self.add(column)
 
     def add(self, column: FloatArray) -> None:
-        """Append one (w, 9)."""
+        """Append one column (w, 9)."""
         if not self._runs or self._runs[-1].channel is not None:
             self._runs.append(_Run(None, []))
         self._runs[-1].arrays.append(column)
 
     def add_of_channel(self, channel: int, values: FloatArray) -> None:
-        """Append several that are zero but in one channel: their values (w, k) there."""
+        """Append columns that are zero but in one channel, with values (w, k) there."""
         self._runs.append(_Run(channel, [values]))
 
     def __add__(self, other: ColumnStack) -> ColumnStack:
@@ -65,7 +65,7 @@ class ColumnStack:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(w, 9, p) as of an array that holds all."""
+        """Return (w, 9, p), the shape of the array of all columns."""
         windows = len(self._runs[0].arrays[0]) if self._runs else 0
         return windows, CHANNELS, sum(run.width for run in self._runs)
 
@@ -74,7 +74,7 @@ class ColumnStack:
         return self.take([column])[:, :, 0]
 
     def take(self, columns: Sequence[int] | np.ndarray) -> FloatArray:
-        """(w, 9, k) some of them."""
+        """Return the chosen columns, (w, 9, k)."""
         wanted = [int(column) for column in columns]
         out = np.zeros((*self.shape[:2], len(wanted)))
         first = 0
@@ -89,9 +89,9 @@ class ColumnStack:
         return out
 
     def parts(self, first: int = 0) -> Iterator[FloatArray]:
-        """(some windows, 9, p - first) the columns from the first on, all windows in turn."""
+        """Yield the columns from `first` on, (some windows, 9, p - first), block after block of windows."""
         windows, _, width = self.shape
-        runs = list(self._from(first))
+        runs = list(self._runs_from(first))
         for start in range(0, windows, WINDOWS_AT_ONCE):
             here = slice(start, start + WINDOWS_AT_ONCE)
             out = np.zeros((min(WINDOWS_AT_ONCE, windows - start), CHANNELS, width - first))
@@ -107,7 +107,7 @@ class ColumnStack:
             yield out
 
     def whole(self) -> FloatArray:
-        """(w, 9, p)"""
+        """Return all columns, (w, 9, p)."""
         out = np.empty(self.shape)
         start = 0
         for part in self.parts():
@@ -115,7 +115,8 @@ class ColumnStack:
             start += len(part)
         return out
 
-    def _from(self, first: int) -> Iterator[tuple[int | None, list[FloatArray]]]:
+    def _runs_from(self, first: int) -> Iterator[tuple[int | None, list[FloatArray]]]:
+        """Yield (channel, arrays) of each run, without the first `first` columns."""
         for run in self._runs:
             skipped = min(first, run.width)
             first -= skipped

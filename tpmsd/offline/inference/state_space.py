@@ -74,7 +74,8 @@ class Geometry:
 
     @cached_property
     def joint(self) -> FloatArray:
-        """(w, c + 9, s) observation matrix of the c carried states and the channels, applied to D x + u."""
+        """Return the (w, c + 9, s) observation matrix of the c carried states and the channels, applied to D
+        x + u."""
         carried = self.layout.carried
         out = np.zeros((len(self.here), len(carried) + CHANNELS, self.layout.states))
         out[:, np.arange(len(carried)), carried] = 1.0
@@ -85,20 +86,20 @@ class Geometry:
 
     @cached_property
     def joint_of_carried(self) -> FloatArray:
-        """(w, c + 9, c) what of these the carried states before give, had they not faded."""
+        """Return the (w, c + 9, c) part of `joint` for the carried states before, without their decay."""
         came_to = self.layout.carried.copy()
         came_to[Q : Q + 4] = np.arange(QOLD, QOLD + 4)
         return np.ascontiguousarray(self.joint[:, :, came_to])
 
     @cached_property
     def motion_covariance(self) -> FloatArray:
-        """(w, c + 9, c + 9) covariance of carried states and channels by the motion's errors of each
-        window."""
+        """Return the (w, c + 9, c + 9) covariance of carried states and channels by each window's motion
+        errors."""
         seen = self.joint[:, :, V : PN + 1]
         return np.asarray(seen @ self.motion @ seen.transpose(0, 2, 1))
 
     def part(self, at: np.ndarray, gap: np.ndarray) -> Geometry:
-        """Some of the windows, with the gaps between them."""
+        """Return the geometry of the windows `at`, with the gaps between them."""
         cut = {
             field.name: getattr(self, field.name)[at]
             for field in dataclasses.fields(self)
@@ -116,28 +117,28 @@ class StateSpace:
 
     @property
     def transition(self) -> FloatArray:
-        """(w, s, s) F: a reading at a window's end is one at the next one's start, old errors fade, and an
-        error of the heading moves the position."""
+        """Return (w, s, s) F: a reading at a window's end is one at the next one's start, old errors fade,
+        and an error of the heading moves the position."""
         decay = self.diagonals.decay
         states = decay.shape[1]
         out = np.zeros((len(decay), states, states))
         came_from = np.arange(states)
         came_from[QOLD : QOLD + 4] = np.arange(Q, Q + 4)
         out[:, np.arange(states), came_from] = decay
-        return self._injection @ out
+        return self._heading_to_position @ out
 
     @property
     def fresh(self) -> FloatArray:
-        """(w, s, s) Q."""
+        """Return (w, s, s) Q, the covariance of the process noise."""
         states = self.diagonals.fresh.shape[1]
         out = np.zeros((*self.diagonals.fresh.shape, states))
         out[:, np.arange(states), np.arange(states)] = self.diagonals.fresh
         out[:, V : PN + 1, V : PN + 1] += self.geometry.motion
-        return np.asarray(self._injection @ out @ self._injection.transpose(0, 2, 1))
+        return np.asarray(self._heading_to_position @ out @ self._heading_to_position.transpose(0, 2, 1))
 
     @property
-    def _injection(self) -> FloatArray:
-        """(w, s, s) J."""
+    def _heading_to_position(self) -> FloatArray:
+        """Return (w, s, s) J, which adds the effect of a turned heading to the position."""
         turn = self.geometry.turn
         out = np.tile(np.eye(self.diagonals.decay.shape[1]), (len(turn), 1, 1))
         for state in self.geometry.layout.turning:
@@ -162,7 +163,8 @@ def geometry(windows: Linearised, here: np.ndarray, layout: Layout = DRIFTING_RA
 
 
 def diagonals(space: Geometry, noise: Noise, inflate: FloatArray | None = None) -> Diagonals:
-    """Return what a noise decides; `inflate` (w, 9) multiplies the variances of single readings."""
+    """Return the variances and decays of a noise; `inflate` (w, 9) multiplies the variances of single
+    readings."""
     return Diagonals(
         _variances(space, noise, inflate), *space.layout.steps(noise, _steps(space, noise, inflate))
     )
@@ -171,7 +173,8 @@ def diagonals(space: Geometry, noise: Noise, inflate: FloatArray | None = None) 
 def changed_diagonals(
     space: Geometry, noise: Noise, name: str, inflate: FloatArray | None = None
 ) -> Iterator[tuple[str, slice, FloatArray]]:
-    """Those parts of `diagonals` that one parameter of the noise decides: field, columns and new values."""
+    """Yield the parts of `diagonals` that depend on one parameter of the noise: field, columns and new
+    values."""
     if name in WHITE:
         yield "variance", slice(None), _variances(space, noise, inflate)
     steps, first = _steps(space, noise, inflate), 0
@@ -195,12 +198,13 @@ def _steps(space: Geometry, noise: Noise, inflate: FloatArray | None) -> Steps:
 def state_space(
     windows: Linearised, noise: Noise, here: np.ndarray, inflate: FloatArray | None
 ) -> StateSpace:
-    """Return the system of a drive under a noise."""
+    """Return the matrices F, Q, H, R of a drive under a noise."""
     space = geometry(windows, here)
     return StateSpace(space, diagonals(space, noise, inflate))
 
 
 def _motion_variances(windows: Linearised) -> FloatArray:
+    """Return the (w, 5, 5) covariance of a window's errors of speed, yaw rate, heading and position."""
     g = np.zeros((len(windows), 5, 2))
     g[:, V - V, 0] = SPEED_STD_MPS
     g[:, W - V, 1] = YAW_STD_RADPS
@@ -212,7 +216,7 @@ def _motion_variances(windows: Linearised) -> FloatArray:
 
 
 def _variances(space: Geometry, noise: Noise, inflate: FloatArray | None) -> FloatArray:
-    """(w, 9) of what is new in every window."""
+    """Return the (w, 9) variances of the measurement noise that is new in every window."""
     v, number = space.speed_mps, space.fixes
     out = np.empty((len(v), CHANNELS))
     out[:, :4] = (noise.rough_m**2 * v * WINDOW_S + noise.floor_m**2)[:, None] + space.repeated_rounding_m2

@@ -61,19 +61,19 @@ class ReferenceTrajectory:
 
 
 def reference(recording: Recording) -> ReferenceTrajectory:
-    """Smooth the recording's motion. Needs readings of both rear wheels and some speeds or positions."""
+    """Return the recording's smoothed motion; it needs both rear wheels, and some speeds or positions."""
     wheels = recording.wheels
     valid = np.all(np.isfinite(recording.rotation_rad[:, wheels]), axis=1)
     car = replace(recording.car, radius_m=recording.car.radius_m.copy())
     yaw, speed = _yaw_and_speed(recording, car)
     least = least_speed(speed)
     scale = _radius_scale(recording, speed, least)
-    car = replace(car, radius_m=_balanced(recording, car, yaw, speed, least) * scale)
+    car = replace(car, radius_m=_balanced_radii_m(recording, car, yaw, speed, least) * scale)
     yaw, speed = _yaw_and_speed(recording, car)
     heading, yaw = _heading(recording, yaw, speed, least)
     motion = _motion(recording, car, speed, yaw, heading)
     grade, by = _grade(recording, speed, motion.accel_long_mps2)
-    motion = replace(motion, grade_rad=grade, measured=_measured(recording))
+    motion = replace(motion, grade_rad=grade, measured=_bus_readings(recording))
     known = by != "nothing"
     return ReferenceTrajectory(motion, car, valid, grade_known=known, grade_by=by, min_mps=least)
 
@@ -81,9 +81,8 @@ def reference(recording: Recording) -> ReferenceTrajectory:
 def moved(
     recording: Recording, before: ReferenceTrajectory, end_s: FloatArray, errors: FloatArray
 ) -> ReferenceTrajectory:
-    """Return the reference, moved by its errors (w, 3) of speed, yaw rate and heading; windows end at
-    `end_s`.
-    """
+    """Return the reference corrected by its errors (w, 3) of speed, yaw rate and heading; windows end at
+    `end_s`."""
     old, edges = before.motion, recording.edges_s
     window = np.round(end_s / WINDOW_S).astype(int) - 1
     slower = np.zeros(len(edges) // round(WINDOW_S / recording.dt_s) + 2)
@@ -140,8 +139,8 @@ def _motion(
     )
 
 
-def _measured(recording: Recording) -> dict[str, FloatArray]:
-    """(n + 1,) each: what the steering wheel, the engine and the thermometer tell, where the bus has them."""
+def _bus_readings(recording: Recording) -> dict[str, FloatArray]:
+    """Return (n + 1,) each, steering, torque and temperature, if the bus has them."""
     out = {}
     wheel = recording.inertial["steering_wheel_angle_rad"]
     if _is_measured(wheel):
@@ -154,12 +153,14 @@ def _measured(recording: Recording) -> dict[str, FloatArray]:
 
 
 def _is_measured(values: FloatArray) -> bool:
+    """Return whether more than 80 % of the values are known, and not all equal."""
     known = np.isfinite(values)
     return bool(known.mean() > 0.8 and np.ptp(values[known]) > 0)
 
 
 def fill(values: FloatArray) -> FloatArray:
-    """NaNs replaced by interpolation over the index (zeros where nothing is known); same shape (n,)."""
+    """Return the (n,) values with NaN replaced by interpolation over the index; zeros where nothing is
+    known."""
     known = np.isfinite(values)
     if not known.any():
         return np.zeros_like(values)
@@ -167,13 +168,14 @@ def fill(values: FloatArray) -> FloatArray:
 
 
 def to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
-    """(n + 1,) values at the ticks' edges from their means (n,), smoothed by a Gaussian of `sigma` ticks."""
+    """Return (n + 1,) values at the ticks' edges from their means (n,), smoothed by a Gaussian of `sigma`
+    ticks."""
     smooth = twiced(fill(ticks), sigma)
     return np.concatenate([smooth[:1], 0.5 * (smooth[1:] + smooth[:-1]), smooth[-1:]])
 
 
 def twiced(values: FloatArray, sigma: float) -> FloatArray:
-    """Smoothed by a Gaussian, and what that took away smoothed and given back (Tukey's twicing).
+    """Return the values smoothed by a Gaussian, plus the smoothed remainder (Tukey's twicing).
 
     A single pass flattens every swing, and with it the answer of the channels to a latency or to slip.
     """
@@ -207,20 +209,21 @@ def _has_gyro(recording: Recording) -> bool:
 
 
 def _yaw_smoothing_s(recording: Recording, car: Car) -> float:
-    """Width of the Gaussian that leaves of the rear wheels' rounding an error of the yaw rate of
-    YAW_ERROR_RADPS.
+    """Return the width (s) of the Gaussian behind which the rear wheels' rounding leaves `YAW_ERROR_RADPS` of
+    yaw rate.
 
     What a coarse ring leaves of it in the heading's course within a second looks like anything that is later
     or smoother than the wheels: a receiver's lag is not told from a low-pass.
     """
     # Of a turn, which holds the rounding of two readings, for each of the two wheels.
     rounding_m = math.hypot(*(recording.quantum_rad[[RL, RR]] * car.radius_m[[RL, RR]])) / math.sqrt(2.0)
-    width = _width_s(rounding_m / car.geometry.track_rear_m, recording.dt_s, YAW_ERROR_RADPS)
+    width = _gaussian_width_s(rounding_m / car.geometry.track_rear_m, recording.dt_s, YAW_ERROR_RADPS)
     return float(np.clip(width, SPEED_SMOOTHING_S, YAW_SMOOTHING_S))
 
 
-def _width_s(scatter: float, every_s: float, rate_error: float) -> float:
-    """Width of the Gaussian that leaves that error of the rate of what has white errors.
+def _gaussian_width_s(scatter: float, every_s: float, rate_error: float) -> float:
+    """Return the width (s) of the Gaussian behind which the rate of a signal with white errors has
+    `rate_error`.
 
     White errors of standard deviation s, one per T seconds, leave s T^(1/2) / (2 pi^(1/4) w^(3/2)) of a
     rate behind a Gaussian of width w.
@@ -229,7 +232,8 @@ def _width_s(scatter: float, every_s: float, rate_error: float) -> float:
 
 
 def _radius_scale(recording: Recording, speed: FloatArray, min_mps: float) -> float:
-    """Common factor on the radii that fits the receiver's speeds, or its ways where it gives no speeds."""
+    """Return the factor on the radii that fits the receiver's speeds, or its distances where it gives no
+    speeds."""
     at_fix = np.interp(recording.fix_time_s, recording.edges_s, speed)
     usable = np.isfinite(recording.speed_mps) & (at_fix > min_mps)
     if usable.sum() > 30:
@@ -251,10 +255,10 @@ def _radius_scale(recording: Recording, speed: FloatArray, min_mps: float) -> fl
     return float(np.median(moved[usable] / rolled[usable])) if usable.sum() > 30 else 1.0
 
 
-def _balanced(
+def _balanced_radii_m(
     recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray, min_mps: float
 ) -> FloatArray:
-    """Radii that make the wheels agree with their common motion, in the median."""
+    """Return the (4,) radii with which each wheel rolls as far as the common motion says."""
     middle_v, middle_w = 0.5 * (speed[1:] + speed[:-1]), 0.5 * (yaw[1:] + yaw[:-1])
     expected = wheel_speeds(middle_v, middle_w, car.geometry) * recording.dt_s
     radii = car.radius_m.copy()
@@ -269,14 +273,15 @@ def _balanced(
 def _heading(
     recording: Recording, yaw: FloatArray, speed: FloatArray, min_mps: float
 ) -> tuple[FloatArray, FloatArray]:
-    """(n + 1,) heading: the integrated yaw rate, led slowly by the receiver's course; and its rate."""
+    """Return (n + 1,) heading, the integrated yaw rate pulled slowly to the receiver's course, and its
+    rate."""
     edges = recording.edges_s
     turned = integrate(yaw, edges)
     time_s, course = _courses(recording)
     moving = np.interp(time_s, edges, speed) > min(COURSE_FROM_MPS, min_mps)
     if moving.sum() < 10:
         return turned, yaw
-    drift = _drift(time_s[moving], course[moving] - np.interp(time_s[moving], edges, turned))
+    drift = _yaw_rate_bias(time_s[moving], course[moving] - np.interp(time_s[moving], edges, turned))
     turned, yaw = turned + drift * edges, yaw + drift
     off = np.unwrap(course[moving] - np.interp(time_s[moving], edges, turned))
     off = running_median(off, 9)
@@ -285,8 +290,9 @@ def _heading(
     return turned + lead, yaw + np.gradient(lead, recording.dt_s)
 
 
-def _drift(time_s: FloatArray, off_rad: FloatArray) -> float:
-    """Median rate of the receiver's course against the integrated yaw rate, rad/s: the gyro's bias.
+def _yaw_rate_bias(time_s: FloatArray, off_rad: FloatArray) -> float:
+    """Return the median rate of the receiver's course against the integrated yaw rate, rad/s: the gyro's
+    bias.
 
     The gyro's zero was taken from wheels whose radii may differ: over a minute without fixes that is more
     than half a turn.
@@ -300,7 +306,7 @@ def _drift(time_s: FloatArray, off_rad: FloatArray) -> float:
 
 
 def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
-    """Times and courses of the receiver; from its positions about a second apart where it gives none."""
+    """Return times and courses of the receiver; from positions about a second apart where it gives none."""
     known = np.isfinite(recording.course_rad)
     if known.sum() > 0.3 * len(known):
         return recording.fix_time_s[known], recording.course_rad[known]
@@ -314,7 +320,7 @@ def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _slope(height_m: FloatArray, speed: FloatArray, sigma: float, dt: float) -> FloatArray:
-    """(n + 1,) rise over distance of heights smoothed by a Gaussian of `sigma` ticks."""
+    """Return (n + 1,) rise over distance of heights smoothed by a Gaussian of `sigma` ticks."""
     height = twiced(height_m, sigma)
     smoothed = gaussian(speed, sigma, NEAREST)
     slope = np.where(smoothed > 1.0, np.gradient(height, dt) / np.maximum(smoothed, 1.0), 0.0)
@@ -322,7 +328,8 @@ def _slope(height_m: FloatArray, speed: FloatArray, sigma: float, dt: float) -> 
 
 
 def slope_by_heights(recording: Recording, speed: FloatArray) -> FloatArray | None:
-    """(n + 1,) rise over distance by the heights alone at speeds (n + 1,); None where they are too few."""
+    """Return (n + 1,) rise over distance by the heights alone at speeds (n + 1,); None where they are too
+    few."""
     known = np.isfinite(recording.up_m)
     if known.sum() <= FEWEST_HEIGHTS:
         return None
@@ -330,20 +337,21 @@ def slope_by_heights(recording: Recording, speed: FloatArray) -> FloatArray | No
     return _slope(up, speed, HEIGHT_SMOOTHING_S / recording.dt_s, recording.dt_s)
 
 
-def _smoothing_s(time_s: FloatArray, up_m: FloatArray, speed_mps: float) -> float:
-    """Width of the Gaussian that leaves of the heights' scatter an error of the slope of SLOPE_ERROR.
+def _height_smoothing_s(time_s: FloatArray, up_m: FloatArray, speed_mps: float) -> float:
+    """Return the width (s) of the Gaussian behind which the heights' scatter leaves `SLOPE_ERROR` of slope.
 
     The scatter is that of second differences, by their median.
     """
     second = np.diff(up_m, 2)
     scatter = max(float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6.0), 0.03)
     every_s = float(np.median(np.diff(time_s)))
-    width = _width_s(scatter, every_s, SLOPE_ERROR * max(speed_mps, 1.0))
+    width = _gaussian_width_s(scatter, every_s, SLOPE_ERROR * max(speed_mps, 1.0))
     return float(np.clip(width, MIN_SMOOTHING_S, HEIGHT_SMOOTHING_S))
 
 
 def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[FloatArray, str]:
-    """(n + 1,) slope: slow part from the receiver's heights, fast part from the accelerometer's gravity."""
+    """Return (n + 1,) grade (rad): slow part from heights, fast part from the accelerometer; and its
+    source."""
     edges = recording.edges_s
     dt = recording.dt_s
     by_heights = slope_by_heights(recording, speed)
@@ -356,7 +364,7 @@ def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[
         moving = speed > 3.0
         if not have_heights or not moving.any() or float(np.std(slow[moving])) < FLAT_BELOW:
             return np.zeros_like(edges), "nothing"
-        width_s = _smoothing_s(time_s, up, float(np.median(speed[moving])))
+        width_s = _height_smoothing_s(time_s, up, float(np.median(speed[moving])))
         return np.arcsin(_slope(np.interp(edges, time_s, up), speed, width_s / dt, dt)), "heights"
     gravity = (to_edges(force, 1.0) - accel) / GRAVITY_MPS2
     gravity = gaussian(gravity, GRADE_SMOOTHING_S / dt, NEAREST)

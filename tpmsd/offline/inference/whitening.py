@@ -51,18 +51,18 @@ class Whitener:
         self._carried = space.layout.carried
         self._carry = len(self._carried)
         self._joint = space.joint
-        moved = _moved(space, diagonal)
-        fresh = _fresh(space, diagonal)
+        moved = _carried_response(space, diagonal)
+        fresh = _window_covariance(space, diagonal)
         found = gains(moved, fresh, diagonal.start[self._carried], for_derivatives)
         self._inverse, self._gain = found.inverse, found.gain
-        self._moved, self._found = moved, found
+        self._carried_response, self._found = moved, found
         self.logdet = -2.0 * float(np.log(self._inverse[:, range(CHANNELS), range(CHANNELS)]).sum())
-        for array in (self._moved, *found):
+        for array in (self._carried_response, *found):
             array.flags.writeable = False
 
     @cached_property
     def _seen(self) -> FloatArray:
-        """G"""
+        """Return (w, 9, c) G: innovations by the carried states before."""
         return self._system.seen
 
     @cached_property
@@ -72,7 +72,7 @@ class Whitener:
     @cached_property
     def _step(self) -> FloatArray:
         """(w, c, c) transition of the carried states under the filter."""
-        return steps(self._moved, self._found)
+        return steps(self._carried_response, self._found)
 
     @classmethod
     def of(
@@ -83,19 +83,19 @@ class Whitener:
         inflate: FloatArray | None = None,
         layout: Layout = DRIFTING_RADII,
     ) -> Whitener:
-        """For a drive; `here` (w, 9) says what was measured, `inflate` (w, 9) multiplies the variances of
-        single readings that were found to be outliers."""
+        """Return the whitener of a drive; `here` (w, 9) says what was measured, `inflate` (w, 9) multiplies
+        the variances of single readings that were found to be outliers."""
         space = geometry(windows, here, layout)
         return cls(space, diagonals(space, noise, inflate))
 
     def apply(self, columns: FloatArray) -> FloatArray:
-        """(w, 9, p) the columns (w, 9, p), whitened; zero where nothing was measured."""
+        """Return the columns (w, 9, p) whitened; zero where nothing was measured."""
         if is_compiled(self._carry, columns.shape[2]):
-            return compiled_whitened(columns, self._space.here, self._moved, self._found)
+            return compiled_whitened(columns, self._space.here, self._carried_response, self._found)
         return array_whitened(columns, self._space.here, self._step)
 
     def apply_all(self, columns: ColumnStack, first: int = 0) -> FloatArray:
-        """Return it of a stack's columns from the first on."""
+        """Return the whitened columns of a stack from the first on, (w, 9, p - first)."""
         windows, channels, every = columns.shape
         width = every - first
         if is_compiled(self._carry, width):
@@ -103,10 +103,10 @@ class Whitener:
         return whitened_parts(columns.parts(first), (windows, channels, width), self._space.here, self._step)
 
     def smooth(self, white: FloatArray) -> FloatArray:
-        """(w, 3) what is to be added to the reference's speed (m/s), yaw rate (rad/s) and heading (rad, at
-        the end of each window), given whitened residuals (w, 9) of the whole drive."""
+        """Return (w, 3) corrections of the reference's speed (m/s), yaw rate (rad/s) and heading (rad, at the
+        end of each window), given whitened residuals (w, 9) of the whole drive."""
         adjoint, before = self._adjoint(white[:, :, None])
-        pull = self._pull(white[:, :, None], adjoint)
+        pull = self._score_of_states(white[:, :, None], adjoint)
         fresh = self._diagonal.fresh[:, :, None] * pull
         fresh[:, V : PN + 1] += self._space.motion @ pull[:, V : PN + 1]
         start = self._diagonal.start[PSI] * before[self._carried == PSI, 0]
@@ -114,8 +114,7 @@ class Whitener:
         return np.asarray(np.stack([fresh[:, V, 0], fresh[:, W, 0], heading], axis=1))
 
     def motion_stds(self) -> FloatArray:
-        """(w, 2) standard deviations of the smoothed errors of speed (m/s) and yaw rate (rad/s): how well the
-        whole drive tells the motion of a window."""
+        """Return (w, 2) standard deviations of the smoothed errors of speed (m/s) and yaw rate (rad/s)."""
         information, _ = informations(self._phi, self._seen)
         into = self._space.motion[:, :, : W - V + 1]
         joint = self._space.joint[:, :, V : PN + 1] @ into
@@ -126,7 +125,7 @@ class Whitener:
         return np.asarray(np.sqrt(np.maximum(before - explained, 0.0)))
 
     def simulate(self, rng: np.random.Generator, replicates: int) -> FloatArray:
-        """(w, 9, replicates) residuals drawn from the noise; zero where nothing was measured."""
+        """Return (w, 9, replicates) residuals drawn from the noise; zero where nothing was measured."""
         count = len(self._phi)
         white = rng.standard_normal((count, CHANNELS, replicates)) * self._space.here[:, :, None]
         state = np.zeros((self._carry, replicates))  # the filter's mean, not the truth
@@ -147,15 +146,15 @@ class Whitener:
 
     @property
     def _system(self) -> System:
-        return System(self._moved, self._joint, self._carried, self._found)
+        return System(self._carried_response, self._joint, self._carried, self._found)
 
     def _adjoint(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(w, c, p) the likelihood's derivative by the carried states after each window, and before the first
-        (c, p)."""
+        """Return the likelihood's derivative by the carried states after each window (w, c, p), and before
+        the first (c, p)."""
         return adjoints(self._phi, self._seen.transpose(0, 2, 1) @ white)
 
-    def _pull(self, white: FloatArray, adjoint: FloatArray) -> FloatArray:
-        """(w, s, p) the likelihood's derivative by what comes into each state in each window."""
+    def _score_of_states(self, white: FloatArray, adjoint: FloatArray) -> FloatArray:
+        """Return the (w, s, p) derivative of the likelihood by what is added to each state in each window."""
         error = self._inverse.transpose(0, 2, 1) @ (white - self._gain @ adjoint)
         return np.asarray(self._joint.transpose(0, 2, 1) @ np.concatenate([adjoint, error], axis=1))
 
@@ -163,7 +162,7 @@ class Whitener:
 def whiten(
     windows: Linearised, noise: Noise, columns: FloatArray, inflate: FloatArray | None = None
 ) -> tuple[FloatArray, float]:
-    """Whiten `columns` (w, 9, p) once: (w, 9, p), zero where not measured, and the sum of log variances.
+    """Return `columns` (w, 9, p) whitened, zero where not measured, and the sum of log variances.
 
     A channel is missing where column 0 is NaN.
     """
@@ -171,15 +170,15 @@ def whiten(
     return made.apply(columns), made.logdet
 
 
-def _moved(space: Geometry, diagonal: Diagonals) -> FloatArray:
-    """(w, c + 9, c) M: carried states and channels of a window as functions of the carried states before."""
+def _carried_response(space: Geometry, diagonal: Diagonals) -> FloatArray:
+    """Return (w, c + 9, c) M: a window's carried states and channels by the carried states before."""
     decay = diagonal.decay[:, space.layout.carried]
     decay[:, Q : Q + 4] = diagonal.decay[:, QOLD : QOLD + 4]
     return np.asarray(space.joint_of_carried * decay[:, None])
 
 
-def _fresh(space: Geometry, diagonal: Diagonals) -> FloatArray:
-    """(w, c + 9, c + 9) covariance of process and measurement noise that a window adds."""
+def _window_covariance(space: Geometry, diagonal: Diagonals) -> FloatArray:
+    """Return the (w, c + 9, c + 9) covariance of process and measurement noise that a window adds."""
     joint, carry = space.joint, len(space.layout.carried)
     out = (joint * diagonal.fresh[:, None]) @ joint.transpose(0, 2, 1)
     out += space.motion_covariance

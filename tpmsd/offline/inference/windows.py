@@ -79,7 +79,7 @@ class Linearised:
 
     @property
     def time_s(self) -> FloatArray:
-        """(w,) middle of each window since the drive's start."""
+        """Return the (w,) middle of each window, seconds since the drive's start."""
         return (self.index + 0.5) * WINDOW_S
 
 
@@ -109,7 +109,7 @@ class Reader:
         self._per = round(WINDOW_S / recording.dt_s)
         count = recording.ticks // self._per
         self._count = count
-        driven = self._driven() if kept is None else kept
+        driven = self._usable_windows() if kept is None else kept
         self._kept = spread(driven, limit)
         self.left_out = len(driven) - len(self._kept)
         self._repeated_rounding_m2 = repeated_rounding_variance(recording)
@@ -121,8 +121,9 @@ class Reader:
         self._wheels: tuple[ExtendedModel, Rolling | None] | None = None
         self._restored: tuple[float, Motion] | None = None
 
-    def _driven(self) -> np.ndarray:
-        """(d,) indices of the windows with all wheels read, fast enough and without a tight bend."""
+    def _usable_windows(self) -> np.ndarray:
+        """Return the (d,) indices of the windows with all wheels read, fast enough and without a tight
+        bend."""
         count, motion = self._count, self.reference.motion
         whole = self.reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
         fast = self._mean_edges(motion.speed_mps, count) > self.reference.min_mps
@@ -131,15 +132,14 @@ class Reader:
 
     @property
     def rolled_m(self) -> FloatArray:
-        """(w, 4) ways of the wheels by the reference motion."""
+        """Return the (w, 4) distances of the wheels by the reference motion."""
         if self._rolled is None:
             self._rolled = self._distances(self.reference.motion, ExtendedModel())
         return self._rolled
 
     def recalibrate(self, radii_m: FloatArray, base: ExtendedModel, errors: FloatArray) -> None:
-        """Tell everything again with other radii (4,) of the car, where this model acts, and with a motion
-        moved by the errors (w, 3) of its speed, its yaw rate and its heading at the windows' ends.
-        """
+        """Relinearise with other radii (4,) of the car, at a model, and with the reference motion corrected
+        by the errors (w, 3) of its speed, its yaw rate and its heading at the windows' ends."""
         car = replace(self.reference.car, radius_m=radii_m)
         end_s = (self.windows.index + 1.0) * WINDOW_S
         self.reference = moved(self.recording, replace(self.reference, car=car), end_s, errors)
@@ -147,14 +147,14 @@ class Reader:
         self.windows = self._linearised_windows(base)
 
     def predicted(self, base: ExtendedModel) -> FloatArray:
-        """(w, 9) the prediction of a model; that of the model asked for last is kept."""
+        """Return the (w, 9) prediction of a model; that of the last model is cached."""
         if self._base is None or self._base[0] is not base:
             self._base = base, self.predict(base)
         return self._base[1]
 
     def by_radius(self, wheel: int, share: FloatArray, base: ExtendedModel) -> FloatArray:
-        """(w,) change of a wheel's distance by a metre more radius times a share (n + 1,) at the ticks'
-        edges, at a model: rate is speed over radius, so its derivative is minus rate over radius."""
+        """Return the (w,) change of a wheel's distance per metre of radius times a share (n + 1,) at the
+        ticks' edges, at a model: rate is speed over radius, so its derivative is minus rate over radius."""
         motion, car = self.felt(base), self.reference.car
         if self._turning is None or self._turning[0] is not base:
             rates = wheel_rates(motion, car, base) / wheel_radii(motion, car, base)
@@ -162,7 +162,8 @@ class Reader:
         return -self.over_windows(share * self._turning[1][:, wheel])
 
     def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
-        """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
+        """Return (w, 9) expected readings of the channels if the car moved as the reference does and the
+        model acted."""
         motion, car = self.felt(model), self.reference.car
         out = np.empty((len(self._kept), CHANNELS))
         base = None if radii_m is None else radii_m + model.radius_change_m(motion, car)
@@ -172,7 +173,7 @@ class Reader:
         return out
 
     def change(self, base: ExtendedModel, effect: Effect) -> FloatArray:
-        """(w, 9) what the channels would read more if an effect acted beside a model; zero where unmeasured.
+        """Return the (w, 9) change of the channels if an effect is added to a model; zero where unmeasured.
 
         Only the channels are predicted on which the effect acts.
         """
@@ -200,9 +201,8 @@ class Reader:
         return self._wheels[1]
 
     def felt(self, model: ExtendedModel) -> Motion:
-        """Return the reference's motion, before the low-pass of the wheels' speeds and on the slopes that
-        the wheels feel.
-        """
+        """Return the reference's motion before the low-pass of the wheels' speeds, on the slopes that the
+        wheels feel."""
         motion = self.reference.motion
         if (constant_s := model.wheels_time_constant_s()) > 0.0:
             if self._restored is None or self._restored[0] != constant_s:
@@ -215,7 +215,7 @@ class Reader:
     def _distances(
         self, motion: Motion, model: ExtendedModel, radii_m: FloatArray | None = None
     ) -> FloatArray:
-        """(w, 4) ways of the wheels (m) by their counters."""
+        """Return the (w, 4) distances of the wheels (m) by their counters."""
         car = self.reference.car
         angles = wheel_angles(motion, car, model, radii_m)
         shown = angles.copy()
@@ -226,11 +226,12 @@ class Reader:
         return np.asarray(turned[self._kept] * car.radius_m)
 
     def _gyro(self, motion: Motion, model: ExtendedModel) -> FloatArray:
-        """(w,) mean yaw rate that the gyro reads (rad/s)."""
+        """Return the (w,) mean yaw rate that the gyro reads (rad/s)."""
         return self.over_windows(gyro_rates(motion, self.reference.car, model))
 
     def _fixes(self, motion: Motion, model: ExtendedModel) -> FloatArray:
-        """(w, 4) mean speed (m/s), course (rad), east and north (m) of the fixes; NaN without any."""
+        """Return the (w, 4) mean speed (m/s), course (rad), east and north (m) of the fixes; NaN without
+        any."""
         recording = self.recording
         antenna = antenna_truth(motion, self.reference.car, model)
         when = recording.fix_time_s - model.fix_age_s()
@@ -252,11 +253,12 @@ class Reader:
         return np.stack([self._mean_fixes(values, known) for values, known in read], axis=1)
 
     def over_windows(self, values: FloatArray) -> FloatArray:
-        """(w, ...) mean over each compared window of a quantity (n + 1, ...) at the ticks' edges."""
+        """Return the (w, ...) mean over each compared window of a quantity (n + 1, ...) at the ticks'
+        edges."""
         return np.asarray(self._mean_edges(values, self._count)[self._kept])
 
     def _mean_edges(self, values: FloatArray, count: int) -> FloatArray:
-        """(count, ...) mean over each window of a quantity given at the ticks' edges."""
+        """Return the (count, ...) mean over each window of a quantity given at the ticks' edges."""
         middle = 0.5 * (values[1:] + values[:-1])
         by_window = middle[: count * self._per].reshape(count, self._per, *values.shape[1:])
         if values.ndim == 1:
@@ -265,7 +267,7 @@ class Reader:
         return np.asarray(np.full(self._per, 1.0 / self._per) @ by_window)
 
     def _mean_fixes(self, values: FloatArray, known: np.ndarray) -> FloatArray:
-        """(w,) mean over the fixes of each kept window; NaN where it has none."""
+        """Return the (w,) mean over the fixes of each kept window; NaN where it has none."""
         inside = (
             known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count) & np.isfinite(values)
         )
@@ -276,7 +278,7 @@ class Reader:
         return np.asarray(mean[self._kept])
 
     def _fixes_per_window(self, known: np.ndarray) -> FloatArray:
-        """(w,) number of the known fixes in each window that is kept."""
+        """Return the (w,) number of the known fixes in each window that is kept."""
         inside = known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count)
         number = np.bincount(self._window_of_fix[inside], minlength=self._count)
         return np.asarray(number[self._kept], dtype=np.float64)
@@ -307,12 +309,13 @@ class Reader:
             after_fixes=np.full((len(kept), 3), 0.5),
             covariates=self._covariates(),
             design=self._designs(base),
-            to_east_north=self._growth(),
+            to_east_north=self._position_growth(),
             measured=measured,
             repeated_rounding_m2=self._repeated_rounding_m2[kept],
         )
 
     def _covariates(self) -> dict[str, FloatArray]:
+        """Return name -> (w,) mean of each covariate that the drive's readings give."""
         motion, car = self.reference.motion, self.reference.car
         untold = {"steering_rate", "torque", "temperature"} - set(motion.measured)
         if not self.reference.grade_known:
@@ -322,20 +325,22 @@ class Reader:
         return {name: self._mean_edges(values, self._count)[self._kept] for name, values in edges.items()}
 
     def _designs(self, model: ExtendedModel) -> FloatArray:
-        """(w, 9, 3) response to errors of the reference's speed, yaw rate and heading where the model acts.
+        """Return the (w, 9, 3) response to errors of the reference's speed, yaw rate and heading where the
+        model acts.
 
         At 30 m/s the load that a yaw rate shifts between left and right changes the wheels' ways as much as
         the track does, so that this is no matter of the rolling model alone.
         """
         design = np.zeros((len(self._kept), CHANNELS, 3))
         for state, (dv, dw) in enumerate(((1e-3, 0.0), (0.0, 1e-5))):
-            up, down = (self._seen(model, sign * dv, sign * dw) for sign in (1.0, -1.0))
+            up, down = (self._shifted_prediction(model, sign * dv, sign * dw) for sign in (1.0, -1.0))
             design[:, :EAST, state] = (up - down) / (2.0 * (dv + dw))
         design[:, COURSE, 2] = 1.0
         return design
 
-    def _seen(self, model: ExtendedModel, dv: float, dw: float) -> FloatArray:
-        """(w, 7) predicted distances, yaw rate, GNSS speed and course, speed and yaw rate off by these."""
+    def _shifted_prediction(self, model: ExtendedModel, dv: float, dw: float) -> FloatArray:
+        """Return (w, 7) predicted distances, yaw rate, GNSS speed and course with speed and yaw rate changed
+        by `dv` and `dw`."""
         motion, car = self.reference.motion, self.reference.car
         speed, yaw = motion.speed_mps + dv, motion.yaw_rate_radps + dw
         moved = replace(motion, speed_mps=speed, yaw_rate_radps=yaw, accel_lat_mps2=speed * yaw)
@@ -346,8 +351,8 @@ class Reader:
         seen = [*distances.T, gyro_rates(moved, car, model), np.abs(shown), course]
         return np.stack([self._mean_edges(values, self._count)[self._kept] for values in seen], axis=1)
 
-    def _growth(self) -> FloatArray:
-        """(w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
+    def _position_growth(self) -> FloatArray:
+        """Return the (w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
         motion, kept = self.reference.motion, self._kept
         v = self._mean_edges(motion.speed_mps, self._count)[kept]
         cos = self._mean_edges(np.cos(motion.heading_rad), self._count)[kept]
@@ -359,7 +364,7 @@ class Reader:
 
 
 def spread(windows: np.ndarray, limit: int) -> np.ndarray:
-    """At most `limit` of the windows (w,), as stretches of five minutes at equal distances."""
+    """Return at most `limit` of the windows (w,), as stretches of five minutes at equal distances."""
     if len(windows) <= limit:
         return windows
     stretches = max(1, limit // STRETCH)
